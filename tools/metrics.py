@@ -3,11 +3,14 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from blur2view.arrays import Array
+from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
-from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
+from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
+from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.sampson import serrmin, swapped_order
 
+CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
+EVERY = slice(0, 5)
 DIRECTION_MIN_PX = 4.0  # true length from which directions and length ratios are judged
 NO_POSE_DEG = 180.0  # the error of no answer
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
@@ -158,3 +161,21 @@ def pose_auc(errors_deg: Array, bound_deg: float) -> float:
     """Return the area under the recall curve of the pose error up to a bound, over the bound."""
     gain = np.clip(1 - np.asarray(errors_deg, float) / bound_deg, 0, None)
     return float(gain.mean()) if len(gain) else 0.0
+
+
+def squared_distance(
+    covariance: PoseCovariance, pose: RigidTransform, true: RigidTransform, part: slice = EVERY
+) -> float:
+    """Return the squared Mahalanobis distance of a pose to the true one, or to its inverse if that is nearer.
+
+    ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
+    translation's direction. Compare with `CHI_SQUARED_90`.
+    """
+    inverse = np.linalg.pinv(covariance.matrix[part, part], hermitian=True)
+    errors = []
+    for flip in (true, true.inverse()):
+        across = covariance.tangents @ flip.translation
+        length = float(np.linalg.norm(across))
+        u = np.arctan2(length, pose.translation @ flip.translation) * across / max(length, TINY)
+        errors.append(np.concatenate([rotation_vector(flip.rotation @ pose.rotation.T), u])[part])
+    return min(float(error @ inverse @ error) for error in errors)

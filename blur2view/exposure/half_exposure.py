@@ -10,7 +10,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import fundamental_from_pose, join_symmetric_skew, symmetric_skew, unit_norm
+from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose, symmetric_skew, unit_norm
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -55,7 +55,7 @@ def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
     T[:2, 2] = -scale * (np.array(size, float) - 1) / 2
     back = np.linalg.inv(T)
     S, a = symmetric_skew(back.T @ F @ back)
-    U, singular, Vt = np.linalg.svd(join_symmetric_skew(0.5 * S, a))
+    U, singular, Vt = np.linalg.svd(0.5 * S + cross_matrix(a))
     return unit_norm(T.T @ (U * [singular[0], singular[1], 0.0]) @ Vt @ T)
 
 

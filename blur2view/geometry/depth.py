@@ -18,19 +18,12 @@ MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too s
 
 
 def parallax_along_lines(rotation: Array, t: Array, middle: Array, displacement: Array) -> Array:
-    """Return parallax (2, N) along the epipolar lines, away from the epipole, of every smear.
+    """Return parallax (2, N) along the epipolar lines, away from the epipole, of every smear in both orders.
 
-    In both orders: with ends[:, 0] first and with ends[:, 1] first. Positive for points in front of the
-    camera.
-
-    Parameters
-    ----------
-    rotation : ndarray of shape (3,)
-        Rotation vector, radians, to first order: cameras rotate by a few degrees at most.
-    t : ndarray of shape (3,)
-        Translation, any scale; its sign decides which way is forward.
-    middle, displacement : ndarray of shape (2, N)
-        Midpoints and ends[:, 1] - ends[:, 0], in coordinates of a camera with K = identity.
+    With ends[:, 0] first and with ends[:, 1] first; positive for points in front of the camera. Midpoints and
+    displacements ends[:, 1] - ends[:, 0], (2, N), are in coordinates of a camera with K = identity. The
+    rotation vector is taken to first order: cameras rotate by a few degrees at most. The sign of t (3,)
+    decides which way is forward.
     """
     x, y = middle
     spin = rotation[0] * y - rotation[1] * x

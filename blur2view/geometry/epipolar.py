@@ -60,11 +60,6 @@ def symmetric_skew(F: Array) -> tuple[Array, Array]:
     return 0.5 * (F + transposed), a
 
 
-def join_symmetric_skew(S: Array, a: Array) -> Array:
-    """Return F = S + [a]x, the inverse of `symmetric_skew`."""
-    return S + cross_matrix(a)
-
-
 def quadratic_features(ends: Array) -> tuple[Array, Array]:
     """Return coefficients of smears' ends (..., 2, 2) so that points2^T F points1 = q + l.
 

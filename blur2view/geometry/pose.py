@@ -18,24 +18,14 @@ from blur2view.geometry.rotation import rotation_vector
 
 QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 DOUBT = 0.2  # probability with which noise puts a point behind a camera that is before it
-CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigidTransform:
-    """``cam2_from_cam1``: X2 = R X1 + t.
+    """``cam2_from_cam1``: X2 = R X1 + t; ValueError if shapes or values are others.
 
-    Parameters
-    ----------
-    rotation : ndarray of shape (3, 3)
-        Rotation matrix.
-    translation : ndarray of shape (3,)
-        Unit direction; zero where there is no translation or none can be estimated.
-
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
+    ``rotation`` (3, 3) is a rotation matrix; ``translation`` (3,) a unit direction, zero where there is none
+    or none can be estimated.
     """
 
     rotation: Array
@@ -76,16 +66,10 @@ class RigidTransform:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AngularVelocity:
-    """How fast a camera turned during an exposure.
+    """How fast a camera turned during an exposure: ``cam2_from_cam1`` over the exposure time.
 
-    Parameters
-    ----------
-    mean : ndarray of shape (3,)
-        Rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
-        axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
-        shows its negative.
-    covariance : ndarray of shape (3, 3)
-        Of the mean, squared radians per squared second.
+    ``mean`` (3,) in radians per second, about the camera's axes x (right), y (down) and z (forwards), and its
+    ``covariance`` (3, 3). A gyroscope along these axes, which turns with the camera, shows its negative.
     """
 
     mean: Array
@@ -120,10 +104,10 @@ def essential_motions(E: Array) -> tuple[list[Array], Array]:
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
-    """Return which matches' rays meet, or nearly meet, before both cameras (cheirality), (N,).
+    """Return which matches' rays (N, 2), x/z and y/z, meet or nearly meet before both cameras (cheirality).
 
-    Rays (N, 2) are x/z, y/z in view 1 and view 2; parallel ones meet nowhere. True where
-    depth2 y = depth1 R x + t has both depths positive, each solved across the other ray.
+    Where depth2 y = depth1 R x + t has both depths positive, each solved across the other ray; parallel rays
+    meet nowhere.
     """
     x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
     normal = np.cross(y, x)
@@ -135,34 +119,21 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrientedPose:
-    """A pose with every match's order under it.
-
-    ``swapped`` (N,) marks matches whose ends[:, 1] is the open end; ``in_front`` is the share of the
-    matches, by weight, that lie before both cameras in that order.
-    """
+    """A pose with every match's order under it."""
 
     pose: RigidTransform
-    swapped: NDArray[np.bool_]
-    in_front: float
+    swapped: NDArray[np.bool_]  # (N,) where ends[:, 1] is the open end
+    in_front: float  # share of the matches, by weight, that lie before both cameras in that order
 
 
 def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None = None) -> OrientedPose:
-    """Return the pose of E, and every match's order, by positive depth.
+    """Return the pose of E (3, 3) with every match's order, of rays (N, 2, 2) x/z, y/z, by positive depth.
 
-    An order counts by its probability under E's residuals and by whether the point then lies before both
-    cameras; where E leaves the order open (a pure translation), depth decides it. Of the four poses that
-    with the most matches before both cameras is taken, among equals the smaller rotation. Reversing time
-    inverts the pose and swaps every order without changing any count, so one of both flips is given.
-
-    Parameters
-    ----------
-    E : ndarray of shape (3, 3)
-    ends : ndarray of shape (N, 2, 2)
-        Rays x/z, y/z of both ends, order unknown.
-    forward : ndarray of shape (N,)
-        Probability that ends[:, 0] is the open end, from the residuals alone.
-    weights : ndarray of shape (N,), optional
-        Probability of being an inlier; default 1.
+    An order counts by its probability under E's residuals (``forward`` (N,): that ends[:, 0] is the open end)
+    and by whether the point then lies before both cameras; where E leaves the order open (a pure
+    translation), depth decides it. Of the four poses that with the most matches before both cameras, by
+    ``weights`` (N,), is taken, among equals the smaller rotation. Reversing time inverts the pose and swaps
+    every order without changing any count, so one of both flips is given.
     """
     weights = np.ones(len(ends)) if weights is None else weights
     candidates: list[OrientedPose] = []
@@ -187,20 +158,11 @@ def order_before_both(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseCovariance:
-    """How sure a pose is.
+    """How sure a pose is; ValueError if shapes are others.
 
-    Parameters
-    ----------
-    matrix : ndarray of shape (5, 5)
-        Covariance of (w, u): the true rotation is exp([w]x) R, w in radians; the true translation is along
-        t + u @ tangents, u in radians to first order.
-    tangents : ndarray of shape (2, 3)
-        Unit vectors across t and each other.
-
-    Raises
-    ------
-    ValueError
-        If shapes are not as above.
+    ``matrix`` (5, 5) is the covariance of (w, u): the true rotation is exp([w]x) R, w in radians; the true
+    translation is along t + u @ tangents, u in radians to first order, ``tangents`` (2, 3) unit vectors
+    across t and each other.
     """
 
     matrix: Array
@@ -223,14 +185,6 @@ class PoseCovariance:
         """Standard deviation of the translation's direction along the worse of its two axes, degrees."""
         return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.matrix[3:, 3:])[-1], 0.0))))
 
-    def error(self, pose: RigidTransform, true: RigidTransform) -> Array:
-        """Return (w, u) (5,) that leads from a pose to the true one; time and sign of t are not flipped."""
-        w = rotation_vector(true.rotation @ pose.rotation.T)
-        across = self.tangents @ true.translation
-        length = float(np.linalg.norm(across))
-        angle = np.arctan2(length, pose.translation @ true.translation)
-        return np.concatenate([w, angle * across / max(length, TINY)])
-
     def inverse(self, pose: RigidTransform) -> PoseCovariance:
         """Return the covariance of the inverse of a pose.
 
@@ -241,16 +195,3 @@ class PoseCovariance:
         step[:3, :3] = -pose.rotation.T
         step[3:, :3] = self.tangents @ cross_matrix(pose.translation)
         return PoseCovariance(matrix=step @ self.matrix @ step.T, tangents=-self.tangents @ pose.rotation)
-
-    def squared_distance(
-        self, pose: RigidTransform, true: RigidTransform, part: slice | None = None
-    ) -> float:
-        """Return the squared Mahalanobis distance to the true pose, or to its inverse if that is nearer.
-
-        ``part`` slices the five parameters: ``slice(0, 3)`` for the rotation, ``slice(3, 5)`` for the
-        translation's direction. Compare with `CHI_SQUARED_90`.
-        """
-        part = part or slice(0, 5)
-        inverse = np.linalg.pinv(self.matrix[part, part], hermitian=True)
-        errors = (self.error(pose, flip)[part] for flip in (true, true.inverse()))
-        return min(float(error @ inverse @ error) for error in errors)

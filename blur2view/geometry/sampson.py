@@ -56,51 +56,36 @@ class BatchSampson:
 
     With x, y = p -+ s the squared Sampson distance of one order is (q + l)^2 / (E + O) and of the other
     (q - l)^2 / (E - O): E is even, O odd in the exchange of the ends. Work is in float32 (relative errors
-    of about 1e-4 of a normalised pixel), so coordinates should be normalised.
-
-    Parameters
-    ----------
-    ends : ndarray of shape (N, 2, 2)
-        Normalised coordinates.
-    unit_px : float
-        Pixels per normalised unit; results are in squared pixels.
+    of about 1e-4 of a normalised pixel), so ends (N, 2, 2) should be normalised; results are in squared
+    pixels, ``unit_px`` of which are a normalised unit.
     """
 
     def __init__(self, ends: Array, unit_px: float) -> None:
         q, skew = quadratic_features(ends)
         p, s = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
         even, odd = _gradient_features(p, s)
-        self._features = [_float32(part.T) for part in (q * unit_px, skew * unit_px, even, odd)]
+        self._features = [
+            np.ascontiguousarray(part.T, np.float32) for part in (q * unit_px, skew * unit_px, even, odd)
+        ]
         self.count = len(ends)
-
-    def __call__(self, F: Array, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
-        """Return SErrMin, float32 (M, n), of F (M, 3, 3) on the smears of a block (slice or indices)."""
-        return _least(_coefficients(F), self._columns(block))
 
     def costs(
         self, F: Array, weight: FloatArray, limit: float, block: slice | NDArray[np.int_] = slice(None)
     ) -> FloatArray:
         """Return the sums (M,) of SErrMin times a weight (N,), each at most ``limit``, over a block.
 
-        Done for few models at a time, whose residuals stay in the processor's cache.
+        Of models F (M, 3, 3), few at a time, whose residuals stay in the processor's cache.
         """
-        rows, columns, weight = _coefficients(F), self._columns(block), weight[block]
+        rows, weight = _coefficients(F), weight[block]
+        columns = [features[:, block] for features in self._features]
         total, step = np.empty(len(F), np.float32), max(CHUNK // max(len(weight), 1), 1)
         for start in range(0, len(F), step):
             part = slice(start, start + step)
-            least = _least([row[:, part] for row in rows], columns)
+            q, skew, even, odd = (row[:, part].T @ column for row, column in zip(rows, columns, strict=True))
+            least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
             least *= weight
             total[part] = np.minimum(least, np.float32(limit), out=least).sum(axis=1)
         return total
-
-    def _columns(self, block: slice | NDArray[np.int_]) -> list[FloatArray]:
-        return [features[:, block] for features in self._features]
-
-
-def _least(rows: list[FloatArray], columns: list[FloatArray]) -> FloatArray:
-    """Return SErrMin (M, n) of models by their coefficients (k, M) on smears by their features (k, n)."""
-    q, skew, even, odd = (row.T @ column for row, column in zip(rows, columns, strict=True))
-    return np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
 
 
 def _coefficients(F: Array) -> list[FloatArray]:
@@ -114,7 +99,7 @@ def _coefficients(F: Array) -> list[FloatArray]:
     gram1 = f[0, :, None] * f[0] + f[1, :, None] * f[1]
     gram2 = f[:, None, 0] * f[:, 0] + f[:, None, 1] * f[:, 1]
     even, odd = (gram1 + gram2)[UPPER], (gram2 - gram1)[:2].reshape(6, -1)
-    return [_float32(part) for part in (half[UPPER], skew, even, odd)]
+    return [np.ascontiguousarray(part, np.float32) for part in (half[UPPER], skew, even, odd)]
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
@@ -124,10 +109,6 @@ def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
     even = [u * u + su * su, 2 * (u * v + su * sv), 2 * u, v * v + sv * sv, 2 * v, one]
     odd = [2 * su * u, 2 * su * v, 2 * su, 2 * sv * u, 2 * sv * v, 2 * sv]
     return np.stack(even, axis=1), np.stack(odd, axis=1)
-
-
-def _float32(values: Array) -> FloatArray:
-    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:

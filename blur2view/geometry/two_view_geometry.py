@@ -63,19 +63,10 @@ class MotionModel(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TimeDirection:
-    """Which end of the exposure came first, as far as it is known.
+    """Which end of the exposure came first, as far as it is known; ValueError if out of range.
 
-    Parameters
-    ----------
-    known : bool
-        False: open and close may be exchanged; one order was chosen arbitrarily.
-    confidence : float
-        In [0, 1]; 0 where the direction is not known.
-
-    Raises
-    ------
-    ValueError
-        If the confidence is out of range.
+    Unless ``known``, open and close may be exchanged: one order was chosen arbitrarily. ``confidence`` is in
+    [0, 1], 0 where the direction is not known.
     """
 
     known: bool = False
@@ -185,14 +176,11 @@ class TwoViewGeometry:
         )
 
     def to_pycolmap(self) -> Any:
-        """Return the geometry as COLMAP has it: its pixels, F and H of unit norm, matches index-aligned.
+        """Return it as a pycolmap.TwoViewGeometry: COLMAP's pixels, F and H of unit norm, indices of matches.
 
-        Returns
-        -------
-        pycolmap.TwoViewGeometry
-            Of an open and a close image whose keypoints are both ends of the smears in their order
-            (`views.ExposureViews`): match (i, i) is smear i. Its configuration is ours by name; of
-            a distorted camera F and H are those of undistorted pixels, as everywhere here.
+        Of an open and a close image whose keypoints are both ends of the smears in their order
+        (`views.ExposureViews`): match (i, i) is smear i. Of a distorted camera F and H are those of
+        undistorted pixels, as everywhere here.
         """
         pose = self.cam2_from_cam1
         return colmap_two_view_geometry(

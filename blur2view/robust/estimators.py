@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.rotation import half_sphere
-from blur2view.geometry.sampson import BatchSampson
+from blur2view.geometry.sampson import BatchSampson, serrmin
 from blur2view.robust.minimal_solvers import (
     SAMPLE_SIZE,
     meeting_points,
@@ -75,7 +75,7 @@ class SmearEstimator:
         if self.problem.has_camera:
             return models
         seven = weighted_samples(self.quality, SAMPLE_SIZE, samples, rng)
-        return np.concatenate([models, solve_seven_smears(ends[seven])[0]])
+        return np.concatenate([models, solve_seven_smears(ends[seven])])
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC cost (M,)."""
@@ -101,7 +101,7 @@ class SmearEstimator:
         A smear of length L and random direction passes a bound on its Sampson distance with probability
         2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
         """
-        squared = self.sampson(model[None])[0]
+        squared = serrmin(model, self.problem.ends) * self.problem.unit_px**2
         bound = 2**0.5 * CUTOFF * self.problem.sigma_px / np.maximum(self.problem.length_px, TINY)
         chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
         inside = float((squared * self.precision < CUTOFF**2).mean())

@@ -10,14 +10,14 @@ normalised as `problem.build_problem` does: for a known camera, those of K = I.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
-from blur2view.robust.parametrization import CameraPrior, Family, no_prior
+from blur2view.robust.parametrization import CameraPrior, Family
 from blur2view.robust.residuals import OrderedResiduals, WeightedEnds
 
 IDENTITY: Array = np.eye(3)
@@ -32,9 +32,10 @@ class Homographies(Family, Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaneH:
+class PlaneH(Homographies):
     """Every homography near the identity: one plane, eight parameters."""
 
+    dimension: ClassVar[int] = 8
     entries: Array  # (8,): A row by row, without A33 = 0
 
     def generator(self) -> Array:
@@ -49,19 +50,16 @@ class PlaneH:
         """Return the point with delta added to the entries."""
         return PlaneH(entries=self.entries + delta)
 
-    def prior(self) -> tuple[Array, Array]:
-        """Return no residuals."""
-        return no_prior(8)
-
 
 @dataclass(frozen=True, kw_only=True)
-class RotationH:
+class RotationH(Homographies):
     """H = K R K^-1 with K = [[g, 0, cx], [0, g, cy], [0, 0, 1]]: pure rotation, three parameters.
 
     The three of the camera, log g, cx and cy, are held by ``spread`` as in `CameraF`; standard
     deviations of zero fix them. R is Cayley's transform of [rotation]x, an angle of 2 atan(|rotation| / 2).
     """
 
+    dimension: ClassVar[int] = 6
     rotation: Array  # (3,) radians to first order
     log_focal: float = 0.0
     principal: Array

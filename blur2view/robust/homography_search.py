@@ -25,20 +25,11 @@ FINAL_STEPS = 4  # of reweighted least squares on exact residuals; the search en
 
 
 def solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
-    """Return least-squares solutions of basis @ a = +-displacement for every sample and sign pattern.
+    """Return least-squares solutions (B P, k) of basis @ a = +-displacement: B samples of m, P patterns.
 
-    Parameters
-    ----------
-    basis : ndarray of shape (B, m, 2, k)
-        `velocity_basis` at the midpoints of B samples of m smears, for entries of A or a part of them.
-    displacement : ndarray of shape (B, m, 2)
-    signs : ndarray of shape (P, m)
-        A smear's order reversed is another pattern; -A, the order of time, is left out.
-
-    Returns
-    -------
-    ndarray of shape (B P, k)
-        Degenerate samples (three midpoints on a line) give meaningless entries.
+    ``basis`` (B, m, 2, k) is `velocity_basis` at the midpoints, for entries of A or a part of them, the
+    displacements are (B, m, 2) and the signs (P, m): a smear's order reversed is another pattern; -A, the
+    order of time, is left out. Degenerate samples (three midpoints on a line) give meaningless entries.
     """
     rows = basis.reshape(len(basis), -1, basis.shape[-1])  # (B, 2m, k)
     right = (signs[:, :, None] * displacement[:, None]).reshape(len(basis), len(signs), -1)  # (B, P, 2m)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -23,7 +22,7 @@ class Reweighted(Protocol):
         """Sum of squares at the weights in force; not negative but for a constant of the weights."""
 
     def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (k, k) and J^T W r (k,), as of `normal_equations`."""
+        """Return J^T W J (k, k) and J^T W r (k,) of Jacobian, weights and residuals."""
 
     def moved(self, delta: Array) -> Self:
         """Return the point moved by delta (k,) along its tangents, its weights as they are."""
@@ -35,25 +34,14 @@ class Reweighted(Protocol):
 P = TypeVar("P", bound=Reweighted)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Step(Generic[P]):
-    """A step that did not raise the cost.
+def levenberg_marquardt(
+    start: P, max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
+) -> Iterator[P]:
+    """Yield the points reached, each by the step of least damping tried that does not raise the cost.
 
-    ``point`` is what was reached, reweighted; ``cost`` its cost at the weights of the point before and
-    ``decrease`` how far that lies below the cost there; ``sigmas`` the length of the step in standard
-    deviations of the parameters.
-    """
-
-    point: P
-    cost: float
-    decrease: float
-    sigmas: float
-
-
-def levenberg_marquardt(start: P, max_iterations: int) -> Iterator[Step[P]]:
-    """Yield steps, each of the least damping tried that does not raise the cost.
-
-    Ends after ``max_iterations`` steps or where no step succeeds; stop earlier by leaving the iteration.
+    Steps are judged at the weights of the point before, points yielded reweighted. Ends after
+    ``max_iterations`` steps, where no step succeeds, after a decrease of the cost by a share of at most
+    ``tolerance`` or a step shorter than ``rest`` standard deviations of the parameters.
 
     References
     ----------
@@ -74,24 +62,8 @@ def levenberg_marquardt(start: P, max_iterations: int) -> Iterator[Step[P]]:
         else:
             return
         damping = max(damping / 10, LEAST)
-        cost, decrease, point = trial.cost, point.cost - trial.cost, trial.reweighted()
-        sigmas = float(np.sqrt(max(delta @ normal @ delta, 0.0)))
-        yield Step(point=point, cost=cost, decrease=decrease, sigmas=sigmas)
-
-
-def normal_equations(
-    jacobian: Array, residual: Array, weight: Array, prior: Array, prior_jacobian: Array
-) -> tuple[Array, Array]:
-    """Return J^T W J (k, k) and J^T W r (k,) of weighted data and of a prior of unit weight.
-
-    Parameters
-    ----------
-    jacobian : ndarray of shape (k, n)
-        Transposed: one row per parameter.
-    residual, weight : ndarray of shape (n,)
-    prior : ndarray of shape (m,)
-    prior_jacobian : ndarray of shape (m, k)
-    """
-    weighted = jacobian * weight
-    normal = prior_jacobian.T @ prior_jacobian + weighted @ jacobian.T
-    return normal, prior_jacobian.T @ prior + weighted @ residual
+        little = point.cost - trial.cost <= tolerance * trial.cost
+        point = trial.reweighted()
+        yield point
+        if little or delta @ normal @ delta < rest**2:
+            return

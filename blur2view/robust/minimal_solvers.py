@@ -32,7 +32,6 @@ from blur2view.geometry.rotation import perpendicular
 SAMPLE_SIZE = 7
 ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6)))  # (64, 7)
 DOUBLE_ROOT_SLACK = 1e-9  # a double root, rounded, must not count as a complex pair
-CHUNK = 2048  # samples times patterns at once; 0.06 ms a sample of 64 patterns on one core
 # The nine entries of S + [a]x, row by row, from (S11, S12, S13, S22, S23, S33, a1, a2, a3).
 ENTRIES: Array = np.concatenate(
     [
@@ -43,47 +42,30 @@ ENTRIES: Array = np.concatenate(
 THREE_SIGNS: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])
 
 
-def solve_seven_smears(ends: Array, signs: Array | None = None) -> tuple[Array, np.ndarray]:
+def solve_seven_smears(ends: Array) -> Array:
     """Return every F that seven unordered smears admit, for many samples at once.
 
     Parameters
     ----------
     ends : ndarray of shape (B, 7, 2, 2)
         B samples of seven smears, pixels.
-    signs : ndarray of shape (P, 7), optional
-        The sign patterns to try, +1 where ends[:, 0] is the open end; default all 64 with the first +1.
 
     Returns
     -------
-    F : ndarray of shape (M, 3, 3)
-        Candidates of unit norm and rank 2, about 155 a sample of 64 patterns; the transposes are left out.
-    sample : ndarray of int, shape (M,)
-        The sample each candidate came from. A degenerate sample (coincident points, midpoints on a conic)
-        gives none, or meaningless ones.
+    ndarray of shape (M, 3, 3)
+        Candidates of unit norm and rank 2, about 155 a sample (0.06 ms on one core); the transposes are left
+        out. A degenerate sample (coincident points, midpoints on a conic) gives none, or meaningless ones.
 
     Raises
     ------
     ValueError
-        If the shapes are not as above.
+        If the shape is not as above.
     """
     ends = np.asarray(ends, float)
-    signs = ALL_SIGNS if signs is None else np.asarray(signs, float)
     if ends.ndim != 4 or ends.shape[1:] != (SAMPLE_SIZE, 2, 2):
         raise ValueError(f"ends must have shape (B, 7, 2, 2), got {ends.shape}")
-    if signs.ndim != 2 or signs.shape[1] != SAMPLE_SIZE:
-        raise ValueError(f"signs must have shape (P, 7), got {signs.shape}")
-    step = max(CHUNK // max(len(signs), 1), 1)
-    starts = range(0, len(ends) if len(signs) else 0, step)
-    parts = [_solve_chunk(ends[i : i + step], signs) for i in starts]
-    if not parts:
-        return np.zeros((0, 3, 3)), np.zeros(0, int)
-    sample = np.concatenate([part[1] + start for part, start in zip(parts, starts, strict=True)])
-    return np.concatenate([part[0] for part in parts]), sample
-
-
-def _solve_chunk(ends: Array, signs: Array) -> tuple[Array, np.ndarray]:
     T = shared_normalisation(ends)  # (B, 3, 3)
-    pencil = _pencils(apply_similarity(T[:, None], ends), signs.T)  # (B, 9, 2, P)
+    pencil = _pencils(apply_similarity(T[:, None], ends), ALL_SIGNS.T)  # (B, 9, 2, P)
     batch, _, _, patterns = pencil.shape
     separate = np.ascontiguousarray(pencil.transpose(2, 1, 0, 3)).reshape(2, 9, batch * patterns)
     alpha, beta = homogeneous_cubic_roots(_determinant_cubic(separate))  # (3, B P)
@@ -92,14 +74,11 @@ def _solve_chunk(ends: Array, signs: Array) -> tuple[Array, np.ndarray]:
     pixels = np.swapaxes(pencil.reshape(batch, 9, -1), 1, 2) @ np.swapaxes(
         carry.reshape(batch, 9, 9) @ ENTRIES, 1, 2
     )
-    ends_of_pencil = np.ascontiguousarray(np.swapaxes(pixels.reshape(batch, 2, patterns, 9), 0, 1)).reshape(
-        2, -1, 9
-    )
+    one, other = np.swapaxes(pixels.reshape(batch, 2, patterns, 9), 0, 1).reshape(2, -1, 9)
     root, index = np.nonzero(np.isfinite(alpha))
-    one, other = (part.take(index, axis=0) for part in ends_of_pencil)
-    F = alpha[root, index, None] * one + beta[root, index, None] * other
+    F = alpha[root, index, None] * one[index] + beta[root, index, None] * other[index]
     F /= np.maximum(np.sqrt(np.einsum("mk,mk->m", F, F)), TINY)[:, None]
-    return F.reshape(-1, 3, 3), index // patterns
+    return F.reshape(-1, 3, 3)
 
 
 def _pencils(ends: Array, signs: Array) -> Array:
@@ -139,14 +118,8 @@ def _determinant(
 def homogeneous_cubic_roots(coefficients: Array) -> tuple[Array, Array]:
     """Return real roots (alpha : beta) of c0 alpha^3 + c1 alpha^2 beta + c2 alpha beta^2 + c3 beta^3.
 
-    Parameters
-    ----------
-    coefficients : ndarray of shape (4, ...)
-
-    Returns
-    -------
-    alpha, beta : ndarray of shape (3, ...)
-        The larger of the two is 1 in most; NaN where a root is complex. All NaN for an all-zero cubic.
+    Of coefficients (4, ...): alpha and beta (3, ...), of which the larger is 1 in most; NaN where a root is
+    complex, and all NaN for an all-zero cubic.
     """
     flip = np.abs(coefficients[3]) > np.abs(coefficients[0])
     c0, c1, c2, c3 = np.where(flip, coefficients[::-1], coefficients)
@@ -185,23 +158,11 @@ def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
 
 
 def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
-    """Return F = [t]x (I + [w]x) for every sample of three smears, direction t and of four sign patterns.
+    """Return F = [t]x (I + [w]x), (M, 3, 3), for every sample of three smears, direction t and four patterns.
 
-    The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w.
-
-    Parameters
-    ----------
-    ends : ndarray of shape (B, 3, 2, 2)
-        Samples of three smears in the coordinates of the assumed camera (K = identity).
-    directions : ndarray of shape (T, 3)
-        Unit directions of translation to try.
-    limit : ndarray of shape (3,)
-        Rotations w with |w / limit| > 1 are dropped.
-
-    Returns
-    -------
-    ndarray of shape (M, 3, 3), M at most 4 B T
-        Rank 2. Smears whose equations are dependent give no hypothesis.
+    The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w. Samples
+    (B, 3, 2, 2) are in coordinates of the assumed camera (K = identity), directions (T, 3) of unit length.
+    Rotations w with |w / limit| > 1, ``limit`` (3,), are dropped, as are dependent smears.
     """
     x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
     p, t = 0.5 * (x + y), directions.T[:, None]  # and (3, 1, T)

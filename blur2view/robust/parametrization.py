@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -30,6 +30,8 @@ from blur2view.geometry.rotation import (
 class Family(Protocol):
     """A family of matrices by k parameters, F or generators of homographies, at one of its points."""
 
+    dimension: ClassVar[int]  # k
+
     def tangent(self) -> Array:
         """Return the matrix's derivatives (k, 3, 3) in the parameters."""
 
@@ -37,7 +39,8 @@ class Family(Protocol):
         """Return the point reached by moving delta (k,) along the tangents."""
 
     def prior(self) -> tuple[Array, Array]:
-        """Return residuals (m,) in standard deviations and their Jacobian (m, k)."""
+        """Return residuals (m,) in standard deviations and their Jacobian (m, k); none by default."""
+        return np.zeros(0), np.zeros((0, self.dimension))
 
 
 class Manifold(Family, Protocol):
@@ -50,15 +53,11 @@ class Manifold(Family, Protocol):
         """Return rotation vector and translation (3,) of a camera with K near the identity."""
 
 
-def no_prior(dimension: int) -> tuple[Array, Array]:
-    """Return the prior of a family that has none: no residuals."""
-    return np.zeros(0), np.zeros((0, dimension))
-
-
 @dataclass(frozen=True, kw_only=True)
-class TranslationF:
+class TranslationF(Manifold):
     """F = [epipole]x, two parameters; blind to the order of every smear."""
 
+    dimension: ClassVar[int] = 2
     epipole: Array  # (3,) unit
 
     def matrix(self) -> Array:
@@ -73,17 +72,13 @@ class TranslationF:
         """Return the point with the epipole moved on the sphere."""
         return TranslationF(epipole=step_on_sphere(self.epipole, delta))
 
-    def prior(self) -> tuple[Array, Array]:
-        """Return no residuals."""
-        return no_prior(2)
-
     def motion(self) -> tuple[Array, Array]:
         """Return no rotation, and the epipole."""
         return np.zeros(3), self.epipole
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeneralF:
+class GeneralF(Manifold):
     """F = U diag(cos w, sin w, 0) V^T, seven parameters: every matrix of rank 2.
 
     References
@@ -91,6 +86,7 @@ class GeneralF:
     Bartoli and Sturm, Nonlinear estimation of the fundamental matrix with minimal parameters, PAMI 2004.
     """
 
+    dimension: ClassVar[int] = 7
     U: Array  # (3, 3) orthogonal
     V: Array  # (3, 3) orthogonal
     angle: float  # w
@@ -120,10 +116,6 @@ class GeneralF:
         """Return the point with U and V rotated and the angle changed."""
         U, V = self.U @ rotation_matrix(delta[:3]), self.V @ rotation_matrix(delta[3:6])
         return GeneralF(U=U, V=V, angle=self.angle + float(delta[6]))
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return no residuals."""
-        return no_prior(7)
 
     def motion(self) -> tuple[Array, Array]:
         """Return the motion of the nearest essential matrix, of its two rotations the smaller."""
@@ -161,7 +153,7 @@ class CameraPrior:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraF:
+class CameraF(Manifold):
     """F = K^-T [t]x R K^-1 with one K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] for both ends.
 
     Coordinates are those of an assumed camera (principal point at the image's centre, assumed focal
@@ -169,6 +161,7 @@ class CameraF:
     in F.
     """
 
+    dimension: ClassVar[int] = 8
     t: Array  # (3,) unit
     R: Array  # (3, 3)
     log_focal: float = 0.0

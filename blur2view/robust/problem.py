@@ -32,34 +32,16 @@ LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, b
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmearProblem:
-    """Smears in shared normalised coordinates with the standard deviation of their Sampson distance.
+    """Smears in shared normalised coordinates with the standard deviation of their Sampson distance."""
 
-    Parameters
-    ----------
-    ends : ndarray of shape (N, 2, 2)
-        Ends under ``T``.
-    stated_px : ndarray of shape (N,)
-        Standard deviation of the Sampson distance in pixels, as stated.
-    T : ndarray of shape (3, 3)
-        Pixels to normalised coordinates: the inverse of the assumed camera when the image's size is known.
-    has_camera : bool
-        Whether T is that of a camera, assumed from the image's size or given.
-    shared : SharedErrors
-        What the errors have in common.
-    lens : (float, float)
-        Standard deviations of the log focal length and of the principal point in focal lengths; (0, 0) if
-        the intrinsics are known.
-    scale : float
-        Of the standard deviations, over those stated.
-    """
-
-    ends: Array
-    stated_px: Array
-    T: Array
-    has_camera: bool
-    shared: SharedErrors = INDEPENDENT
+    ends: Array  # (N, 2, 2) under T
+    stated_px: Array  # (N,) standard deviation of the Sampson distance, as stated
+    T: Array  # (3, 3) pixels to normalised: the inverse of the assumed camera if the image's size is known
+    has_camera: bool  # whether T is that of a camera, assumed from the image's size or given
+    shared: SharedErrors = INDEPENDENT  # what the errors have in common
+    # standard deviations of the log focal length and of the principal point in focal lengths; 0: known
     lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
-    scale: float = 1.0
+    scale: float = 1.0  # of the standard deviations, over those stated
 
     @cached_property
     def sigma_px(self) -> Array:
@@ -150,15 +132,6 @@ def assumed_camera(image_size: tuple[float, float]) -> Array:
     )
 
 
-def assumed_camera_of(ends: Array) -> Array:
-    """Return K^-1 (3, 3) of the camera assumed for an image that just holds the ends (N, 2, 2)."""
-    points = ends.reshape(-1, 2)
-    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), TINY)
-    T = assumed_camera((size[0] + 1, size[1] + 1))
-    T[:2, 2] -= T[0, 0] * low
-    return T
-
-
 def build_problem(
     ends: Array,
     sigma_px: Array,
@@ -169,12 +142,17 @@ def build_problem(
     """Return smears (N, 2, 2) normalised; sigma_px (N,) is that of the Sampson distance, pixels.
 
     Coordinates are those of the camera, for whose undistorted pixels the ends are given, else of an assumed
-    one; without an image size none is assumed.
+    one; without an image size that of an image which just holds the ends, of which nothing is assumed.
     """
     if camera is not None:
         T: Array = np.asarray(np.linalg.inv(camera.K), float)
+    elif image_size is not None:
+        T = assumed_camera(image_size)
     else:
-        T = assumed_camera(image_size) if image_size is not None else assumed_camera_of(ends)
+        low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
+        width, height = high - low + 1
+        T = assumed_camera((width, height))
+        T[:2, 2] -= T[0, 0] * low
     problem = SmearProblem(
         ends=ends * np.diag(T)[:2] + T[:2, 2],
         stated_px=sigma_px,

@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
+STOP_SHARE = 0.9  # share of fitting data that ends the search (the paper)
+FIRST_BLOCK = 32  # data scored first
+GROWTH = 8  # of the blocks scored later, each with 1 / GROWTH of the models left
+SURVIVORS = 4  # models of a batch that are scored on all data
+CONTENDERS = 8  # sampled models that are returned
 
 
 class Estimator(Protocol):
@@ -38,33 +43,22 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class RansacOptions:
-    """When the loop stops and how it scores.
+    """When the loop stops.
 
     ``max_iterations`` samples at most (the paper: 1000) and ``min_iterations`` before any other stop;
-    ``stop_share`` the share of fitting data that ends the search (the paper: 0.9); ``confidence`` the
-    probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn at once;
-    ``first_block`` data scored first, each later block ``growth`` times larger with 1 / ``growth`` of the
-    models left; ``survivors`` the models of a batch that are scored on all data, of which the best may be
-    refined; ``contenders`` the number of sampled models that are returned.
+    ``confidence`` the probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn
+    at once.
     """
 
     max_iterations: int = 1000
     min_iterations: int = 16
-    stop_share: float = 0.9
     confidence: float = 0.999
     batch: int = 16
-    first_block: int = 32
-    growth: int = 8
-    survivors: int = 4
-    contenders: int = 8
 
     def __post_init__(self) -> None:
         """Refuse options out of range."""
-        counts = self.max_iterations, self.batch, self.first_block, self.survivors
-        if min(counts) < 1 or self.growth < 2 or self.min_iterations < 0:
-            raise ValueError(f"counts must be positive and growth at least 2, got {self}")
-        if not (0 < self.stop_share <= 1 and 0 < self.confidence < 1):
-            raise ValueError(f"stop_share must be in (0, 1], confidence in (0, 1), got {self}")
+        if min(self.max_iterations, self.batch) < 1 or not 0 < self.confidence < 1:
+            raise ValueError(f"counts must be positive, confidence must be in (0, 1), got {self}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,56 +89,41 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
     cost, raw_cost, iterations = np.inf, np.inf, 0
     while iterations < options.max_iterations:
         draw = min(options.batch, options.max_iterations - iterations)
-        models = preempt(estimator, estimator.generate_models(draw, rng), order, options)
+        models = preempt(estimator, estimator.generate_models(draw, rng), order)
         iterations += draw
         sampled = sorted(
             [*sampled, *zip(estimator.score(models, order).tolist(), models, strict=True)], key=itemgetter(0)
-        )[: options.contenders]
+        )[:CONTENDERS]
         if sampled and sampled[0][0] < raw_cost:
-            raw_cost = sampled[0][0]
-            candidate, candidate_cost = _improve(estimator, sampled[0][1], raw_cost, order)
-            if candidate_cost < cost:
-                best, cost = candidate, candidate_cost
-        if best is not None and _enough(estimator.shares(best), iterations, estimator, options):
-            break
+            raw_cost, candidate = sampled[0]
+            refined = estimator.refine(candidate)
+            refined_cost = float(estimator.score(refined[None], order)[0])
+            if min(refined_cost, raw_cost) < cost:
+                best, cost = min((raw_cost, candidate), (refined_cost, refined), key=itemgetter(0))[::-1]
+        if best is not None and iterations >= options.min_iterations:
+            fitting, inliers = estimator.shares(best)
+            needed = needed_iterations(inliers, estimator.sample_size, options.confidence)
+            if fitting >= STOP_SHARE or iterations >= needed:
+                break
     contenders = [model for _, model in sampled]
     return RansacResult(model=best, iterations=iterations, contenders=contenders)
 
 
-def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_], options: RansacOptions) -> Models:
-    """Return the ``options.survivors`` best models after scoring on growing blocks of the data.
+def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Models:
+    """Return the SURVIVORS best models after scoring on growing blocks of the data.
 
     References
     ----------
     Nister, Preemptive RANSAC for live structure and motion estimation, ICCV 2003.
     """
-    start, size = 0, options.first_block
+    start, size = 0, FIRST_BLOCK
     total = np.zeros(len(models))
-    while len(models) > options.survivors and start < len(order):
+    while len(models) > SURVIVORS and start < len(order):
         total = total + estimator.score(models, order[start : start + size])
-        keep = max(options.survivors, len(models) // options.growth)
-        kept = np.argsort(total, kind="stable")[:keep]
+        kept = np.argsort(total, kind="stable")[: max(SURVIVORS, len(models) // GROWTH)]
         models, total = models[kept], total[kept]
-        start, size = start + size, size * options.growth
-    return models[: options.survivors]
-
-
-def _improve(
-    estimator: Estimator, model: Models, cost: float, order: NDArray[np.int_]
-) -> tuple[Models, float]:
-    """Return the cheaper of a model and its refinement, with its cost."""
-    refined = estimator.refine(model)
-    refined_cost = float(estimator.score(refined[None], order)[0])
-    return (refined, refined_cost) if refined_cost < cost else (model, cost)
-
-
-def _enough(
-    shares: tuple[float, float], iterations: int, estimator: Estimator, options: RansacOptions
-) -> bool:
-    """Return whether enough of the data fits, or a better sample has become unlikely."""
-    fitting, inliers = shares
-    needed = needed_iterations(inliers, estimator.sample_size, options.confidence)
-    return iterations >= options.min_iterations and (fitting >= options.stop_share or iterations >= needed)
+        start, size = start + size, size * GROWTH
+    return models[:SURVIVORS]
 
 
 def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:

@@ -11,8 +11,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.depth import parallax_along_lines
-from blur2view.geometry.sampson import entry_jacobian, residual_parts
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
+from blur2view.geometry.sampson import entry_jacobian
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import NEGLIGIBLE, OrderedResiduals, RefineOptions, WeightedEnds
 
@@ -25,14 +25,8 @@ def refine(start: M, matches: WeightedEnds, options: RefineOptions) -> tuple[M, 
     The order of every match, and whether it is an outlier, are weighed anew at every point
     (expectation-maximisation), so nothing is ever fixed but the sign of the translation, which is that of
     the start or its opposite, whichever explains more. With 30 % outliers and 1 px of noise the mixture of
-    inliers and outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
-
-    Returns
-    -------
-    point : Manifold
-        The cheapest point met; ``start`` where nothing is better.
-    cost : float
-        Its cost, dimensionless (twice a negative log-likelihood).
+    inliers and outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72. Given are the
+    cheapest point met (``start`` where nothing is better) and its cost, twice a negative log-likelihood.
     """
     *_, reached = refining(start, matches, options)
     return reached
@@ -42,13 +36,11 @@ def refining(start: M, matches: WeightedEnds, options: RefineOptions) -> Iterato
     """Yield what `refine` has reached so far: first the start, then after every step."""
     first = best = WeightedPoint.likelier(start, matches, options)
     yield best.point, best.cost
-    for step in levenberg_marquardt(first, options.max_iterations):
-        if step.point.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
+    for reached in levenberg_marquardt(first, options.max_iterations, options.tolerance, options.rest):
+        if reached.cost > best.cost:  # the odds by positive depth have changed, and so has the cost
             break
-        best = step.point
+        best = reached
         yield best.point, best.cost
-        if step.decrease <= options.tolerance * step.cost or step.sigmas < options.rest:
-            break
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,15 +82,13 @@ class WeightedPoint(Generic[M]):
         weight = self.matches.order_weights(self.residuals).ravel()
         counted = np.flatnonzero(weight > NEGLIGIBLE)  # of most smears one order cannot be
         x, y, sigma = (array.take(counted, axis=-1) for array in self.matches.orders)
-        parts = self.residuals.parts or residual_parts(self.point.matrix(), *self.matches.orders[:2])
-        distance, line1, line2, root = (array.take(counted, axis=-1) for array in parts)
+        distance, line1, line2, root = (part.take(counted, axis=-1) for part in self.residuals.parts)
         entries = entry_jacobian(distance, line1, line2, root, x, y)
-        return normal_equations(
-            self.point.tangent().reshape(-1, 9) @ entries / sigma,
-            self.residuals.both.take(counted),
-            self.options.data_weight * weight.take(counted),
-            *self.point.prior(),
-        )
+        jacobian = self.point.tangent().reshape(-1, 9) @ entries / sigma
+        weighted = jacobian * (self.options.data_weight * weight.take(counted))
+        prior, of_prior = self.point.prior()
+        normal = of_prior.T @ of_prior + weighted @ jacobian.T
+        return normal, of_prior.T @ prior + weighted @ self.residuals.both.take(counted)
 
     def moved(self, delta: Array) -> WeightedPoint[M]:
         """Return the point moved by delta (k,), the odds of the orders as they are."""

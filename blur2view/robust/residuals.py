@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.geometry.depth import order_log_odds
@@ -15,7 +17,7 @@ from blur2view.geometry.sampson import residual_parts
 CUTOFF = 3.0
 """Residual, in standard deviations, at which a smear is as likely an outlier as an inlier."""
 NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations
-LOG_2 = float(np.log(2.0))
+LOG_2 = math.log(2.0)
 DEPTH_TRUST = 0.25  # share of independent smears at which depth's odds count half
 
 
@@ -54,41 +56,31 @@ class RefineOptions:
 class OrderedResiduals:
     """Residuals of every smear in both orders, in standard deviations, and the odds of its order.
 
-    ``both`` (2, N) are the residuals of ends[:, 0] first (``forward``) and of ends[:, 1] first
-    (``backward``); ``prior`` both orders' probabilities before looking at the residuals: 1/2, or (2, N) by
-    positive depth (`depth`). Twice the negative log-likelihood of a smear
-    is -2 log(P(f) exp(-forward^2 / 2) + P(b) exp(-backward^2 / 2)): at even odds, deciding an order costs
-    2 log 2 and is only worth it where the orders differ by more than the noise. ``decided`` takes the better
-    order for granted instead, as SErrMin does: right for a search at unknown noise, but it rewards any S as
-    large as the noise (on pure translations with 4 degrees of noise median rho 0.022 against 0.010).
-    ``parts`` are what their derivatives take: those of `sampson.residual_parts`.
+    ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``prior`` both orders'
+    probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`depth`). Twice the
+    negative log-likelihood of a smear is -2 log(P(0) exp(-both[0]^2 / 2) + P(1) exp(-both[1]^2 / 2)): at even
+    odds, deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
+    ``decided`` takes the better order for granted instead, as SErrMin does: right for a search at unknown
+    noise, but it rewards any S as large as the noise (on pure translations with 4 degrees of noise median rho
+    0.022 against 0.010). ``parts`` are what their derivatives take: those of `sampson.residual_parts`.
     """
 
     both: Array
     prior: Array | float = 0.5
     decided: bool = False
-    parts: tuple[Array, Array, Array, Array] | None = None
+    parts: tuple[Array, ...] = ()
 
-    @property
-    def forward(self) -> Array:
-        """Residuals (N,) of ends[:, 0] first."""
-        forward: Array = self.both[0]
-        return forward
-
-    @property
-    def backward(self) -> Array:
-        """Residuals (N,) of ends[:, 1] first."""
-        backward: Array = self.both[1]
-        return backward
+    @cached_property
+    def swapped(self) -> NDArray[np.bool_]:
+        """Whether ends[:, 1] first is the better order, (N,)."""
+        forward, backward = np.abs(self.both)
+        return np.asarray(backward < forward)
 
     @cached_property
     def likelihoods(self) -> Array:
         """Probability times likelihood (2, N) of both orders; of decided ones that of the worse is zero."""
         gaussian: Array = np.exp(-0.5 * self.both**2)
-        if self.decided:
-            first = np.abs(self.forward) <= np.abs(self.backward)
-            return gaussian * np.stack([first, ~first])
-        return gaussian * self.prior
+        return gaussian * (np.stack([~self.swapped, self.swapped]) if self.decided else self.prior)
 
     @cached_property
     def total(self) -> Array:
@@ -99,19 +91,15 @@ class OrderedResiduals:
     @cached_property
     def least(self) -> Array:
         """Residuals (N,) of the better order, signed."""
-        return np.where(np.abs(self.backward) < np.abs(self.forward), self.backward, self.forward)
-
-    @cached_property
-    def log_likelihoods(self) -> Array:
-        """Logarithms (2, N) of probability times likelihood, of both orders."""
-        return np.log(self.prior) - 0.5 * self.both**2
+        forward, backward = self.both
+        return np.asarray(np.where(self.swapped, backward, forward))
 
     @cached_property
     def forward_share(self) -> Array:
         """Posterior probability (N,) of the order ends[:, 0] first."""
         if self.decided:
-            return (np.abs(self.forward) <= np.abs(self.backward)).astype(float)
-        ahead, behind = self.log_likelihoods
+            return (~self.swapped).astype(float)
+        ahead, behind = np.log(self.prior) - 0.5 * self.both**2
         share: Array = 0.5 * (1 + np.tanh(0.5 * (ahead - behind)))
         return share
 
@@ -129,7 +117,7 @@ class WeightedEnds:
     ends: Array  # (N, 2, 2)
     sigma: Array
     along: Array | None = None
-    chance: Array | None = None
+    chance: Array | float = math.exp(-0.5 * CUTOFF**2)
 
     @cached_property
     def orders(self) -> tuple[Array, Array, Array]:
@@ -163,18 +151,13 @@ class WeightedEnds:
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
-        chance = self._chance
-        cost: Array = -2 * np.log((residuals.total + chance) / (1 + chance))
+        cost: Array = -2 * np.log((residuals.total + self.chance) / (1 + self.chance))
         return cost
 
     def order_weights(self, residuals: OrderedResiduals) -> Array:
         """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
-        weights: Array = residuals.likelihoods / (residuals.total + self._chance)
+        weights: Array = residuals.likelihoods / (residuals.total + self.chance)
         return weights
-
-    @property
-    def _chance(self) -> Array | float:
-        return float(np.exp(-0.5 * CUTOFF**2)) if self.chance is None else self.chance
 
 
 def robust_weight(squared: Array) -> Array:

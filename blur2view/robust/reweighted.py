@@ -21,38 +21,24 @@ def reweighted_motion(
     ordered: bool = True,
     prior: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
-    """Return the motion m with m @ rows = flow for most points, by rounds of Cauchy's weights.
+    """Return the motion m (..., k) with m @ rows = flow for most points, and lengths of residuals (..., N).
 
-    Leading axes are problems, each solved by itself.
+    Found in ``steps`` rounds of Cauchy's weights; leading axes are problems, each solved by itself.
 
     Parameters
     ----------
     rows : ndarray of shape (..., k, d, N)
         Flow of d components at N points per unit of each of k parameters.
     flow : ndarray of shape (..., d, N)
-    steps : int
-        At least 1.
     scale : callable
         Maps the lengths of the residuals (..., N) to the length of half the weight.
     start : ndarray of shape (..., k), optional
         Weighs the first round if ``ordered``; without it all points have the same weight.
     ordered : bool
-        If not, the sign of every flow is unknown: it is, anew in every round, the one that agrees better with
-        the motion; the start decides the first ones.
+        If not, the sign of every flow is unknown (ValueError without a start): it is, anew in every round,
+        the one that agrees better with the motion; the start decides the first ones.
     prior : (ndarray, ndarray), optional
-        Expectation (k,) and precision (k,) of the motion, where residuals have the standard deviation
-        ``scale``.
-
-    Returns
-    -------
-    motion : ndarray of shape (..., k)
-    missed : ndarray of shape (..., N)
-        Lengths of the residuals.
-
-    Raises
-    ------
-    ValueError
-        If signs are unknown and there is no start.
+        Expectation (k,) and precision (k,) of the motion, where residuals have the deviation ``scale``.
     """
     if start is None and not ordered:
         raise ValueError("signs that are unknown need a start")

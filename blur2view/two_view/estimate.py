@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
-from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
-from blur2view.two_view.model_selection import Fit, measured_sigma_px, search_and_fit
+from blur2view.two_view.model_selection import Fit, search_and_fit, with_inliers
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import in_order_of_rotation, with_pose
 from blur2view.two_view.structure import Verdict, assess
@@ -180,15 +180,13 @@ def select_model(
     scores = tuple(sorted(costs.items(), key=lambda score: score[1]))
     F = None
     if verdict.trusted:
-        normalised = verdict.fit.point.matrix()
-        F = problem.pixels(normalised)
-        within_px = options.tolerance_px(measured_sigma_px(normalised, problem))
-        inlier_mask, swapped = serrmin(F, matches.ends) < within_px**2, swapped_order(F, matches.ends)
+        F, inlier_mask = with_inliers(verdict.fit.point.matrix(), matches, problem, options)
+        swapped = swapped_order(F, matches.ends)
         reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
     elif verdict.generator is not None:
         ordered = transfer_orders(verdict.generator, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < options.tolerance_px(problem.sigma_px)
-        swapped = np.abs(ordered.backward) < np.abs(ordered.forward)
+        swapped = ordered.swapped
         reason = f"{verdict.model}: {verdict.sentence}"
     else:
         inlier_mask = swapped = np.zeros(len(matches), bool)

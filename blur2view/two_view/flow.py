@@ -19,7 +19,7 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.robust.homography import Homographies, velocity_basis
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt, normal_equations
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.problem import SmearProblem
 
 FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
@@ -32,24 +32,13 @@ H = TypeVar("H", bound=Homographies)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowData:
-    """Smears as displacements at mid-exposure points, with their errors; coordinates of K near the identity.
+    """Smears as displacements at mid exposure, with their errors; coordinates of K near the identity."""
 
-    Parameters
-    ----------
-    middle, displacement : ndarray of shape (N, 2)
-    whitening : ndarray of shape (N, 2, 2)
-        From a displacement to its components along and across the smear in standard deviations.
-    low_frequency : ndarray of shape (6, N, 2)
-        Errors that vary slowly over the picture, each of one standard deviation, for the smears as directed.
-    weight : float
-        Share of the smears that counts as independent.
-    """
-
-    middle: Array
-    displacement: Array
-    whitening: Array
-    low_frequency: Array
-    weight: float
+    middle: Array  # (N, 2)
+    displacement: Array  # (N, 2)
+    whitening: Array  # (N, 2, 2) to components along and across the smear in standard deviations
+    low_frequency: Array  # (6, N, 2) errors over the picture, of one deviation, for the smears as directed
+    weight: float  # share of the smears that counts as independent
 
     @classmethod
     def of(cls, problem: SmearProblem, bulk_px: tuple[Array, Array]) -> FlowData:
@@ -95,14 +84,11 @@ class FlowData:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlowFit(Generic[H]):
-    """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better.
-
-    ``low_frequency`` (6,) are the errors that vary slowly, in standard deviations.
-    """
+    """A homography among smears (`levenberg_marquardt.Reweighted`), each in the order that fits it better."""
 
     data: FlowData
     family: H
-    low_frequency: Array
+    low_frequency: Array  # (6,) the errors that vary slowly, in standard deviations
 
     @cached_property
     def predicted(self) -> Array:
@@ -136,20 +122,18 @@ class FlowFit(Generic[H]):
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the homography, then the low-frequency errors."""
         _, low_frequency = self.data.whitened
-        moved = np.stack([self.data.basis @ entries for entries in _entries(self.family.tangent())])
-        jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency])
+        moved = np.moveaxis(self.data.basis @ _entries(self.family.tangent()).T, -1, 0)
+        k = len(moved)
+        jacobian = np.concatenate([moved, self.sign[:, None] * low_frequency]).reshape(k + LOW_FREQUENCY, -1)
         weight = self.data.weight * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
+        weighted = jacobian * np.repeat(weight, 2)
         prior, of_family = self.family.prior()
-        k, m = len(moved), len(prior)
-        prior_jacobian = np.zeros((m + LOW_FREQUENCY, k + LOW_FREQUENCY))
-        prior_jacobian[:m, :k], prior_jacobian[m:, k:] = of_family, np.eye(LOW_FREQUENCY)
-        return normal_equations(
-            jacobian.reshape(k + LOW_FREQUENCY, -1),
-            self.residual.ravel(),
-            np.repeat(weight, 2),
-            np.concatenate([prior, self.low_frequency]),
-            prior_jacobian,
-        )
+        normal, gradient = weighted @ jacobian.T, weighted @ self.residual.ravel()
+        normal[:k, :k] += of_family.T @ of_family
+        normal[k:, k:] += np.eye(LOW_FREQUENCY)
+        gradient[:k] += of_family.T @ prior
+        gradient[k:] += self.low_frequency
+        return normal, gradient
 
     def moved(self, delta: Array) -> FlowFit[H]:
         """Return the fit moved by delta (k,)."""
@@ -175,11 +159,8 @@ class FlowFit(Generic[H]):
 
 def fit_flow(family: H, data: FlowData) -> FlowFit[H]:
     """Return the cheapest homography of a family near a start."""
-    best = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
-    for step in levenberg_marquardt(best, STEPS):
-        best = step.point
-        if step.decrease <= TOLERANCE * step.cost:
-            break
+    start = FlowFit(data=data, family=family, low_frequency=np.zeros(LOW_FREQUENCY))
+    *_, best = start, *levenberg_marquardt(start, STEPS, TOLERANCE)
     return best
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.estimators import SmearEstimator, translation_start
 from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
 from blur2view.robust.problem import SmearProblem, build_problem
-from blur2view.robust.ransac import RansacResult, ransac
+from blur2view.robust.ransac import ransac
 from blur2view.robust.refinement import refine, refining
 from blur2view.robust.residuals import CUTOFF, RefineOptions, WeightedEnds
 from blur2view.smears.matches import SmearMatches
@@ -41,14 +43,11 @@ ODDS_AGAINST = {MotionModel.GENERAL: 1e12, MotionModel.TRANSLATION: 1e3, MotionM
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """A fitted model: the point of its family, and its penalised cost.
-
-    The score is twice a negative log-posterior plus Akaike's penalty, see :func:`fit_best`.
-    """
+    """A fitted model: the point of its family."""
 
     model: MotionModel
     point: Manifold
-    score: float
+    score: float  # twice a negative log-posterior plus Akaike's penalty, see `fit_best`
 
 
 def search_and_fit(
@@ -57,37 +56,16 @@ def search_and_fit(
     rng: np.random.Generator,
     camera: Camera | None = None,
 ) -> tuple[SmearProblem, list[Fit], int]:
-    """Return the problem with rescaled sigmas, every model fitted after a robust search, samples drawn.
+    """Return the problem with measured sigmas, every model fitted after a robust search, samples drawn.
 
-    With a camera the ends are its undistorted pixels.
+    Of a camera the ends are undistorted pixels. Fitted are the two-parameter F, the richest plausible model
+    and, if that is a camera, the general F.
     """
     estimator = build_estimator(matches, camera)
     searched = ransac(estimator, options.search(), rng)
-    return *fit_families(estimator, searched, rng), searched.iterations
-
-
-def build_estimator(matches: SmearMatches, camera: Camera | None = None) -> SmearEstimator:
-    """Return the robust search's problem: normalised smears and standard deviations."""
-    problem = build_problem(matches.ends, matches.sampson_px, matches.image_size, camera, matches.shared)
-    return SmearEstimator(problem=problem)
-
-
-def fit_families(
-    estimator: SmearEstimator, searched: RansacResult, rng: np.random.Generator
-) -> tuple[SmearProblem, list[Fit]]:
-    """Return every model fitted from the search's result, on standard deviations rescaled to the residuals.
-
-    Returns
-    -------
-    problem : SmearProblem
-        With rescaled standard deviations.
-    fits : list of Fit
-        The two-parameter F always; the camera where one may be assumed; the general F.
-    """
     simple = fit_translation(estimator, rng)
     start = simple.matrix() if searched.model is None else searched.model
-    rough = estimator.problem.thinned
-    rough = with_measured_noise(rough, start)  # the scale of the noise, as the search's F has it
+    rough = with_measured_noise(estimator.problem.thinned, start)  # as the search's F has it
     model, points = richer_starts(rough, distinct([start, simple.matrix(), *searched.contenders]))
     point = fit_roughly(model, points, richer_starts(rough, [simple.matrix()])[1], rough)
     problem = with_measured_noise(estimator.problem, point.matrix())  # and as the fitted F has it
@@ -96,7 +74,13 @@ def fit_families(
     if model is not MotionModel.GENERAL:
         general = GeneralF.from_matrix(richest.point.matrix())
         fits.append(fit_best(MotionModel.GENERAL, [general], problem))
-    return problem, fits
+    return problem, fits, searched.iterations
+
+
+def build_estimator(matches: SmearMatches, camera: Camera | None = None) -> SmearEstimator:
+    """Return the robust search's problem: normalised smears and standard deviations."""
+    problem = build_problem(matches.ends, matches.sampson_px, matches.image_size, camera, matches.shared)
+    return SmearEstimator(problem=problem)
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
@@ -177,9 +161,13 @@ def with_measured_noise(problem: SmearProblem, F: Array) -> SmearProblem:
     return problem.rescaled(residual_scale(F, problem.weighted))
 
 
-def measured_sigma_px(F: Array, problem: SmearProblem) -> Array:
-    """Return standard deviations (N,), pixels, by the noise that a normalised F itself leaves."""
-    return with_measured_noise(replace(problem, scale=1.0), F).sigma_px
+def with_inliers(
+    F: Array, matches: SmearMatches, problem: SmearProblem, options: EstimatorOptions
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return F of pixels from a normalised one, and its inliers (N,) by the noise that it leaves itself."""
+    measured = with_measured_noise(replace(problem, scale=1.0), F)
+    in_pixels = problem.pixels(F)
+    return in_pixels, serrmin(in_pixels, matches.ends) < options.tolerance_px(measured.sigma_px) ** 2
 
 
 def residual_scale(F: Array, matches: WeightedEnds) -> float:

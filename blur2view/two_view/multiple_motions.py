@@ -43,18 +43,13 @@ LEAST_GAIN = 50.0  # of two motions over one
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoMotions:
-    """The shares of all smears that follow two motions, and F of normalised coordinates of the larger one.
+    """Two motions, or one where ``second`` is zero."""
 
-    ``first`` is the larger share, ``single`` that of the best single F where there is no other; ``gain`` is
-    twice the log-likelihood that two F have over one, of at most SMEARS smears, times the share of
-    independent errors that they leave.
-    """
-
-    F: Array
-    first: float
-    second: float
-    single: float
-    gain: float
+    F: Array  # (3, 3) of the larger one, normalised coordinates
+    first: float  # share of all smears that follow it
+    second: float  # and that of the smaller one
+    single: float  # share that the best single F explains
+    gain: float  # log-likelihood of two F over one, twice, of at most SMEARS, times their independent share
 
     @property
     def balance(self) -> float:
@@ -94,14 +89,11 @@ def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]
     that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
     where they hardly differ, leave errors that neighbours share for that alone.
     """
-    both = problem.weighted.residuals(F)
-    options = np.stack(
-        [np.where(backward, both.backward, both.forward), np.where(backward, both.forward, both.backward)]
-    )
+    both = problem.weighted.residuals(F).both
+    options = np.where(backward, both[::-1], both)
     block = blocks_of(problem.middle, BLOCKS)
     cost = [np.bincount(block, weights=np.minimum(option**2, 9.0))[block] for option in options]
-    errors: Array = np.where(cost[0] <= cost[1], *options)
-    return errors
+    return np.asarray(np.where(cost[0] <= cost[1], options[0], options[1]))
 
 
 def leaves_structure(

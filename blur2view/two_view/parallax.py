@@ -27,57 +27,6 @@ REACHES = (0.25, 0.5, 1.0, 1.5)  # chance spreads displacements over discs of th
 ROUNDS = 25  # of expectation-maximisation
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Deviations:
-    """Deviations of N smears from a homography and from an F, in both orders; pixels of a Sampson distance.
-
-    ``along`` and ``across`` (2, N) are the components of the deviation from the homography in the directions
-    of F's epipolar lines, ``off_line`` (2, N) the distance from the lines themselves; ``measured`` (N,) is
-    the length of the smear and ``sigma`` (N,) the standard deviation of its Sampson distance.
-    """
-
-    along: Array
-    across: Array
-    off_line: Array
-    measured: Array
-    sigma: Array
-
-    @property
-    def disagreement(self) -> float:
-        """How far F and the homography disagree on the smears' orders: summed squares, cut."""
-        squared = (self.along**2 + self.across**2 + self.off_line**2) / self.sigma**2
-        return float(np.minimum(squared.min(axis=0), 25.0).sum())
-
-
-def deviations(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
-    """Return deviations from the homography of generator A and from F (3, 3), normalised coordinates.
-
-    Of F and its transpose, which fit equally, the one is taken whose orders agree better with A's.
-    """
-    return min((_against(f, A, matches, unit_px) for f in (F, F.T)), key=lambda against: against.disagreement)
-
-
-def _against(F: Array, A: Array, matches: WeightedEnds, unit_px: float) -> Deviations:
-    middle = homogeneous(matches.ends.mean(axis=1))
-    one, other = matches.ends[:, 0], matches.ends[:, 1]
-    normal = _unit((middle @ F.T)[:, :2])
-    line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    deviation = np.moveaxis(transfer_residuals(A, matches), 1, 2) * unit_px  # (2, N, 2)
-    return Deviations(
-        along=(deviation * line).sum(-1),
-        across=(deviation * normal).sum(-1),
-        off_line=np.stack([signed_sampson(F, one, other), signed_sampson(F, other, one)]) * unit_px,
-        measured=np.linalg.norm(other - one, axis=1) * unit_px * np.sqrt(0.5),
-        sigma=matches.sigma * unit_px,
-    )
-
-
-def _unit(vectors: Array) -> Array:
-    """Return unit vectors (N, 2)."""
-    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1), TINY)[:, None]
-    return unit
-
-
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """Evidence of smears for a homography and for parallax: shares of them, a gain in log-likelihood.
@@ -91,15 +40,25 @@ class Evidence:
     parallax: float
 
 
-def parallax_evidence(d: Deviations) -> Evidence:
-    """Return how the homography with parallax compares with the homography alone."""
-    white = (np.array(SCALES)[:, None] * d.sigma) ** 2  # (S, N)
-    alone = _gaussian(d.along, d.across, white, white)
-    on_line = _gaussian(d.along, d.off_line, white, white)
+def parallax_evidence(A: Array, F: Array, matches: WeightedEnds, unit_px: float) -> Evidence:
+    """Return how the homography of generator A, alone and with parallax along the lines of F (3, 3), compare.
+
+    Coordinates are normalised, ``unit_px`` pixels per unit. Of F and its transpose, which fit equally, the
+    one is taken whose orders of the smears agree better with A's.
+    """
+    sigma = matches.sigma * unit_px
+    measured = np.linalg.norm(matches.ends[:, 1] - matches.ends[:, 0], axis=1) * unit_px * np.sqrt(0.5)
+    along, across, off_line = min(
+        (_deviations(A, f, matches) * unit_px for f in (F, F.T)),
+        key=lambda d: float(np.minimum(((d**2).sum(axis=0) / sigma**2).min(axis=0), 25.0).sum()),
+    )
+    white = (np.array(SCALES)[:, None] * sigma) ** 2  # (S, N)
+    alone = _gaussian(along, across, white, white)
+    on_line = _gaussian(along, off_line, white, white)
     near = white[np.array(SCALES) <= LARGEST]
-    wider = near + (np.array(WIDTHS)[:, None, None] * d.sigma) ** 2  # (W, S, N)
-    beside = _gaussian(d.along, d.off_line, wider, near).reshape(-1, len(d.sigma))
-    chance = chance_densities(d.measured)
+    wider = near + (np.array(WIDTHS)[:, None, None] * sigma) ** 2  # (W, S, N)
+    beside = _gaussian(along, off_line, wider, near).reshape(-1, len(sigma))
+    chance = chance_densities(measured)
     simple = np.concatenate([alone, chance]).T
     weights, _ = mixture(simple)
     _, without = mixture(simple, weights)  # as many rounds for the one as for the other
@@ -109,6 +68,17 @@ def parallax_evidence(d: Deviations) -> Evidence:
     fitted, together = mixture(np.concatenate([on_line, beside, chance]).T, start)
     parallax = float(fitted[len(alone) : len(alone) + len(beside)].sum())
     return Evidence(gain=2 * float((together - without).sum()), on_plane=on_plane, parallax=parallax)
+
+
+def _deviations(A: Array, F: Array, matches: WeightedEnds) -> Array:
+    """Return deviations (3, 2, N): along and across F's lines from a homography, and from the lines."""
+    one, other = matches.ends[:, 0], matches.ends[:, 1]
+    normal = (homogeneous(matches.ends.mean(axis=1)) @ F.T)[:, :2]
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), TINY)[:, None]
+    line = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
+    deviation = np.moveaxis(transfer_residuals(A, matches), 1, 2)  # (2, N, 2)
+    off_line = [signed_sampson(F, one, other), signed_sampson(F, other, one)]
+    return np.stack([(deviation * line).sum(-1), (deviation * normal).sum(-1), off_line])
 
 
 def chance_densities(measured: Array) -> list[Array]:

@@ -7,7 +7,8 @@ that is narrower than its grid, from the curvature at E.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
 from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
-from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import RotationH, cayley
 from blur2view.robust.parametrization import CameraF, CameraPrior
@@ -24,7 +25,7 @@ from blur2view.robust.refinement import WeightedPoint
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
-from blur2view.two_view.model_selection import Fit, fit_best, measured_sigma_px
+from blur2view.two_view.model_selection import Fit, fit_best, with_inliers
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
@@ -40,60 +41,51 @@ UNSEEN = 0.5
 POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CalibratedFit:
-    """E among its smears: the fit, its pose and the order of every smear by positive depth."""
-
-    problem: SmearProblem
-    point: CameraF
-    oriented: OrientedPose
-
-    def curvature(self) -> Array:
-        """Return the second derivative (5, 5) of half the cost, rotation first, by differences.
-
-        All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose
-        order or kind is uncertain weighs less.
-        """
-        options = RefineOptions(data_weight=self.problem.shared.all_correlation)
-        state = WeightedPoint.likelier(self.point, self.problem.weighted, options)
-        normal, _ = state.normal_equations()
-        rows = []
-        for k in POSE:
-            delta = CURVATURE_STEP / np.sqrt(normal[k, k] + TINY) * np.eye(len(normal))[k]
-            ahead, behind = (state.moved(s * delta).reweighted().normal_equations()[1] for s in (1, -1))
-            rows.append((ahead - behind)[POSE] / (2 * delta[k]))
-        matrix: Array = 0.5 * (np.array(rows) + np.array(rows).T)
-        return matrix if np.linalg.eigvalsh(matrix)[0] > 0 else normal[np.ix_(POSE, POSE)]
-
-    def covariance(self, likelihood: DirectionLikelihood) -> PoseCovariance:
-        """Return the covariance of the pose."""
-        pose, curvature = self.oriented.pose, self.curvature()
-        region = likelihood.region(pose).covariance(pose.translation, pose.rotation_vector)
-        matrix = np.asarray(MISSED * np.linalg.pinv(curvature, hermitian=True), np.float64)
-        sign = np.copysign(1.0, pose.translation @ self.point.t)
-        local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(self.point.t))
-        if max(region.translation_sigma_deg, local.translation_sigma_deg) < NARROW_DEG:
-            return local
-        own = np.zeros((5, 5))  # of the rotation, whatever the direction: the grid has one rotation for each
-        own[:3, :3] = np.linalg.pinv(curvature[:3, :3], hermitian=True)
-        return replace(region, matrix=region.matrix + own)
-
-
-def fit_calibrated(problem: SmearProblem, start: CameraF, likelihood: DirectionLikelihood) -> CalibratedFit:
-    """Return the cheapest E from a camera's fit and from the likeliest direction of translation."""
+def fit_calibrated(
+    problem: SmearProblem, start: CameraF, likelihood: DirectionLikelihood
+) -> tuple[CameraF, OrientedPose]:
+    """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
     rotation, t = likelihood.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
-    point = min(
-        (fit_best(MotionModel.CAMERA, [point], problem) for point in starts),
-        key=lambda fit: fit.score,
-    ).point
-    if not isinstance(point, CameraF):
-        raise TypeError(f"a camera's fit is a CameraF, got {type(point).__name__}")
-    matches = problem.weighted
-    residuals = matches.residuals(point.matrix())
-    inliers = matches.order_weights(residuals).sum(axis=0)
-    oriented = oriented_pose(point.matrix(), problem.ends, residuals.forward_share, inliers)
-    return CalibratedFit(problem=problem, point=point, oriented=oriented)
+    fits = [fit_best(MotionModel.CAMERA, [start], problem) for start in starts]
+    point = cast(CameraF, min(fits, key=lambda fit: fit.score).point)
+    residuals = problem.weighted.residuals(point.matrix())
+    inliers = problem.weighted.order_weights(residuals).sum(axis=0)
+    return point, oriented_pose(point.matrix(), problem.ends, residuals.forward_share, inliers)
+
+
+def curvature(problem: SmearProblem, point: CameraF) -> Array:
+    """Return the second derivative (5, 5) of half the cost at E, rotation first, by differences.
+
+    All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose order
+    or kind is uncertain weighs less.
+    """
+    options = RefineOptions(data_weight=problem.shared.all_correlation)
+    state = WeightedPoint.likelier(point, problem.weighted, options)
+    normal, _ = state.normal_equations()
+    rows = []
+    for k in POSE:
+        delta = CURVATURE_STEP / np.sqrt(normal[k, k] + TINY) * np.eye(len(normal))[k]
+        ahead, behind = (state.moved(s * delta).reweighted().normal_equations()[1] for s in (1, -1))
+        rows.append((ahead - behind)[POSE] / (2 * delta[k]))
+    matrix: Array = 0.5 * (np.array(rows) + np.array(rows).T)
+    return matrix if np.linalg.eigvalsh(matrix)[0] > 0 else normal[np.ix_(POSE, POSE)]
+
+
+def covariance_of(
+    pose: RigidTransform, point: CameraF, problem: SmearProblem, likelihood: DirectionLikelihood
+) -> PoseCovariance:
+    """Return the covariance of the pose of E at a point."""
+    precision = curvature(problem, point)
+    region = likelihood.region(pose).covariance(pose.translation, pose.rotation_vector)
+    matrix = np.asarray(MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
+    sign = np.copysign(1.0, pose.translation @ point.t)
+    local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(point.t))
+    if max(region.translation_sigma_deg, local.translation_sigma_deg) < NARROW_DEG:
+        return local
+    own = np.zeros((5, 5))  # of the rotation, whatever the direction: the grid has one rotation for each
+    own[:3, :3] = np.linalg.pinv(precision[:3, :3], hermitian=True)
+    return replace(region, matrix=region.matrix + own)
 
 
 def with_pose(
@@ -114,19 +106,18 @@ def with_pose(
         pose, covariance = pose_of_rotation(matches, problem, geometry)
         reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
         return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
-    start = next(fit.point for fit in fits if fit.model is MotionModel.CAMERA)
-    if not isinstance(start, CameraF):
-        raise TypeError(f"known intrinsics need a camera's fit, got {type(start).__name__}")
+    start = next(fit.point for fit in fits if isinstance(fit.point, CameraF))
     likelihood = DirectionLikelihood.of(problem, matches.bulk_px[1] * problem.noise_scale)
-    fit = fit_calibrated(problem, start, likelihood)
-    covariance, pose = fit.covariance(likelihood), fit.oriented.pose
-    known = covariance.translation_sigma_deg < KNOWN_DEG
-    if geometry.parallax is Parallax.PROVEN or known:
-        return with_essential(geometry, matches, fit, covariance, options)
-    if geometry.F is not None:
-        geometry = with_essential(geometry, matches, fit, covariance, options)
+    point, oriented = fit_calibrated(problem, start, likelihood)
+    pose = oriented.pose
+    covariance = covariance_of(pose, point, problem, likelihood)
+    given = geometry.parallax is Parallax.PROVEN or covariance.translation_sigma_deg < KNOWN_DEG
+    if given or geometry.F is not None:
+        geometry = with_essential(geometry, matches, problem, oriented, covariance, options)
+    if given:
+        return geometry
     region = likelihood.region(pose)
-    flip = 1.0 if (fit.oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
+    flip = 1.0 if (oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
     wide = region.covariance(pose.translation, region.rotation).matrix.copy()
     wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
     wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
@@ -143,27 +134,27 @@ def with_pose(
 def with_essential(
     geometry: TwoViewGeometry,
     matches: SmearMatches,
-    fit: CalibratedFit,
+    problem: SmearProblem,
+    oriented: OrientedPose,
     covariance: PoseCovariance,
     options: EstimatorOptions,
 ) -> TwoViewGeometry:
-    """Return a geometry with F refitted to known intrinsics, E and its pose."""
-    pose, problem = fit.oriented.pose, fit.problem
-    F = problem.pixels(pose.essential)
+    """Return a geometry with E, its pose, and F, where there is one, refitted to the known intrinsics."""
+    E = oriented.pose.essential
     proven = geometry.parallax is Parallax.PROVEN
-    within_px = options.tolerance_px(measured_sigma_px(pose.essential, problem))
-    return replace(
+    geometry = replace(
         geometry,
-        F=F if geometry.F is not None else None,
-        E=pose.essential,
-        cam2_from_cam1=pose,
+        E=E,
+        cam2_from_cam1=oriented.pose,
         covariance=covariance,
         reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
         config=Configuration.CALIBRATED if proven else geometry.config,
-        model=MotionModel.CALIBRATED if geometry.F is not None else geometry.model,
-        inlier_mask=geometry.inlier_mask if geometry.F is None else serrmin(F, matches.ends) < within_px**2,
-        swapped=fit.oriented.swapped,
+        swapped=oriented.swapped,
     )
+    if geometry.F is None:
+        return geometry
+    F, inlier_mask = with_inliers(E, matches, problem, options)
+    return replace(geometry, F=F, inlier_mask=inlier_mask, model=MotionModel.CALIBRATED)
 
 
 def in_order_of_rotation(geometry: TwoViewGeometry, matches: SmearMatches, rays: Array) -> TwoViewGeometry:

@@ -23,7 +23,7 @@ from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
 from blur2view.two_view.model_selection import Fit, fit_best, fit_from, with_measured_noise
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
-from blur2view.two_view.parallax import Evidence, deviations, parallax_evidence
+from blur2view.two_view.parallax import Evidence, parallax_evidence
 from blur2view.two_view.plane_parallax import plane_and_parallax
 
 SAMPLE = 400  # smears that the tests look at, at most
@@ -88,17 +88,29 @@ def assess(
     if plane is None:
         config = Configuration.UNDEFINED if no_consensus else Configuration.UNCALIBRATED
         return Verdict(config=config, sentence="no homography fits", fit=fit, trusted=not no_consensus)
-    evidence = evidence_of(problem, fit, plane, sample)
+    # Deviations as stated: what F leaves is smaller where few smears are independent, for F takes up errors
+    # that neighbours share.
+    stated = replace(problem.subset(sample), scale=problem.noise_scale)
+
+    def evidence_of(fit: Fit) -> Evidence:
+        return parallax_evidence(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
+
+    evidence = evidence_of(fit)
     if not no_consensus:
-        ordered, F = transfer_orders(plane.generator(), problem.weighted), fit.point.matrix()
-        backward = np.abs(ordered.backward) < np.abs(ordered.forward)
-        motions = find_two_motions(problem, F, backward, evidence.on_plane, rng)
+        on_plane = transfer_orders(plane.generator(), problem.weighted)
+        motions = find_two_motions(problem, fit.point.matrix(), on_plane.swapped, evidence.on_plane, rng)
         if motions is not None and motions.are_several:
             return several_motions(len(matches), motions, fit)
         if motions is not None:
             fit = lower_cost(problem, fit, motions.F)  # one motion, but perhaps a better F of it
-            evidence = evidence_of(problem, fit, plane, sample)
-        fit, evidence = recovered(problem, fit, plane, evidence, sample, rng)
+            evidence = evidence_of(fit)
+        off_plane = np.flatnonzero(on_plane.least**2 >= CUTOFF**2)
+        through = plane_and_parallax(plane.generator(), problem, off_plane, rng)
+        if through is not None:
+            other = fit_from(through, problem)
+            new = evidence_of(other)
+            if problem.data_weight * (new.gain - evidence.gain) > CLEARLY:
+                fit, evidence = other, new
     count = problem.data_weight * len(sample)
     gain = problem.data_weight * evidence.gain
     figures = f"parallax gains {gain:z.0f} over one homography ({PROVEN:.0f} needed)"
@@ -142,18 +154,6 @@ def without_parallax(
     return Verdict(config=config, sentence=sentence, fit=fit, trusted=not absent, generator=generator)
 
 
-def evidence_of(problem: SmearProblem, fit: Fit, plane: PlaneH, sample: NDArray[np.int_]) -> Evidence:
-    """Return the evidence for parallax.
-
-    Standard deviations are those stated: what F leaves is smaller where few smears are independent, for F
-    takes up errors that neighbours share.
-    """
-    stated = replace(problem.subset(sample), scale=problem.noise_scale)
-    return parallax_evidence(
-        deviations(plane.generator(), fit.point.matrix(), stated.weighted, stated.unit_px)
-    )
-
-
 def within_errors(matches: SmearMatches) -> bool:
     """Return whether the shorter smears are as short as errors alone make them, up to half astray.
 
@@ -163,25 +163,6 @@ def within_errors(matches: SmearMatches) -> bool:
     quantile, astray = SHORT
     ratio = (matches.length_px / matches.sigma_px) ** 2
     return bool(np.quantile(ratio, quantile) < -np.log(1 - quantile / astray))
-
-
-def recovered(
-    problem: SmearProblem,
-    fit: Fit,
-    plane: PlaneH,
-    evidence: Evidence,
-    sample: NDArray[np.int_],
-    rng: np.random.Generator,
-) -> tuple[Fit, Evidence]:
-    """Return F from the plane and the smears off it, with its evidence, where it is clearly better."""
-    off_plane = np.flatnonzero(transfer_orders(plane.generator(), problem.weighted).least ** 2 >= CUTOFF**2)
-    F = plane_and_parallax(plane.generator(), problem, off_plane, rng)
-    if F is None:
-        return fit, evidence
-    other = fit_from(F, problem)
-    new = evidence_of(problem, other, plane, sample)
-    better = problem.data_weight * (new.gain - evidence.gain) > CLEARLY
-    return (other, new) if better else (fit, evidence)
 
 
 def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:

@@ -33,21 +33,11 @@ STEP_DEG = 4.5  # distance of the directions of the grid
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectionLikelihood:
-    """Smears of a known camera under any direction of translation.
+    """Smears of a known camera under any direction of translation."""
 
-    Parameters
-    ----------
-    problem : SmearProblem
-        Smears in coordinates of the camera (K = identity).
-    across : ndarray of shape (N,)
-        Standard deviations of the error across each smear over its length.
-    count : float
-        How many of the smears are independent.
-    """
-
-    problem: SmearProblem
-    across: Array
-    count: float
+    problem: SmearProblem  # in coordinates of the camera (K = identity)
+    across: Array  # (N,) standard deviations of the error across each smear over its length
+    count: float  # how many of the smears are independent
 
     @classmethod
     def of(cls, problem: SmearProblem, across_px: Array) -> DirectionLikelihood:
@@ -114,19 +104,11 @@ class DirectionLikelihood:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TranslationRegion:
-    """The posterior of a motion over directions of its translation.
+    """The posterior of a motion over directions of its translation."""
 
-    Parameters
-    ----------
-    directions, rotations : ndarray of shape (G, 3)
-        Directions, and the rotation that goes with each, of one flip of time.
-    weight : ndarray of shape (G,)
-        Their probabilities.
-    """
-
-    directions: Array
-    rotations: Array
-    weight: Array
+    directions: Array  # (G, 3) of one flip of time
+    rotations: Array  # (G, 3) that go with each
+    weight: Array  # (G,) their probabilities
 
     @cached_property
     def rotation(self) -> Array:

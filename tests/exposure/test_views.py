@@ -16,6 +16,7 @@ from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.pipeline import Estimate, Timings
 from tests.support.grids import grid_of
 from tests.support.scenes import Scene, disturb, make_scene
+from tools.metrics import squared_distance
 
 
 def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
@@ -137,8 +138,8 @@ def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
             rotation=rotation_matrix(error[:3]) @ pose.rotation,
             translation=direction / np.linalg.norm(direction),
         )
-        distance = covariance.squared_distance(pose, true)
-        assert inverse.squared_distance(pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
+        distance = squared_distance(covariance, pose, true)
+        assert squared_distance(inverse, pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
 
 
 def test_refuses_points_that_do_not_align_and_impossible_confidences(result: Estimate) -> None:

@@ -5,7 +5,6 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.depth import order_log_odds, parallax_along_lines
-from blur2view.geometry.epipolar import apply_similarity
 from blur2view.geometry.rotation import rotation_vector
 from tests.support.scenes import make_scene
 
@@ -13,8 +12,7 @@ from tests.support.scenes import make_scene
 def parallax(seed: int, rotation_share: float) -> tuple[Array, Array, np.ndarray]:
     """Parallax of both orders of an exact scene's smears, and which smears are swapped."""
     scene = make_scene(np.random.default_rng(seed), rotation_share=rotation_share)
-    inverse: Array = np.asarray(np.linalg.inv(scene.K), float)
-    ends = apply_similarity(inverse, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    ends = scene.camera.rays(scene.ends)
     middle, displacement = ends.mean(axis=1).T, (ends[:, 1] - ends[:, 0]).T
     return *parallax_along_lines(rotation_vector(scene.R), scene.t, middle, displacement), scene.swapped
 

@@ -21,11 +21,11 @@ def test_cross_matrix_is_the_cross_product() -> None:
     assert np.allclose((epipolar.cross_matrix(v) @ w[..., None])[..., 0], np.cross(v, w))
 
 
-def test_split_into_symmetric_and_skew_is_undone_by_joining() -> None:
+def test_F_is_a_symmetric_and_a_skew_matrix() -> None:
     F = random_matrices(1, 4)
     S, a = epipolar.symmetric_skew(F)
     assert np.allclose(S, np.swapaxes(S, 1, 2))
-    assert np.allclose(epipolar.join_symmetric_skew(S, a), F)
+    assert np.allclose(S + epipolar.cross_matrix(a), F)
     assert np.allclose(epipolar.symmetric_skew(np.swapaxes(F, 1, 2))[1], -a)
 
 
@@ -45,8 +45,8 @@ def test_constraint_is_q_plus_l_and_swapping_flips_l() -> None:
 def test_determinant_of_F_is_blind_to_the_sign_of_a() -> None:
     S, a = epipolar.symmetric_skew(random_matrices(3, 10))
     expected = np.linalg.det(S) + np.einsum("ni,nij,nj->n", a, S, a)
-    assert np.allclose(np.linalg.det(epipolar.join_symmetric_skew(S, a)), expected)
-    assert np.allclose(np.linalg.det(epipolar.join_symmetric_skew(S, -a)), expected)
+    assert np.allclose(np.linalg.det(S + epipolar.cross_matrix(a)), expected)
+    assert np.allclose(np.linalg.det(S - epipolar.cross_matrix(a)), expected)
 
 
 def test_sampson_is_opencv_s() -> None:
@@ -86,32 +86,21 @@ def test_true_F_explains_its_smears_and_orders_them() -> None:
 
 def test_serrmin_scales_with_the_coordinates() -> None:
     F, ends = random_matrices(7, 1)[0], np.random.default_rng(7).uniform(0, 600, (20, 2, 2))
-    normalised = epipolar.apply_similarity(SIMILARITY, ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    normalised = epipolar.apply_similarity(SIMILARITY, ends)
     pixels = sampson.serrmin(epipolar.denormalise(F, SIMILARITY), ends)
     assert np.allclose(pixels * 0.01**2, sampson.serrmin(F, normalised))
 
 
-def test_batch_scores_equal_serrmin() -> None:
-    scene = make_scene(np.random.default_rng(8), count=200)
-    T = epipolar.shared_normalisation(scene.ends)
-    ends = epipolar.apply_similarity(T, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
-    F, unit = random_matrices(8, 30), 1 / T[0, 0]
-    exact = np.sqrt(sampson.serrmin(F, ends)) * unit
-    batch = BatchSampson(ends, unit)
-    assert np.allclose(np.sqrt(batch(F)), exact, atol=0.01)
-    assert np.allclose(np.sqrt(batch(F, np.array([5, 3]))), exact[:, [5, 3]], atol=0.01)
-
-
 @pytest.mark.parametrize(("models", "smears"), [(300, 100), (2, sampson.CHUNK + 1)])
-def test_costs_are_cut_and_weighed_sums_however_many_there_are(models: int, smears: int) -> None:
-    rng = np.random.default_rng(9)
+def test_costs_are_cut_and_weighed_sums_of_serrmin_however_many_there_are(models: int, smears: int) -> None:
+    rng, unit_px = np.random.default_rng(9), 500.0
     F, ends = random_matrices(9, models), rng.uniform(-0.5, 0.5, (smears, 2, 2))
     weight = rng.uniform(0.5, 2.0, smears).astype(np.float32)
-    batch = BatchSampson(ends, 500.0)
+    batch, exact = BatchSampson(ends, unit_px), sampson.serrmin(F, ends) * unit_px**2
     assert models * smears > sampson.CHUNK
     for block in (slice(None), np.array([7, 3, 50])):
-        summed = np.minimum(batch(F, block) * weight[block], 900.0).sum(axis=1)
-        assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-5)
+        summed = np.minimum(exact[:, block] * weight[block], 900.0).sum(axis=1)
+        assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-3, atol=0.01)
 
 
 def test_epipoles_are_the_null_vectors() -> None:

@@ -1,14 +1,22 @@
-"""Starts for the robust loop, on exact smears."""
+"""Starts for the robust loop, on exact smears, and the score by which it compares them."""
 
 import numpy as np
 import pytest
 
-from blur2view.geometry.epipolar import apply_similarity
+from blur2view.arrays import Array
 from blur2view.geometry.rotation import half_sphere
+from blur2view.geometry.sampson import serrmin
 from blur2view.robust.minimal_solvers import meeting_points, small_rotation_hypotheses
 from blur2view.robust.ransac import weighted_samples
-from tests.support.scenes import make_scene
+from blur2view.robust.residuals import CUTOFF
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.model_selection import build_estimator
+from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.metrics import rho
+
+
+def rays(scene: Scene) -> Array:
+    return scene.camera.rays(scene.ends)
 
 
 def test_half_sphere_is_even_and_of_unit_length() -> None:
@@ -25,9 +33,7 @@ def test_three_smears_and_the_true_direction_give_nearly_the_true_F() -> None:
     for seed in range(10):
         rng = np.random.default_rng(seed)
         scene = make_scene(rng, count=200, length_px=8, rotation_share=0.8)
-        normalised = apply_similarity(
-            np.asarray(np.linalg.inv(scene.K), float), scene.ends.reshape(-1, 2)
-        ).reshape(-1, 2, 2)
+        normalised = rays(scene)
         direction = scene.t[None] / np.linalg.norm(scene.t)
         samples = normalised[rng.integers(0, 200, (20, 3))]
         F = small_rotation_hypotheses(samples, direction, np.full(3, 0.2))
@@ -38,8 +44,7 @@ def test_three_smears_and_the_true_direction_give_nearly_the_true_F() -> None:
 @pytest.mark.parametrize("swapped", [[], [1], [2], [1, 2]])
 def test_every_order_of_three_smears_is_tried(swapped: list[int]) -> None:
     scene = make_scene(np.random.default_rng(3), count=60, length_px=8, rotation_share=0.8)
-    inverse = np.asarray(np.linalg.inv(scene.K), float)
-    ends = apply_similarity(inverse, scene.ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    ends = rays(scene)
     ends[scene.swapped] = ends[scene.swapped][:, ::-1]  # all in the order of time
     direction = scene.t[None] / np.linalg.norm(scene.t)
     best = []
@@ -52,9 +57,7 @@ def test_every_order_of_three_smears_is_tried(swapped: list[int]) -> None:
 
 def test_rotations_beyond_the_limit_are_dropped() -> None:
     scene = make_scene(np.random.default_rng(0), count=30)
-    samples = apply_similarity(np.asarray(np.linalg.inv(scene.K), float), scene.ends.reshape(-1, 2)).reshape(
-        10, 3, 2, 2
-    )
+    samples = rays(scene).reshape(10, 3, 2, 2)
     everything, some = (
         len(small_rotation_hypotheses(samples, half_sphere(20), np.full(3, limit))) for limit in (1e6, 0.05)
     )
@@ -82,3 +85,16 @@ def test_samples_do_not_repeat_and_follow_the_weights() -> None:
     assert 0.7 < (drawn >= 10).mean() < 0.95
     with pytest.raises(ValueError, match="at least 7"):
         weighted_samples(np.ones(6), 7, 1, np.random.default_rng(0))
+
+
+def test_score_is_the_cut_sum_of_squared_distances_in_standard_deviations() -> None:
+    rng = np.random.default_rng(0)
+    ends = make_scene(rng, count=200, length_px=15).ends
+    sigma = rng.uniform(0.3, 3, len(ends))
+    matches = SmearMatches.from_points(ends[:, 0], ends[:, 1], sigma_px=sigma, image_size=IMAGE_SIZE)
+    estimator = build_estimator(matches)
+    models, some = rng.normal(size=(20, 3, 3)), rng.permutation(200)[:150]
+    squared = np.stack([serrmin(estimator.problem.pixels(F), ends) for F in models])
+    deviations = squared / matches.sampson_px**2
+    expected = np.minimum(deviations, CUTOFF**2)[:, some].sum(axis=1)
+    np.testing.assert_allclose(estimator.score(models, some), expected, rtol=1e-3)

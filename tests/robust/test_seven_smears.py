@@ -6,14 +6,15 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import denormalise
 from blur2view.robust.minimal_solvers import homogeneous_cubic_roots, solve_seven_smears
-from tests.support.scenes import Scene, make_scene
+from tests.support.scenes import make_scene
 
 
-def samples(count: int, seed: int = 0) -> tuple[Array, Array, list[Scene]]:
+def samples(count: int, seed: int = 0) -> tuple[Array, Array]:
+    """Give samples (count, 7, 2, 2) of exact smears, and the true F of each."""
     rng = np.random.default_rng(seed)
     scenes = [make_scene(rng, count=60, length_px=rng.uniform(4, 60)) for _ in range(count)]
     ends = np.stack([scene.ends[rng.choice(60, 7, replace=False)] for scene in scenes])
-    return ends, np.stack([scene.F for scene in scenes]), scenes
+    return ends, np.stack([scene.F for scene in scenes])
 
 
 def distance(F: Array, truth: Array) -> Array:
@@ -23,32 +24,32 @@ def distance(F: Array, truth: Array) -> Array:
     return least
 
 
-def errors(ends: Array, truth: Array, signs: Array | None = None) -> Array:
-    """Least distance, per sample, of a candidate to F or its transpose."""
-    F, sample = solve_seven_smears(ends, signs)
-    least = np.full(len(ends), np.inf)
-    either = np.minimum(distance(F, truth[sample]), distance(F, np.swapaxes(truth, 1, 2)[sample]))
-    np.minimum.at(least, sample, either)
-    return least
-
-
 def test_truth_is_among_the_candidates_of_1000_exact_samples() -> None:
-    ends, truth, _ = samples(1000)
-    error = errors(ends, truth)
-    assert error.max() < 1e-3
-    assert (error < 1e-6).mean() >= 0.999
+    error = []
+    for sample, truth in zip(*samples(1000), strict=True):
+        F = solve_seven_smears(sample[None])
+        error.append(min(distance(F, truth).min(), distance(F, truth.T).min()))
+    assert max(error) < 1e-3
+    assert (np.array(error) < 1e-6).mean() >= 0.999
+
+
+def test_many_samples_give_what_each_gives() -> None:
+    ends, _ = samples(3)
+    together = solve_seven_smears(ends)
+    alone = np.concatenate([solve_seven_smears(sample[None]) for sample in ends])
+    assert np.allclose(sorted(np.abs(together).sum(axis=(1, 2))), sorted(np.abs(alone).sum(axis=(1, 2))))
 
 
 def test_candidates_have_rank_two_and_fit_their_sample() -> None:
-    ends, _, _ = samples(5)
-    F, sample = solve_seven_smears(ends)
+    ends = samples(1, seed=2)[0][0]
+    F = solve_seven_smears(ends[None])
     singular = np.linalg.svd(F)[1]
     assert np.median(singular[:, 2] / singular[:, 1]) < 1e-9
-    x, y = (np.concatenate([ends[sample][:, :, i], np.ones((len(F), 7, 1))], axis=-1) for i in (0, 1))
-    forward, backward = (np.abs(np.einsum("mni,mij,mnj->mn", *triple)) for triple in ((y, F, x), (x, F, y)))
+    x, y = (np.column_stack([ends[:, i], np.ones(7)]) for i in (0, 1))
+    forward, backward = (np.abs(np.einsum("ni,mij,nj->mn", *triple)) for triple in ((y, F, x), (x, F, y)))
     scale = np.linalg.norm(x, axis=-1) * np.linalg.norm(y, axis=-1)
     assert np.median((np.minimum(forward, backward) / scale).max(axis=1)) < 1e-12
-    assert 100 < len(F) / 5 < 192
+    assert 100 < len(F) < 192
 
 
 def same_sets(one: Array, other: Array) -> bool:
@@ -60,63 +61,31 @@ def same_sets(one: Array, other: Array) -> bool:
 
 
 def test_swapping_the_ends_of_any_smear_leaves_the_candidates() -> None:
-    ends, _, _ = samples(1, seed=3)
-    reference, _ = solve_seven_smears(ends)
+    ends, _ = samples(1, seed=3)
+    reference = solve_seven_smears(ends)
     for swap in ([0], [3], [1, 4, 6], range(7)):
         swapped = ends.copy()
         swapped[:, list(swap)] = swapped[:, list(swap), ::-1]
-        assert same_sets(solve_seven_smears(swapped)[0], reference)
-
-
-def test_swapping_all_ends_with_one_pattern_transposes() -> None:
-    ends, _, _ = samples(3, seed=4)
-    pattern = np.array([[1.0, -1, 1, 1, -1, 1, 1]])
-    F, _ = solve_seven_smears(ends, pattern)
-    transposed, _ = solve_seven_smears(ends[:, :, ::-1], pattern)
-    assert len(F) and len(F) == len(transposed)
-    pairs = distance(F[:, None], np.swapaxes(transposed, 1, 2)[None])
-    assert pairs.min(axis=0).max() < 1e-6
+        assert same_sets(solve_seven_smears(swapped), reference)
 
 
 def test_candidates_follow_a_similarity_of_the_coordinates() -> None:
-    ends, _, _ = samples(1, seed=5)
+    ends, _ = samples(1, seed=5)
     T = np.array([[0.02, 0, -5.0], [0, 0.02, 4.0], [0, 0, 1]])
-    moved, _ = solve_seven_smears(ends * 0.02 + [-5.0, 4.0])
-    assert same_sets(denormalise(moved, T), solve_seven_smears(ends)[0])
-
-
-def test_the_true_pattern_alone_suffices() -> None:
-    ends, truth, _ = samples(50, seed=6)
-    x, y = (np.concatenate([ends[:, :, i], np.ones((50, 7, 1))], axis=-1) for i in (0, 1))
-    forward = np.einsum("bni,bij,bnj->bn", y, truth, x)
-    backward = np.einsum("bni,bij,bnj->bn", x, truth, y)
-    signs = np.where(np.abs(forward) < np.abs(backward), 1.0, -1.0)
-    found = [solve_seven_smears(ends[i : i + 1], signs[i : i + 1])[0] for i in range(50)]
-    # +1: ends[:, 0] is the open end; so F itself is there, not its transpose
-    assert max(distance(F, true).min() for F, true in zip(found, truth, strict=True)) < 1e-6
-
-
-def test_no_patterns_give_no_candidates() -> None:
-    ends, _, _ = samples(2)
-    F, sample = solve_seven_smears(ends, np.zeros((0, 7)))
-    assert F.shape == (0, 3, 3) and sample.shape == (0,)
+    moved = solve_seven_smears(ends * 0.02 + [-5.0, 4.0])
+    assert same_sets(denormalise(moved, T), solve_seven_smears(ends))
 
 
 def test_samples_without_information_give_no_candidate() -> None:
     same = np.ones((1, 7, 2, 2))
     still = np.random.default_rng(7).uniform(0, 500, (1, 7, 1, 2)).repeat(2, axis=2)
-    for ends in (same, still, np.zeros((0, 7, 2, 2))):
-        F, sample = solve_seven_smears(ends)
-        assert F.shape == (0, 3, 3) and sample.shape == (0,)
+    for ends in (same, still):
+        assert solve_seven_smears(ends).shape == (0, 3, 3)
 
 
 def test_wrong_shapes_are_refused_with_the_shape() -> None:
     with pytest.raises(ValueError, match=r"\(2, 6, 2, 2\)"):
         solve_seven_smears(np.zeros((2, 6, 2, 2)))
-    with pytest.raises(ValueError, match=r"\(7,\)"):
-        solve_seven_smears(np.zeros((2, 7, 2, 2)), np.ones(7))
-    with pytest.raises(ValueError, match=r"\(3, 4, 7\)"):
-        solve_seven_smears(np.zeros((2, 7, 2, 2)), np.ones((3, 4, 7)))
 
 
 @pytest.mark.parametrize("roots", [(1.0, 2.0, 3.0), (-5.0, 1e-3, 2.0), (2.0, 2.0, -1.0), (1e4, 1.0, -1e-4)])

@@ -51,8 +51,7 @@ def transferred(K: Array, rays: Array) -> Array:
 
 
 def test_a_refused_photograph_has_no_pose() -> None:
-    scene = make_scene(np.random.default_rng(1), count=12)
-    geometry = solve(scene)
+    geometry = solve(make_scene(np.random.default_rng(1), count=12))
     assert geometry.config is Configuration.DEGENERATE
     assert geometry.cam2_from_cam1 is None and geometry.E is None and geometry.covariance is None
 

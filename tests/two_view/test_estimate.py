@@ -1,5 +1,6 @@
 """The whole estimator on synthetic smears: exact ones, noisy ones over named seeds, and ones without an F."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.acceptance import agreement, constant_field
+from blur2view.two_view.acceptance import agreement
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.model_selection import PARAMETERS, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
@@ -24,7 +25,6 @@ from tests.support.scenes import (
     Scene,
     disturb,
     make_scene,
-    noise_field_ends,
     with_outliers,
     with_second_motion,
 )
@@ -32,6 +32,7 @@ from tools.estimators.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)
+LOCAL_MINIMA = (12, 29, 44, 79, 95, 132)  # from the search's F alone they ended at a rho of 0.0009 to 0.0084
 ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
 
 
@@ -62,9 +63,12 @@ def opencv(points1: Array, points2: Array) -> Array | None:
     return None if F is None or F.shape[0] < 3 else np.asarray(F[:3], float)
 
 
-@pytest.mark.parametrize("camera", [True, False])
-def test_exact_smears_give_the_true_F_and_orders(camera: bool) -> None:
-    for seed in SEEDS:
+@pytest.mark.parametrize(
+    ("camera", "seeds", "least"),
+    [(True, SEEDS, 0.9), (False, SEEDS, 0.9), (True, LOCAL_MINIMA, 0.95)],
+)
+def test_exact_smears_give_the_true_F_and_orders(camera: bool, seeds: Iterable[int], least: float) -> None:
+    for seed in seeds:
         scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
         geometry = solve(matches_of(scene, 0.2, camera))
         assert geometry.config is Configuration.UNCALIBRATED
@@ -74,17 +78,7 @@ def test_exact_smears_give_the_true_F_and_orders(camera: bool) -> None:
         assert median_rho(geometry.F, scene) < 5e-4
         assert geometry.inlier_mask.mean() > 0.99
         right = (geometry.swapped == scene.swapped).mean()
-        assert max(right, 1 - right) > 0.9
-
-
-@pytest.mark.parametrize("seed", [12, 29, 44, 79, 95, 132])
-def test_exact_smears_end_in_no_local_minimum(seed: int) -> None:
-    """From the search's F alone these ended at a rho of 0.0009 to 0.0084."""
-    scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
-    geometry = solve(matches_of(scene, 0.2))
-    assert median_rho(geometry.F, scene) < 5e-4
-    right = (geometry.swapped == scene.swapped).mean()
-    assert max(right, 1 - right) > 0.95
+        assert max(right, 1 - right) > least
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
@@ -217,35 +211,6 @@ def test_score_is_akaikes_criterion_and_the_odds_against_a_family() -> None:
     assert beyond == pytest.approx(expected)
 
 
-def assert_refused(geometry: TwoViewGeometry, config: Configuration, words: str) -> None:
-    assert geometry.F is None
-    assert geometry.config is config
-    assert words in geometry.reason
-    assert geometry.model == "none"
-    assert not geometry.inlier_mask.any() and not geometry.swapped.any()
-
-
-def test_a_constant_field_fits_anything() -> None:
-    points = np.random.default_rng(2).uniform(0, 400, (500, 2))
-    matches = SmearMatches.from_points(points, points + [8.0, 3.0], image_size=IMAGE_SIZE)
-    assert constant_field(matches)
-    turned = np.arange(500)[:, None, None] % 2 == 0
-    assert constant_field(replace(matches, ends=np.where(turned, matches.ends, matches.ends[:, ::-1])))
-    assert_refused(solve(matches), Configuration.DEGENERATE, "constant field")
-    assert not constant_field(matches_of(make_scene(np.random.default_rng(2))))
-
-
-def test_a_still_background_with_a_small_moving_person_gives_no_F() -> None:
-    middle = np.random.default_rng(3).uniform([300, 200], [360, 340], (400, 2))
-    ends = np.stack([middle - [6.0, 1], middle + [6.0, 1]], axis=1)
-    ends += np.random.default_rng(4).normal(0, 0.4, ends.shape)
-    walker = SmearMatches(ends=ends, sigma_px=np.ones(400), image_size=IMAGE_SIZE)
-    assert_refused(solve(walker), Configuration.DEGENERATE, "one moving object")
-    still = replace(walker, still_share=0.9)
-    assert_refused(solve(still), Configuration.DEGENERATE, "no motion of the camera: 90%")
-    assert_refused(solve(replace(walker, directed_share=0.01)), Configuration.DEGENERATE, "in 1.0% of the")
-
-
 @pytest.mark.parametrize(("scale", "count"), [(20, 2000), (3, 60)])
 def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int) -> None:
     scene = make_scene(np.random.default_rng(5))
@@ -255,16 +220,6 @@ def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int)
         image_size=(IMAGE_SIZE[0] * scale, IMAGE_SIZE[1] * scale),
     )
     assert solve(few).F is not None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("correlation_px", [0.0, 20.0])
-def test_random_smears_give_no_F(correlation_px: float) -> None:
-    for seed in range(4):
-        ends = noise_field_ends(np.random.default_rng(seed), count=1500, correlation_px=correlation_px)
-        matches = SmearMatches(ends=ends, sigma_px=np.full(1500, 2.0), image_size=IMAGE_SIZE)
-        assert_refused(solve(matches), Configuration.UNDEFINED, "no consensus")
-        assert "half" not in solve(matches).reason  # chance alone refuses it
 
 
 def test_chance_agreement_is_measured_and_subtracted() -> None:
@@ -278,14 +233,8 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [
-        {"max_error_px": 0.0},
-        {"max_error_px": np.inf},
-        {"max_error_px": 1e300},  # its square is no number
-        {"max_iterations": 0},
-        {"confidence": 1.0},
-    ],
-)
+    [*({"max_error_px": px} for px in (0.0, np.inf, 1e300)), {"max_iterations": 0}, {"confidence": 1.0}],
+)  # 1e300 px: its square is no number
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         EstimatorOptions(**wrong)

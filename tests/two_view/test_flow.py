@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.pose import CHI_SQUARED_90
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.robust.homography import PlaneH, RotationH
 from blur2view.robust.parametrization import CameraPrior
@@ -16,6 +15,7 @@ from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.smears.noise import INDEPENDENT, SharedErrors
 from blur2view.two_view.flow import LOW_FREQUENCY, FlowData, FlowFit, fit_flow
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
+from tools.metrics import CHI_SQUARED_90
 
 FIXED = CameraPrior(rotation=(1.0, 1.0, 1.0), log_focal=0.0, principal=0.0)
 SLOWLY = SharedErrors(independent_share=1.0, length=0.05, direction_rad=0.03)

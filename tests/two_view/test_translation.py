@@ -8,7 +8,7 @@ from scipy.stats import t as student
 
 from blur2view import estimate_two_view
 from blur2view.arrays import Array
-from blur2view.geometry.pose import RigidTransform, oriented_pose
+from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust.parametrization import CameraF
@@ -17,7 +17,7 @@ from blur2view.robust.refinement import WeightedPoint
 from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.flow import FREEDOM
-from blur2view.two_view.pose import POSE, CalibratedFit
+from blur2view.two_view.pose import POSE, curvature
 from blur2view.two_view.translation import ROTATION_SPREAD, DirectionLikelihood, unit_lines
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
 from tools.metrics import translation_direction_error_deg
@@ -81,21 +81,19 @@ def test_curvature_of_a_calibrated_fit_is_the_second_derivative_of_half_its_cost
     scene = disturb(make_scene(rng, count=300), rng, noise_px=0.1)
     problem = likelihood_of(scene, 0.1).problem
     point = CameraF(t=scene.t / np.linalg.norm(scene.t), R=scene.R, spread=problem.prior)
-    F, weighted = point.matrix(), problem.weighted
-    residuals = weighted.residuals(F)
-    oriented = oriented_pose(F, problem.ends, residuals.forward_share, np.ones(len(problem.ends)))
-    curvature = CalibratedFit(problem=problem, point=point, oriented=oriented).curvature()
+    plain, weighted = problem.weighted.residuals(point.matrix()), problem.weighted
+    second = curvature(problem, point)
     options = RefineOptions(data_weight=problem.shared.all_correlation)
     states = (
-        WeightedPoint(point=point, matches=weighted, residuals=residuals, sign=sign, options=options)
+        WeightedPoint(point=point, matches=weighted, residuals=plain, sign=sign, options=options)
         for sign in (1.0, -1.0)
     )
     state = min((state.reweighted() for state in states), key=lambda state: state.cost)
     for index, parameter in enumerate(POSE):
         delta = np.zeros(len(point.tangent()))
-        delta[parameter] = step = 0.3 / curvature[index, index] ** 0.5
+        delta[parameter] = step = 0.3 / second[index, index] ** 0.5
         behind, here, ahead = (state.moved(s * delta).reweighted().cost for s in (-1, 0, 1))
-        assert curvature[index, index] == pytest.approx((ahead + behind - 2 * here) / 2 / step**2, rel=1e-3)
+        assert second[index, index] == pytest.approx((ahead + behind - 2 * here) / 2 / step**2, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", range(4))

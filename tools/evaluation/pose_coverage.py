@@ -15,7 +15,7 @@ from typing import get_args
 import numpy as np
 
 from blur2view.camera.camera import Camera
-from blur2view.geometry.pose import CHI_SQUARED_90, RigidTransform
+from blur2view.geometry.pose import RigidTransform
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
@@ -28,7 +28,12 @@ from tools.datasets.synthetic_matches import (
     SyntheticSmears,
     synthetic_smears,
 )
-from tools.metrics import rotation_error, translation_direction_error_deg
+from tools.metrics import (
+    CHI_SQUARED_90,
+    rotation_error,
+    squared_distance,
+    translation_direction_error_deg,
+)
 from tools.pages import publish, table
 from tools.processes import single_threaded_pool
 
@@ -89,7 +94,7 @@ def outcome(case: Case, seed: int) -> Outcome | None:
         return None
     true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
     whole, rotation, translation = (
-        covariance.squared_distance(pose, true, part) < CHI_SQUARED_90[part.stop - part.start]
+        squared_distance(covariance, pose, true, part) < CHI_SQUARED_90[part.stop - part.start]
         for part in PARTS
     )
     errors = (
