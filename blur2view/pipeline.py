@@ -59,17 +59,35 @@ class Timings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """The estimate of one photograph, and every step that led to it."""
+    """The estimate of one photograph, and every step that led to it.
 
-    grid: SmearGrid  # the smears and their standard deviations at the network's cells
-    matches: SmearMatches  # the N smears that were used
-    geometry: TwoViewGeometry  # F or None, the configuration with its reason, masks of the N matches
-    model_id: str  # name of the network's weights
+    Parameters
+    ----------
+    grid : SmearGrid
+        The smears and their standard deviations at the network's cells.
+    matches : SmearMatches
+        The N smears that were used.
+    geometry : TwoViewGeometry
+        F or None, the configuration with its reason, and the masks of the N matches.
+    model_id : str
+        Name of the network's weights.
+    timings : Timings
+        Seconds per step.
+    camera : Camera or None
+        The intrinsics that were used.
+    shutter : RollingShutter or None
+        For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
+    time : TimeDirection
+        Whether neighbouring frames decided which end of the exposure came first.
+    """
+
+    grid: SmearGrid
+    matches: SmearMatches
+    geometry: TwoViewGeometry
+    model_id: str
     timings: Timings
-    camera: Camera | None = None  # the intrinsics that were used
-    # for which `geometry` was corrected; `grid` and `matches` are as recorded
+    camera: Camera | None = None
     shutter: RollingShutter | None = None
-    # whether neighbouring frames decided which end of the exposure came first
     time: TimeDirection = field(default_factory=TimeDirection)
 
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
@@ -122,8 +140,15 @@ def estimate(
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
 
-    A photograph without a trustworthy F has a configuration with its reason, not an error. ValueError if
-    image or camera is none, or a shutter comes without a camera; ModelError if the network cannot be used.
+    Returns
+    -------
+    Estimate
+        A photograph without a trustworthy F has a configuration with its reason, not an error.
+
+    Raises
+    ------
+    ValueError, ModelError
+        If image or camera is none, or a shutter comes without a camera; if the network cannot be used.
     """
     if not isinstance(camera, Camera | None):
         raise ValueError(

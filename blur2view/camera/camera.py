@@ -47,7 +47,10 @@ class Camera:
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
         More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
 
-    ValueError if shapes or values are not as above.
+    Raises
+    ------
+    ValueError
+        If shapes or values are not as above.
     """
 
     K: Array
@@ -90,10 +93,20 @@ class Camera:
     def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
         """Return the camera of ``cv2.calibrateCamera`` and its like.
 
-        K (3, 3) has (0, 0) at the centre of the top-left pixel, as OpenCV's and ours have. ``dist``, of any
-        shape, is the distortion k1, k2, p1, p2[, k3[, k4, k5, k6]]; None or none for no distortion, more
-        (thin prisms, a tilted sensor) only if they are zero. ``size`` is width and height of the pictures.
-        ValueError if the values are not as above, CameraError if no such camera can be.
+        Parameters
+        ----------
+        K : ndarray of shape (3, 3)
+            Camera matrix, (0, 0) at the centre of the top-left pixel, as OpenCV's and ours are.
+        dist : ndarray of 0, 4, 5 or 8 elements, or None
+            Distortion k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape; None or none for no distortion. More
+            (thin prisms, a tilted sensor) only if they are zero.
+        size : (int, int)
+            Width and height of the pictures, pixels.
+
+        Raises
+        ------
+        ValueError, CameraError
+            If the values are not as above; if no such camera can be.
         """
         K = np.asarray(K, float)
         given = np.zeros(0) if dist is None else np.asarray(dist, float).ravel()

@@ -43,9 +43,21 @@ def write_database(
     Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
     direction is known.
 
-    A file of this name is replaced only if that is wanted, once the new one is whole. Of photographs without
-    F and H nothing is matched: the ends' order would mean nothing. ValueError if two photographs have one
-    name, DatabaseError if the file exists or cannot be written.
+    Parameters
+    ----------
+    path : path-like
+        Must not exist, unless it is replaced.
+    photographs : sequence of ExposureViews
+        Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
+    replace : bool
+        Whether a file of this name is replaced, once the new one is whole.
+
+    Raises
+    ------
+    ValueError
+        If two photographs have one name.
+    DatabaseError
+        If the file exists or cannot be written.
     """
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):

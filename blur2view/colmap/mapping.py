@@ -69,15 +69,32 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
 
-    In a database of exposures alone each is a model of two images, which do not determine the focal length:
-    pass it to ``to-colmap``. In a linked one (``--link``) the views stand beside the photographs of an
-    ordinary project: its wide baselines begin the model, make the points and refine the intrinsics, and only
-    what would refuse the views is changed. ``keep_photographs`` leaves the poses of photographs in the model
-    that ``input_path`` names as they are, and the intrinsics: so views join the model that was there before
-    them; smears, which err more than features do, cannot bend it. ValueError if photographs are to be kept
-    where there are none.
+    Parameters
+    ----------
+    linked : bool
+        False: a database of exposures alone, each of which is a model of two images, which do not determine
+        the focal length: pass it to ``to-colmap``. True: the views stand beside the photographs of an
+        ordinary project (``--link``). Its wide baselines then begin the model, make the points and refine the
+        intrinsics, and only what would refuse the views is changed.
+    keep_photographs : bool
+        Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
+        are, and the intrinsics. So views join the model that was there before them; smears, which err more
+        than features do, cannot bend it.
 
-    The source says why each value of the pycolmap.IncrementalPipelineOptions differs from pycolmap 4.2's.
+    Returns
+    -------
+    pycolmap.IncrementalPipelineOptions
+        The source says why each value differs from the default of pycolmap 4.2.
+
+    Raises
+    ------
+    ValueError
+        If photographs are to be kept where there are none.
+
+    Examples
+    --------
+    >>> mapper_options().triangulation.ignore_two_view_tracks
+    False
     """
     import pycolmap
 
@@ -125,11 +142,23 @@ def global_options() -> Any:
 def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
     """Return the model of one exposure with the estimated poses, unchanged, and triangulated points.
 
-    The database is one that ``blur2view to-colmap`` wrote with known intrinsics, and only read; ``name`` is
-    the photograph's. The pycolmap.Reconstruction is of two images: the open one at the origin, the close one
-    at cam2_from_cam1 with a translation of unit length, and a point for every inlier whose rays meet before
-    both cameras. DatabaseError if the database lacks the views or a pose between them, or that pose has no
-    translation.
+    Parameters
+    ----------
+    database : path-like
+        That ``blur2view to-colmap`` wrote with known intrinsics; it is only read.
+    name : str
+        Of the photograph.
+
+    Returns
+    -------
+    pycolmap.Reconstruction
+        Of two images: the open one at the origin, the close one at cam2_from_cam1 with a translation of unit
+        length, and a point for every inlier whose rays meet before both cameras.
+
+    Raises
+    ------
+    DatabaseError
+        If the database lacks the views or a pose between them, or that pose has no translation.
     """
     import pycolmap
 

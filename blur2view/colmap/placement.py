@@ -37,18 +37,24 @@ MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """A reconstruction with virtual views."""
+    """A reconstruction with virtual views.
+
+    Parameters
+    ----------
+    model : pycolmap.Reconstruction
+        As it was, with both views of ``placed`` beside their photographs, and with observations of its
+        points in them where these lie within `MAX_ERROR_PX`.
+    fraction : float
+        Exposure over frame interval: the given one, or as measured from the smears, with the same relative
+        bias as their length; NaN if unknown.
+    placed, left : tuple of str
+        Photographs whose views were placed; those registered, with views in the database, that were not.
+    """
 
     model: Any
-    """pycolmap.Reconstruction as it was, with both views of ``placed`` beside their photographs, and with
-    observations of its points in them where these lie within `MAX_ERROR_PX`."""
     fraction: float
-    """Exposure over frame interval: the given one, or as measured from the smears, with the same relative
-    bias as their length; NaN if unknown."""
     placed: tuple[str, ...]
-    """Photographs whose views were placed."""
     left: tuple[str, ...]
-    """Those registered, with views in the database, that were not."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,13 +74,29 @@ def place_views(
 ) -> Placement:
     """Return a model with the virtual views of a linked project placed beside its photographs.
 
-    ``blur2view to-colmap --link`` has written views to the database; ``model`` is the folder of a
-    reconstruction of its photographs, views left out (``image_names``, or made before). ``names`` are
-    photographs of one video in order, none left out: those that are not registered or have no views are
-    passed over, and what they part does not follow one another; by default those whose names differ by one in
-    their number follow one another. ``fraction`` is exposure time over frame interval, by default measured
-    from the smears. DatabaseError if the database or the model is missing or broken, or holds no views of the
-    model's photographs; ValueError if the fraction is not positive and finite.
+    Parameters
+    ----------
+    database : path-like
+        That ``blur2view to-colmap --link`` has written views to.
+    model : path-like
+        Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
+    names : sequence of str, optional
+        Photographs of one video in order, none left out: those that are not registered or have no views are
+        passed over, and what they part does not follow one another. Default: those whose names differ by
+        one in their number follow one another.
+    fraction : float, optional
+        Exposure time over frame interval, if it is known; default: measured from the smears.
+
+    Returns
+    -------
+    Placement
+
+    Raises
+    ------
+    DatabaseError
+        If the database or the model is missing or broken, or holds no views of the model's photographs.
+    ValueError
+        If the fraction is not positive and finite.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")

@@ -50,19 +50,34 @@ def read_image(
     max_memory_gib: float = math.inf,
     content: bytes | None = None,
 ) -> NDArray[np.float32]:
-    """Return a photograph (H, W, 3) as upright float32 sRGB-coded RGB in [0, 1].
+    """Return a photograph as upright float32 sRGB-coded RGB.
 
     JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
     are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
-    With ``as_stored`` the picture is left as its pixels are stored, as COLMAP does, instead of rotated
-    upright by EXIF. Photographs whose estimate takes more memory than allowed (`BYTES_PER_PIXEL`) are refused
-    before they are decoded. ``content`` is the file's, where it has been read already.
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    as_stored : bool
+        Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
+    max_memory_gib : float
+        Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
+    content : bytes, optional
+        The file's content, where it has been read already.
 
-    ImageError if the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
-    be used, in one line that names the path and the remedy.
+    Returns
+    -------
+    ndarray of shape (H, W, 3), float32
+        RGB in [0, 1], sRGB-coded.
+
+    Raises
+    ------
+    ImageError
+        If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
+        be used. The message is one line that names the path and the remedy.
     """
     path = Path(path)
     encoded = read_content(path) if content is None else content

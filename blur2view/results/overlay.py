@@ -45,10 +45,28 @@ def draw_overlay(
     the picture. The panel below holds the configuration and what it means, the key of the orientation colours
     and a map of sigma.
 
-    The photograph is (H, W, 3) or (H, W), as it was estimated, the picture (H', W', 3), uint8, RGB; the
-    photograph's longer side becomes 640 to 1280 pixels. With an exposure time a rotation is given as an
-    angular velocity. ValueError if the grid is not of the image's size, or the masks of the geometry are not
-    of the matches' length.
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
+    grid : SmearGrid
+        Of the same height and width; its sigma is mapped.
+    matches : SmearMatches
+        The smears that were used, N.
+    geometry : TwoViewGeometry
+        Its ``inlier_mask`` and ``swapped`` have N entries.
+    exposure_s : float, optional
+        Exposure time, with which a rotation is given as an angular velocity.
+
+    Returns
+    -------
+    ndarray of shape (H', W', 3), uint8
+        RGB; the photograph's longer side is 640 to 1280 pixels.
+
+    Raises
+    ------
+    ValueError
+        If the grid is not of the image's size or the masks are not of the matches' length.
     """
     if grid.shape != np.shape(image)[:2]:
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
