@@ -22,10 +22,19 @@ DOUBT = 0.2  # probability with which noise puts a point behind a camera that is
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigidTransform:
-    """``cam2_from_cam1``: X2 = R X1 + t; ValueError if shapes or values are others.
+    """``cam2_from_cam1``: X2 = R X1 + t.
 
-    ``rotation`` (3, 3) is a rotation matrix; ``translation`` (3,) a unit direction, zero where there is none
-    or none can be estimated.
+    Parameters
+    ----------
+    rotation : ndarray of shape (3, 3)
+        Rotation matrix.
+    translation : ndarray of shape (3,)
+        Unit direction; zero where there is no translation or none can be estimated.
+
+    Raises
+    ------
+    ValueError
+        If shapes or values are not as above.
     """
 
     rotation: Array
@@ -66,10 +75,16 @@ class RigidTransform:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AngularVelocity:
-    """How fast a camera turned during an exposure: ``cam2_from_cam1`` over the exposure time.
+    """How fast a camera turned during an exposure.
 
-    ``mean`` (3,) in radians per second, about the camera's axes x (right), y (down) and z (forwards), and its
-    ``covariance`` (3, 3). A gyroscope along these axes, which turns with the camera, shows its negative.
+    Parameters
+    ----------
+    mean : ndarray of shape (3,)
+        Rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
+        axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
+        shows its negative.
+    covariance : ndarray of shape (3, 3)
+        Of the mean, squared radians per squared second.
     """
 
     mean: Array
@@ -158,11 +173,20 @@ def order_before_both(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseCovariance:
-    """How sure a pose is; ValueError if shapes are others.
+    """How sure a pose is.
 
-    ``matrix`` (5, 5) is the covariance of (w, u): the true rotation is exp([w]x) R, w in radians; the true
-    translation is along t + u @ tangents, u in radians to first order, ``tangents`` (2, 3) unit vectors
-    across t and each other.
+    Parameters
+    ----------
+    matrix : ndarray of shape (5, 5)
+        Covariance of (w, u): the true rotation is exp([w]x) R, w in radians; the true translation is along
+        t + u @ tangents, u in radians to first order.
+    tangents : ndarray of shape (2, 3)
+        Unit vectors across t and each other.
+
+    Raises
+    ------
+    ValueError
+        If shapes are not as above.
     """
 
     matrix: Array

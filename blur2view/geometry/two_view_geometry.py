@@ -63,10 +63,19 @@ class MotionModel(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class TimeDirection:
-    """Which end of the exposure came first, as far as it is known; ValueError if out of range.
+    """Which end of the exposure came first, as far as it is known.
 
-    Unless ``known``, open and close may be exchanged: one order was chosen arbitrarily. ``confidence`` is in
-    [0, 1], 0 where the direction is not known.
+    Parameters
+    ----------
+    known : bool
+        False: open and close may be exchanged; one order was chosen arbitrarily.
+    confidence : float
+        In [0, 1]; 0 where the direction is not known.
+
+    Raises
+    ------
+    ValueError
+        If the confidence is out of range.
     """
 
     known: bool = False
