@@ -224,12 +224,13 @@ def _load_libraries() -> None:
         "scipy.ndimage", "h5py", "scipy.optimize",
     ):  # fmt: skip
         importlib.import_module(module)
-    from blur2view.cli.work import CommandNetwork
+    from blur2view.cli.work import CommandNetwork, _loaded
     from blur2view.photographs import video
 
     video._reader.cache_clear()  # a video that is open here has threads that forks do not have
+    _loaded.cache_clear()
     cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})  # so that the network gets no threads, either
+    os.sched_setaffinity(0, {min(cores)})  # so that the network has no threads, either
     CommandNetwork.of(None)  # 0.2 of the 0.3 s that a call takes
     os.sched_setaffinity(0, cores)
     gc.freeze()

@@ -180,6 +180,7 @@ def test_a_log_goes_on_and_tries_rude_cases_again(tmp_path: Path, monkeypatch: p
         )
 
     monkeypatch.setattr(hostile_inputs, "_load_libraries", lambda: None)
+    monkeypatch.setattr(hostile_inputs, "_call_earlier", lambda place: None)
     monkeypatch.setattr(hostile_inputs, "_through_all_commands", through)
     log = tmp_path / "log.jsonl"
     first = try_all(20, 5, lambda line: None, log=log)
