@@ -2,7 +2,7 @@
 
 import sqlite3
 import threading
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,9 @@ from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
 from tests.support.sql import run_sql
-from tools.database_safety.colmap_projects import user_rows
+from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 from tools.database_safety.kill_writes import kill_many, random_views
-from tools.database_safety.malformed_projects import SQL_FAULTS, malform
+from tools.database_safety.malformed_projects import BYTE_FAULTS, SQL_FAULTS
 
 
 @ROLLBACK
@@ -116,7 +116,15 @@ def test_unknown_and_repeated_photographs_are_named(path: Path) -> None:
 @pytest.mark.parametrize("number", [*range(len(SQL_FAULTS)), *range(100, 124)])
 def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, number: int) -> None:
     path = tmp_path / "project.db"
-    malform(path, number)
+    rng = np.random.default_rng(number)
+    make_project(path, ProjectOptions(old=number % 5 == 4, wal=False), seed=number)
+    if number < len(SQL_FAULTS):
+        with closing(sqlite3.connect(path)) as database, suppress(sqlite3.OperationalError):
+            database.executescript(list(SQL_FAULTS.values())[number])  # an old project lacks some tables
+            database.commit()
+    else:
+        damage = list(BYTE_FAULTS.values())[number % len(BYTE_FAULTS)]
+        path.write_bytes(damage(path.read_bytes(), rng))
     before = path.read_bytes()
     try:
         rows = user_rows(path)

@@ -3,17 +3,12 @@
 Bytes cut, overwritten or flipped, another schema, a newer version, rows that contradict each other.
 """
 
-import contextlib
 import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from pathlib import Path
-
-import numpy as np
 
 from blur2view.colmap.schema import MAX_IMAGES
-from tools.database_safety.colmap_projects import ProjectOptions, make_project
 from tools.robustness.damage import Rng, cut, flipped, overwritten
 
 SQL_FAULTS = {
@@ -127,19 +122,3 @@ BYTE_FAULTS: dict[str, Callable[[bytes, Rng], bytes]] = {
     "page of zeros": page_of_zeros,
     "no database": no_database,
 }
-
-
-def malform(path: Path, number: int) -> str:
-    """Write the malformed project of this number; return what is wrong with it."""
-    rng = np.random.default_rng(number)
-    old = number % 5 == 4
-    make_project(path, ProjectOptions(old=old, wal=False), seed=number)
-    if number < len(SQL_FAULTS):
-        kind = list(SQL_FAULTS)[number]
-        with closing(sqlite3.connect(path)) as database, contextlib.suppress(sqlite3.OperationalError):
-            database.executescript(SQL_FAULTS[kind])  # an old project lacks some of the tables
-            database.commit()
-        return kind
-    kind = list(BYTE_FAULTS)[number % len(BYTE_FAULTS)]
-    path.write_bytes(BYTE_FAULTS[kind](path.read_bytes(), rng))
-    return kind
