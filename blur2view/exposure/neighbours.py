@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
+from blur2view.errors import ImageError
 from blur2view.photographs.image import read_image
 
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
@@ -19,15 +20,23 @@ RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
 MIN_MATCHES = 12  # verified matches; fewer may be chance
 NO_POINTS = np.zeros((0, 2))
+NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.float32))
 
 
 def photograph_matcher(paths: Sequence[Path]) -> Callable[[int, int], tuple[Array, Array]]:
     """Return what gives matched pixels (M, 2) of two photographs by their indices, none where there are few.
 
     Each is read when it is first needed, not rotated by EXIF, as COLMAP reads it; the features of a few are
-    kept.
+    kept. One that cannot be read any more, as a frame of a damaged video, matches nothing.
     """
-    features = lru_cache(maxsize=8)(lambda index: features_of(read_image(paths[index], as_stored=True)))
+
+    @lru_cache(maxsize=8)
+    def features(index: int) -> Features:
+        try:
+            return features_of(read_image(paths[index], as_stored=True))
+        except ImageError:
+            return NO_FEATURES
+
     return lambda first, second: match_features(features(first), features(second))
 
 
@@ -46,7 +55,7 @@ def detect(grey: NDArray[np.uint8]) -> Features:
     sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=CONTRAST_THRESHOLD, enable_precise_upscale=True)
     keypoints, descriptors = sift.detectAndCompute(grey, None)
     if not keypoints:
-        return NO_POINTS, np.zeros((0, 128), np.float32)
+        return NO_FEATURES
     points = (np.array([keypoint.pt for keypoint in keypoints]) + 0.5) / scale - 0.5
     return points, np.asarray(descriptors, np.float32)
 
