@@ -7,7 +7,7 @@ from argparse import BooleanOptionalAction
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from blur2view.cli.arguments.parser import EXAMPLES, CommandParser, output_path
+from blur2view.cli.arguments.parser import CommandParser, output_path
 from blur2view.cli.arguments.values import frame_or_seconds, pixels, positive, seconds
 from blur2view.results.document import Document
 
@@ -84,5 +84,6 @@ def table(title: str, rows: str | type[Document] | Iterable[tuple[str, str]]) ->
 def explain(parser: CommandParser, description: str, tables: dict[str, Any], examples: Sequence[str]) -> None:
     """Add what stands above the options, and below them: tables by their titles, exit codes, examples."""
     parser.description = paragraph(description)
-    below = [table(title, rows) for title, rows in (tables | {"exit codes": EXIT_CODES}).items()]
-    parser.epilog = "\n\n".join([*below, "\n".join([EXAMPLES, *(f"  {example}" for example in examples)])])
+    titled = tables | {"exit codes": EXIT_CODES}
+    parser.tables = lambda: [table(title, rows) for title, rows in titled.items()]
+    parser.examples = "\n".join(["examples:", *(f"  {example}" for example in examples)])

@@ -15,7 +15,6 @@ BRIEF = {
     *("extract", "best", "every_best", "in_order", "jobs", "resume", "help", "help_all"),
 }
 """Options that ``--help`` shows, by the names that argparse keeps their values by."""
-EXAMPLES = "examples:"
 MESSAGES = {
     "^argument ": "",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
@@ -31,12 +30,16 @@ MESSAGES = {
 class CommandParser(argparse.ArgumentParser):
     """A parser whose options are described when it is used, so that other commands start faster.
 
-    ``describe`` adds them. ``--help`` has those of `BRIEF` alone, in a few words each, ``--help-all`` all.
+    ``describe`` adds them. ``--help`` has those of `BRIEF` alone, in a few words each, and ``examples``;
+    ``--help-all`` all, with what ``tables`` makes.
     """
+
+    examples = ""
 
     def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
         self._describe = describe
+        self.tables: Callable[[], list[str]] = list
         self._brief = describe is not None
 
     def described(self) -> "CommandParser":
@@ -67,7 +70,7 @@ class CommandParser(argparse.ArgumentParser):
                 short.help = re.split(r"; |\. |, see below| \(default", action.help or "")[0]
                 formatter.add_argument(short)
         formatter.end_section()
-        formatter.add_text(f"{EXAMPLES}{(self.epilog or '').rpartition(EXAMPLES)[2]}")
+        formatter.add_text(self.examples)
         formatter.add_text(f"all options, files and JSON keys: {self.prog} --help-all")
         return formatter.format_help()
 
@@ -81,8 +84,9 @@ class CommandParser(argparse.ArgumentParser):
 class HelpAll(argparse.Action):
     """The option ``--help-all``."""
 
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+    def __call__(self, parser: Any, *_: Any) -> None:
         """Print everything and end the program."""
+        parser.epilog = "\n\n".join([*parser.tables(), parser.examples])
         print(argparse.ArgumentParser.format_help(parser), end="")
         parser.exit()
 
