@@ -108,17 +108,22 @@ class _Reader:
 
     def __init__(self, video: Path) -> None:
         self.video, self.broken = video, False
-        self.capture, self.position = _opened(video), 0
+        self._begin()
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
+
+    def _begin(self) -> None:
+        """Stand before the first frame."""
+        self.capture, self.position, self.ended = _opened(self.video), 0, False
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame."""
         if number in self.recent:
             return self.recent[number][0]
         if number < self.position:
-            self.capture, self.position = _opened(self.video), 0
+            self._begin()
         while self.position <= number:
-            if not self.capture.grab():
+            if self.ended or not self.capture.grab():
+                self.ended = True  # behind damage there may be more frames, but of which number?
                 self._end(number)
             self.position += 1
         read, pixels = self.capture.retrieve()
