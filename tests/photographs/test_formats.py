@@ -154,7 +154,9 @@ def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
 
 def test_no_frame_is_read_behind_damage(monkeypatch: pytest.MonkeyPatch) -> None:
     grabbed = iter([True, True, False, True, True])  # the decoder goes on behind it; nobody knows where
-    damaged = SimpleNamespace(grab=lambda: next(grabbed), get=lambda name: 10.0, retrieve=lambda: (True, GREY))
+    damaged = SimpleNamespace(
+        grab=lambda: next(grabbed), get=lambda name: 10.0, retrieve=lambda: (True, GREY)
+    )
     monkeypatch.setattr(video, "_opened", lambda path: damaged)
     read_frame(Path("damaged.mkv"), 1)
     for number in (2, 3):
