@@ -152,9 +152,7 @@ class ToColmapOptions(PhotographOptions):
     replace: bool
     backup: bool
     dry_run: bool
-    skip_degenerate: bool
     skip_movers: bool
-    corrected: bool
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -162,8 +160,6 @@ class ToColmapOptions(PhotographOptions):
             raise ValueError("--replace, --skip-movers and --no-backup go with --link")
         if self.link and self.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
-        if self.link and self.corrected:
-            raise ValueError("--corrected is not for --link, whose views take the place of your features")
         if self.format == DATABASE and self.output is not None:
             raise ValueError("-o goes with --format matches or hloc; a database is named with --db alone")
         if self.format == DATABASE and self.db is None:

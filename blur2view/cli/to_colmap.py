@@ -1,7 +1,6 @@
 """The command ``blur2view to-colmap``: blurred photographs as images that COLMAP can use."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from blur2view.cli.options import ToColmapOptions
@@ -48,23 +47,19 @@ def run(options: ToColmapOptions) -> int:
         names = colmap_names(options.inputs) | {one.path: one.name for one in left}
         finished = run_over(options, work, jobs, manifest, take=kept_of, names=names)
         made = [one for one in finished.taken if one is not None]
-        lost = before - {one.photograph.name for one in made if not _skips(options, one)}
+        lost = before - {one.photograph.name for one in made}
         interrupted = finished.end is End.INTERRUPTED
         if finished.end is End.BROKEN or (interrupted and (options.link or not made or lost)):
             return finished.exit_code
         _refuse_loss(options, lost)
         made = with_time(options, made)
-        if options.corrected:
-            made = [replace(one, views=one.views.corrected()) for one in made]
-        written = [one for one in made if not _skips(options, one)]
-        backup = None if options.dry_run else _write_views(options, written, replace=replaces)
+        backup = None if options.dry_run else _write_views(options, made, replace=replaces)
     document = ToColmapDocument(
         format=options.format,
         target=str(options.target),
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
-        photographs=[one.document() for one in written],
-        skipped=[one.document("skip") for one in made if _skips(options, one)],
+        photographs=[one.document() for one in made],
         kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
         failures=[*failures, *finished.failures],
     )
@@ -122,18 +117,13 @@ def _write_views(options: ToColmapOptions, made: Sequence[PhotographViews], *, r
     return None
 
 
-def _skips(options: ToColmapOptions, one: PhotographViews) -> bool:
-    """Return whether a photograph's views are left out."""
-    return options.skip_degenerate and one.views.geometry.F is None
-
-
 def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
     """Refuse to write without photographs whose views are there."""
     if lost:
         views = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
         raise OutputError(
             f"{options.target}: the views of {views} would be lost, as this call names them otherwise (from "
-            "the folder that all share), or not, or skips them; name all as before, or choose another "
+            "the folder that all share), or not, or cannot read them; name all as before, or choose another "
             + ("-o" if options.db is None else "--db")
         )
 
@@ -141,7 +131,6 @@ def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
 def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT) -> str:
     """Return a line for each photograph, and one that says what was written or would be."""
     lines = [_line(one, verbosity) for one in document.photographs]
-    lines += [f"{printable(one.name)}: skipped: {one.reason} [{one.config}]" for one in document.skipped]
     if document.kept:
         some = ", ".join(printable(one.name) for one in document.kept[:3])
         some += ", ..." if len(document.kept) > 3 else ""

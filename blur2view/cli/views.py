@@ -59,14 +59,14 @@ class PhotographViews:
     photograph: NamedPhotograph
     views: ExposureViews
 
-    def document(self, action: str | None = None) -> ViewsDocument:
-        """Return the document of the views; by default the action is that of the plan."""
+    def document(self) -> ViewsDocument:
+        """Return the document of the views."""
         views, plan = self.views, self.photograph.plan
         return ViewsDocument(
             image=str(self.photograph.path),
             name=views.name,
             views=views.names,
-            action=action or ("add" if plan is None else plan.step.value),
+            action="add" if plan is None else plan.step.value,
             config=views.geometry.config.name,
             parallax=str(views.geometry.parallax),
             reason=views.geometry.reason,

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 from typing import Self
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,25 +79,6 @@ class ExposureViews:
         """
         return self.name + OPEN, self.name + CLOSE
 
-    def corrected(self) -> Self:
-        """Return the views with the ends of the inliers moved onto their epipolar lines (least squares).
-
-        Then the estimated pose is a minimum of every bundle adjustment, which unweighted would drift along
-        what correlated errors leave poorly determined; COLMAP's own covariance is meaningless, use that of
-        the geometry. Views without F stay as they are. To first order if the camera is distorted. Hartley and
-        Sturm, Triangulation, CVIU 68(2), 1997.
-        """
-        F, kept = self.geometry.F, self.geometry.inlier_mask
-        if F is None or not kept.any():
-            return self
-        given = np.stack([self.points_open[kept], self.points_close[kept]])
-        pixels = given if self.camera is None else self.camera.undistorted(given)
-        moved = np.stack(cv2.correctMatches(F, pixels[:1], pixels[1:]))[:, 0] - pixels
-        finite = np.isfinite(moved).all(axis=(0, 2), keepdims=True)
-        ends = np.stack([self.points_open, self.points_close])
-        ends[:, kept] = given + np.where(finite, moved, 0.0)
-        return replace(self, points_open=ends[0], points_close=ends[1])
-
     def reversed(self) -> Self:
         """Return the views under time reversal: ends exchanged, F and E transposed, the pose inverted."""
         return replace(
@@ -123,8 +103,8 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     Raises
     ------
     ValueError
-        If the estimate has a rolling shutter: its F is not that of the ends as recorded, and ends corrected
-        for it are no views of one time: points of other rows stay where a camera at another time saw them.
+        If the estimate has a rolling shutter: its F is not that of the ends as recorded, and no camera
+        of one time saw the points of all rows where they are.
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")

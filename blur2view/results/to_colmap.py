@@ -18,7 +18,7 @@ class ViewsDocument(Document):
     views: tuple[str, str]
     """The names of its views, NAME#open and NAME#close."""
     action: str
-    """add, replace (with --replace) or skip (with --skip-degenerate)."""
+    """add, or replace (with --replace)."""
     config: str
     """The configuration, a name of COLMAP's TwoViewGeometryConfiguration."""
     parallax: str
@@ -65,8 +65,6 @@ class ToColmapDocument(Document):
     """The copy of the database from before, with --link."""
     photographs: list[ViewsDocument]
     """One object per photograph that was written, see below."""
-    skipped: list[ViewsDocument]
-    """The same for photographs without F that --skip-degenerate left out."""
     kept: list[KeptDocument]
     """Photographs whose views are in the database already: image, name."""
     failures: list[FailureDocument]

@@ -77,7 +77,6 @@ WRONG_VALUES = {
     "segment a.png --masks colmap": ("",),
     "to-colmap a.png --db new.db": ("--replace", "--no-backup", "--focal -1", "--seed -1", "-o x"),
     "to-colmap a.png --db new.db --dask tcp://127.0.0.1:9": ("--link", "--camera project.db:1"),
-    "to-colmap a.png --db new.db --link": ("--corrected",),
     "to-colmap a.png --db new.db --format matches -o x": ("",),
     "to-colmap a.png --format hloc": ("", "-o x --link"),
     "place project.db model frames -o out --fraction": ("0",),

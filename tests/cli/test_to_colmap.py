@@ -14,7 +14,6 @@ from PIL import Image
 from blur2view.cli import commands as cli
 from blur2view.cli.run import colmap_names
 from blur2view.colmap.mapping import mapper_options
-from blur2view.geometry.sampson import sampson
 from blur2view.photographs.inputs import Inputs
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.support.colour_code import colour_code, write_picture
@@ -119,35 +118,6 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
     code, out, err = run("--db", path, "--link", "--replace", *CAMERA, photos[0])
     assert (code, err) == (0, "") and "moving.png: replace" in out
     assert check_database(path) == []
-
-
-def test_degenerate_photographs_are_skipped_on_demand(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    path = tmp_path / "new.db"
-    code, out, _ = run("--db", path, "--skip-degenerate", "--json", "--jobs", 2, *photos)
-    document = json.loads(out)
-    assert code == 0
-    assert [one["name"] for one in document["photographs"]] == ["moving.png"]
-    assert [one["name"] for one in document["skipped"]] == ["still.png"]
-    with pycolmap.Database.open(path) as database:
-        assert [image.name for image in database.read_all_images()] == ["moving.png#open", "moving.png#close"]
-
-
-def test_resume_does_not_skip_what_was_written(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    path = tmp_path / "new.db"
-    assert run("--db", path, *photos)[0] == 0
-    before = path.read_bytes()
-    code, _, err = run("--db", path, "--resume", "--skip-degenerate", *photos)
-    assert code == 1 and "(still.png) would be lost" in err and path.read_bytes() == before
-
-
-def test_where_all_are_skipped_nothing_is_written_and_that_is_said(
-    run: Any, photos: list[Path], tmp_path: Path
-) -> None:
-    path, again = tmp_path / "new.db", photos[1].with_name("again.png")
-    again.write_bytes(photos[1].read_bytes())
-    code, out, err = run("--db", path, "--skip-degenerate", photos[1], again)
-    assert (code, err) == (0, "") and not path.exists()
-    assert out.splitlines()[-1] == f"{path}: nothing to write"
 
 
 def test_dry_run_writes_nothing(run: Any, photos: list[Path], project: Path, tmp_path: Path) -> None:
@@ -279,18 +249,3 @@ def test_table_and_database_call_a_photograph_the_same(
     sheet = tmp_path / "linked.csv"
     assert run("--db", project, "--link", "--csv", sheet, *given)[0] == 0
     assert [row["name"] for row in table(sheet)] == ["moving.png", "still.png"]
-
-
-def test_corrected_ends_lie_on_the_lines_of_the_geometry(
-    run: Any, photos: list[Path], tmp_path: Path
-) -> None:
-    database = tmp_path / "new.db"
-    code, _, _ = run("--db", database, "--corrected", *CAMERA, photos[0])
-    assert code == 0
-    with pycolmap.Database.open(database) as opened:
-        first, last = sorted(opened.read_all_images(), key=lambda image: str(image.name), reverse=True)
-        geometry = opened.read_two_view_geometry(first.image_id, last.image_id)
-        ends = [opened.read_keypoints(image.image_id)[:, :2].astype(float) for image in (first, last)]
-    one, two = (end[index] for end, index in zip(ends, np.asarray(geometry.inlier_matches).T, strict=True))
-    assert len(one) > 60
-    assert np.median(np.sqrt(sampson(np.asarray(geometry.F), one, two))) < 1e-3

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from blur2view import estimate_two_view
-from blur2view.camera.camera import Camera
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rolling_shutter import RollingShutter
@@ -49,48 +48,6 @@ def test_points_fit_F_in_the_stated_order(result: Estimate) -> None:
     assert np.median(right) < 0.1 < np.median(wrong)
     assert views.size == result.matches.image_size
     assert views.names == ("a.jpg#open", "a.jpg#close")
-
-
-def test_corrected_inliers_lie_on_their_lines_and_moved_no_further_than_needed(result: Estimate) -> None:
-    views = views_of("a.jpg", result)
-    kept = views.geometry.inlier_mask & (np.arange(len(views.points_open)) >= 50)
-    views = replace(views, geometry=replace(views.geometry, inlier_mask=kept))
-    exact, F = views.corrected(), views.geometry.F
-    assert F is not None and kept.sum() > 200
-    assert sampson(F, exact.points_open, exact.points_close)[kept].max() < 1e-8
-    moved = ((exact.points_open - views.points_open) ** 2).sum(axis=1)
-    moved += ((exact.points_close - views.points_close) ** 2).sum(axis=1)
-    np.testing.assert_allclose(
-        moved[kept], sampson(F, views.points_open, views.points_close)[kept], rtol=0.2, atol=1e-6
-    )
-    assert not moved[~kept].any()
-    again = exact.corrected()
-    np.testing.assert_allclose(again.points_open, exact.points_open, atol=1e-4)
-
-
-def test_corrected_views_of_a_distorted_camera_are_near_their_lines(result: Estimate) -> None:
-    camera = result.camera
-    assert camera is not None
-    f, (width, height) = camera.focal_px, (camera.width, camera.height)
-    lens = Camera.from_string(f"SIMPLE_RADIAL {width} {height} {f} {width / 2} {height / 2} 0.05")
-    views = replace(views_of("a.jpg", result), camera=lens)
-    F, kept = views.geometry.F, views.geometry.inlier_mask
-    assert F is not None
-    before, after = (
-        np.median(sampson(F, lens.undistorted(v.points_open), lens.undistorted(v.points_close))[kept])
-        for v in (views, views.corrected())
-    )
-    assert after < 0.02 * before
-
-
-def test_without_an_F_of_the_ends_as_recorded_there_are_no_views_or_nothing_to_correct(
-    result: Estimate,
-) -> None:
-    views = views_of("a.jpg", result)
-    lost = replace(views, geometry=replace(views.geometry, F=None))
-    assert lost.corrected() is lost
-    with pytest.raises(ValueError, match="without a shutter"):
-        views_of("a.jpg", replace(result, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
 
 
 def test_both_flips_of_time_are_one_answer(result: Estimate) -> None:
@@ -142,6 +99,11 @@ def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
         assert squared_distance(inverse, pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
 
 
+def test_there_are_no_views_of_ends_that_a_shutter_has_moved(result: Estimate) -> None:
+    with pytest.raises(ValueError, match="without a shutter"):
+        views_of("a.jpg", replace(result, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
+
+
 def test_refuses_points_that_do_not_align_and_impossible_confidences(result: Estimate) -> None:
     for confidence in (-0.1, 1.1, float("nan")):
         with pytest.raises(ValueError, match="confidence"):
@@ -152,22 +114,3 @@ def test_refuses_points_that_do_not_align_and_impossible_confidences(result: Est
             name="a.jpg", size=(640, 480), points_open=views.points_open[1:], points_close=views.points_close,
             sigma_px=views.sigma_px, geometry=views.geometry, camera=None,
         )  # fmt: skip
-
-
-def test_an_end_that_cannot_be_corrected_leaves_both_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    views = views_of("a.jpg", estimate_of(make_scene(np.random.default_rng(0), count=60)))
-    kept = np.flatnonzero(views.geometry.inlier_mask)
-
-    def stumble(F: np.ndarray, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        moved = one + 1.0, other + 1.0
-        moved[1][0, 0] = np.nan
-        return moved
-
-    monkeypatch.setattr("blur2view.exposure.views.cv2.correctMatches", stumble)
-    corrected = views.corrected()
-    for before, after in (
-        (views.points_open, corrected.points_open),
-        (views.points_close, corrected.points_close),
-    ):
-        np.testing.assert_array_equal(after[kept[0]], before[kept[0]])
-        np.testing.assert_allclose(after[kept[1:]], before[kept[1:]] + 1)

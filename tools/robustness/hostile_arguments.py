@@ -36,7 +36,7 @@ def hostile_arguments(rng: Rng) -> list[str]:
         else:
             words += [str(rng.choice(TEXTUAL)), TEXTS[int(rng.integers(len(TEXTS)))]]
     flags = (
-        "--overwrite", "--json", "--jsonl", "-v", "-q", "--link", "--replace", "--dry-run", "--corrected",
+        "--overwrite", "--json", "--jsonl", "-v", "-q", "--link", "--replace", "--dry-run",
         "--masks=colmap", "--resume", "--recursive", "--sequence", "--no-sequence", "--blurred", "--no-mask",
     )  # fmt: skip
     return words + [flag for flag in flags if rng.random() < 0.04]

@@ -62,10 +62,7 @@ OUTPUT = """
 --json: print one JSON document instead of the summaries, see below
 """
 VIEWS = """
---skip-degenerate: leave out photographs without F
 --skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks it
---corrected: move the ends of the inliers onto their epipolar lines, so that COLMAP's adjustment stays at the
-    pose that was estimated; not with --link
 --[no-]sequence: the photographs are a video in this order, so that neighbours show which view came first;
     with --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names
     differ by one in their number)
