@@ -14,16 +14,8 @@ from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
 from blur2view.cli.options import FolderOptions
-from blur2view.cli.run import (
-    Finished,
-    Taken,
-    begun,
-    jobs_of,
-    kept_of,
-    manifest_beside,
-    refuse_shared,
-    run_over,
-)
+from blur2view.cli.run import begun, jobs_of, manifest_beside, refuse_shared, run_over
+from blur2view.cli.work import Written
 from blur2view.errors import OutputError
 from blur2view.input_files import parse_json, read_regular
 from blur2view.output_files import (
@@ -42,7 +34,7 @@ from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.masks import MaskDocument
 from blur2view.results.overlay import draw_overlay
-from blur2view.runs.job import Job, Outcome, Target, Work
+from blur2view.runs.job import Work
 from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY, MaskFormat
 from blur2view.segmentation.mask import MotionMask
@@ -65,8 +57,8 @@ MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
 def run_with_files(
     options: FolderOptions,
     endings: Sequence[str],
-    work: Work[ResultFiles | None, Taken | None],
-    collect: Callable[[list[Taken], list[FailureDocument]], Document],
+    work: Work[ResultFiles | None, Written | None],
+    collect: Callable[[list[Written], list[FailureDocument]], Document],
     beside: Callable[[Path], Path] | None = None,
 ) -> int:
     """Return the exit code, after the work on every photograph, which has files of its own, with -o.
@@ -88,12 +80,11 @@ def run_with_files(
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
         with prepared(*folders):
-            take = printed if options.jsonl else kept_of
-            finished: Finished[Taken | None] = run_over(options, work, jobs, manifest, take=take)
+            finished = run_over(options, work, jobs, manifest)
             if options.resume:  # at the end: workers of a killed call live on for a moment
                 remove_left_over(paths, folders)
     if options.json:
-        print(collect([one for one in finished.taken if one is not None], list(finished.failures)).to_json())
+        print(collect([one for one in finished.kept if one is not None], finished.failures).to_json())
     return finished.exit_code
 
 
@@ -186,14 +177,6 @@ def result_names(inputs: Inputs) -> list[Path]:
         whole = path.parent / path.stem
         names.append(name if shorts[name] == 1 else whole if wholes[whole] == 1 else path)
     return names
-
-
-def printed(job: Job[Target], outcome: Outcome[Taken | None]) -> None:
-    """Print the document of a photograph, or of its failure, on one line, at once."""
-    made = outcome.made
-    document = FailureDocument(image=str(job.path), error=outcome.error) if made is None else made.kept
-    if isinstance(document, Document):
-        print(document.to_json(indent=None), flush=True)
 
 
 def result_contents(

@@ -69,26 +69,24 @@ def run(options: ReportOptions) -> int:
     """
     work = ReportWork.of(options, mask=options.mask)
     images, page = options.inputs.paths, options.output
-    shown = dict(zip(images, shown_names(images), strict=True))
-
-    def entry_of(job: Job[None], outcome: Outcome[Entry]) -> Entry | None:
-        """Return the entry of a photograph; a folder that cannot be used has none."""
-        name = shown[job.path]
-        if outcome.made is not None:
-            return outcome.made.kept.renamed(name)
-        if options.inputs.is_folder(job.path):
-            return None
-        return Entry.failed(name, FOLDERS.sub("", outcome.error.replace(str(job.path), name)))
-
     check_file(page, "page", images)
     with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
-        finished = run_over(options, work, jobs_of(options), manifest, take=entry_of)
-        entries = [entry for entry in finished.taken if entry is not None]
+        finished = run_over(options, work, jobs_of(options), manifest)
+        shown = dict(zip(images, shown_names(images), strict=True))
+        photographs = [one for one in finished.outcomes if not options.inputs.is_folder(one[0])]
+        entries = [entry_of(path, shown[path], outcome) for path, outcome in photographs]
         if finished.end is not End.BROKEN and any(entry.kind != "failed" for entry in entries):
             _write(options, entries)
         elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
             raise OutputError(f"{page}: is not written, as every photograph failed; name others")
     return finished.exit_code
+
+
+def entry_of(path: Path, name: str, outcome: Outcome[Entry]) -> Entry:
+    """Return the entry of a photograph by the name that the page shows."""
+    if outcome.made is not None:
+        return outcome.made.kept.renamed(name)
+    return Entry.failed(name, FOLDERS.sub("", outcome.error.replace(str(path), name)))
 
 
 def shown_names(images: Sequence[Path]) -> list[str]:

@@ -5,10 +5,10 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic
 
 from blur2view.cli.options import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
@@ -32,7 +32,6 @@ from blur2view.runs.processes import Engine, processes
 from blur2view.runs.run import outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
-Taken = TypeVar("Taken")
 Paths = Iterable[Path | None]
 
 
@@ -46,19 +45,32 @@ class End(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Finished(Generic[Taken]):
-    """What came of a run over photographs, in their order.
+class Finished(Generic[Kept]):
+    """What came of a run over photographs, in their order, as far as it has come.
 
     Of a broken run files of all photographs stay as an earlier call left them, but for the table.
     """
 
-    taken: list[Taken] = field(default_factory=list)  # what the command takes of each
-    rows: list[Row] = field(default_factory=list)  # of the table, as far as the run has come
-    failures: list[FailureDocument] = field(default_factory=list)
-    end: End = End.WHOLE
-    has_table: bool = True  # it was not asked for, or could be written
-    skipped: int = 0  # photographs that an earlier call has done
-    seconds: float = 0.0
+    outcomes: list[tuple[Path, Outcome[Kept]]]
+    rows: list[Row]  # of the table
+    end: End
+    has_table: bool  # it was not asked for, or could be written
+    seconds: float
+
+    @property
+    def kept(self) -> list[Kept]:
+        """What is kept of the photographs that are done."""
+        return [one.made.kept for _, one in self.outcomes if one.made is not None]
+
+    @property
+    def failures(self) -> list[FailureDocument]:
+        """The photographs that failed."""
+        return [failure(path, one) for path, one in self.outcomes if one.made is None]
+
+    @property
+    def skipped(self) -> int:
+        """How many photographs an earlier call has done."""
+        return sum(one.skipped for _, one in self.outcomes)
 
     @property
     def exit_code(self) -> int:
@@ -98,18 +110,16 @@ def run_over(
     jobs: Sequence[Job[Target]],
     manifest: Manifest | None,
     *,
-    take: Callable[[Job[Target], Outcome[Kept]], Taken],
     names: dict[Path, str] | None = None,
     classify: Callable[[Row], Row] = lambda row: row,
     line: Callable[[Path, Row], str] | None = None,
-) -> Finished[Taken]:
+) -> Finished[Kept]:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
-    as on a full disk, or as many failed as --max-failures allows. ``take`` returns what is kept of every
-    photograph, ``names`` are those of the table, by default COLMAP's, ``classify`` adds to a row what the
-    photograph is of use for, ``line`` returns what is printed of it: by default the summary of the work, and
-    a closing line.
+    as on a full disk, or as many failed as --max-failures allows. ``names`` are those of the table, by
+    default COLMAP's, ``classify`` adds to a row what the photograph is of use for, ``line`` returns what is
+    printed of it: by default the summary of the work, and a closing line.
     """
     refused = options.inputs.refused
     jobs = [
@@ -117,28 +127,29 @@ def run_over(
     ]
     names = names or colmap_names(options.inputs)
     engine, bar = _engine(options, len(jobs)), Progress(PHOTOGRAPH)
-    run: Finished[Taken] = Finished()
-    skipped, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
+    done: list[tuple[Path, Outcome[Kept]]] = []
+    rows: list[Row] = []
+    failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
         bar.show(0, len(jobs))
-        with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as done:
-            for job, outcome in done:
+        with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as results:
+            for job, outcome in results:
                 row = Row() if outcome.made is None else outcome.made.row
                 row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
                 if not outcome.skipped or options.verbosity > SHORT:
                     text = None if line is None or outcome.made is None else line(job.path, row)
                     _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
-                if outcome.made is None:
-                    run.failures.append(FailureDocument(image=str(job.path), error=outcome.error))
-                else:
+                if options.jsonl:
+                    outcome = _printed(job.path, outcome)
+                if outcome.made is not None:
                     warned |= _warn(options, bar, job.path, outcome.made.warnings, warned)
                 if not options.inputs.is_folder(job.path):
-                    run.rows.append(row)
-                skipped += outcome.skipped
-                run.taken.append(take(job, outcome))
-                bar.show(len(run.taken), len(jobs))
-                if outcome.stop or len(run.failures) == options.max_failures:
+                    rows.append(row)
+                done.append((job.path, outcome))
+                failed += outcome.made is None
+                bar.show(len(done), len(jobs))
+                if outcome.stop or failed == options.max_failures:
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -148,8 +159,8 @@ def run_over(
         end = End.BROKEN
     finally:
         bar.close()
-    has_table, seconds = _write_table(options.csv, run.rows), time.monotonic() - start
-    run = replace(run, end=end, has_table=has_table, skipped=skipped, seconds=seconds)
+    has_table, seconds = _write_table(options.csv, rows), time.monotonic() - start
+    run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     if end is End.WHOLE and len(jobs) > 1 and options.prints and line is None:
         print(_total(len(jobs), run))
     elif end is End.INTERRUPTED or (end is End.STOPPED and len(jobs) > 1):
@@ -178,6 +189,13 @@ def _print_outcome(
         bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
 
 
+def _printed(path: Path, outcome: Outcome[Any]) -> Outcome[Any]:
+    """Print the document of a photograph, or of its failure, on one line; return the outcome without it."""
+    document = failure(path, outcome) if outcome.made is None else outcome.made.kept
+    print(document.to_json(indent=None), flush=True)
+    return outcome if outcome.made is None else replace(outcome, made=replace(outcome.made, kept=None))
+
+
 def _warn(
     options: PhotographOptions, bar: Progress, path: Path, warnings: Iterable[str], known: set[str]
 ) -> set[str]:
@@ -201,28 +219,28 @@ def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
     return True
 
 
-def _how_to_go_on(run: Finished[Taken], count: int, manifest: Manifest | None) -> str:
+def _how_to_go_on(run: Finished[Kept], count: int, manifest: Manifest | None) -> str:
     """Return one line about a run that ended early."""
     line = f"blur2view: {run.end.name.lower()}"
     if count > 1:
-        line += f" after {len(run.taken)} of {plural(count, 'photograph')}"
+        line += f" after {len(run.outcomes)} of {plural(count, 'photograph')}"
         line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
     return line
 
 
-def _total(count: int, run: Finished[Taken]) -> str:
+def _total(count: int, run: Finished[Kept]) -> str:
     """Return the closing line; a video may have fewer frames than it says."""
     skipped, failed = run.skipped, len(run.failures)
-    done = len(run.taken) - skipped - failed
+    done = len(run.outcomes) - skipped - failed
     parts = [f"{done} done"] if done or not (skipped or failed) else []
     parts += [f"{skipped} done before"] * bool(skipped) + [f"{failed} failed"] * bool(failed)
     rate = f", {done / run.seconds:.2g} a second" if done and run.seconds > 0 else ""
     return f"{plural(count, 'photograph')}: {', '.join(parts)} in {run.seconds:.1f} s{rate}"
 
 
-def kept_of(job: Job[Target], outcome: Outcome[Kept]) -> Kept | None:
-    """Return what is kept of a photograph; None if it failed."""
-    return None if outcome.made is None else outcome.made.kept
+def failure(path: Path, outcome: Outcome[Any]) -> FailureDocument:
+    """Return the document of a photograph that failed."""
+    return FailureDocument(image=str(path), error=outcome.error)
 
 
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job[Any]]:

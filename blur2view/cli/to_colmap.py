@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from blur2view.cli.options import ToColmapOptions
-from blur2view.cli.run import End, begun, colmap_names, kept_of, manifest_beside, run_over
+from blur2view.cli.run import End, begun, colmap_names, manifest_beside, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import PhotographViews, ViewsWork, name_photographs, with_time
 from blur2view.colmap import hloc_files, text_formats
@@ -45,8 +45,8 @@ def run(options: ToColmapOptions) -> int:
             Job(index=index, path=one.path, target=one, source=one.source) for index, one in enumerate(left)
         ]
         names = colmap_names(options.inputs) | {one.path: one.name for one in left}
-        finished = run_over(options, work, jobs, manifest, take=kept_of, names=names)
-        made = [one for one in finished.taken if one is not None]
+        finished = run_over(options, work, jobs, manifest, names=names)
+        made = finished.kept
         lost = before - {one.photograph.name for one in made}
         interrupted = finished.end is End.INTERRUPTED
         if finished.end is End.BROKEN or (interrupted and (options.link or not made or lost)):

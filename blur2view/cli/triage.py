@@ -72,13 +72,12 @@ def run(options: TriageOptions) -> int:
             work,
             jobs_of(options),
             manifest,
-            take=lambda job, outcome: job.path,
             classify=classifier,
             line=classifier.line,
         )
         if finished.end is End.BROKEN or not finished.rows:
             return finished.exit_code
-        paths = [one for one in finished.taken if not options.inputs.is_folder(one)]
+        paths = [one for one, _ in finished.outcomes if not options.inputs.is_folder(one)]
         kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
         whole, chosen = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
