@@ -168,15 +168,20 @@ def result_names(inputs: Inputs) -> list[Path]:
     """Return each photograph's known name or stem; where two have one its subfolder, suffix if need be."""
     images, known = inputs.paths, inputs.names
     below = [Path(*(part for part in path.parts if part != "..")) for path in below_shared_folder(images)]
-    short = [known.get(image, Path(image.stem)) for image in images]
+    short = [known.get(image, Path(_stem(image))) for image in images]
     distinct = dict(zip(map(os.path.abspath, images), zip(short, below, strict=True), strict=True)).values()
     shorts = Counter(name for name, _ in distinct)
-    wholes = Counter(path.parent / path.stem for _, path in distinct)
+    wholes = Counter(path.parent / _stem(path) for _, path in distinct)
     names = []
     for name, path in zip(short, below, strict=True):
-        whole = path.parent / path.stem
+        whole = path.parent / _stem(path)
         names.append(name if shorts[name] == 1 else whole if wholes[whole] == 1 else path)
     return names
+
+
+def _stem(path: Path) -> str:
+    """Return a file's name without its suffix, that of ..jpg whole."""
+    return path.stem if path.stem.strip(".") else path.name
 
 
 def result_contents(

@@ -24,6 +24,7 @@ from blur2view.cli.run import (
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.cli.work import EstimatingWork
 from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.input_files import read_regular
 from blur2view.output_files import check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
@@ -140,7 +141,7 @@ def _check_list(options: TriageOptions, names: Collection[str], manifest: Manife
     wrote = manifest is not None and manifest.wrote(target)
     if target.is_file() and (options.overwrite or options.resume or len(names) == 1):
         with suppress(OSError, ValueError):
-            wrote = wrote or set(target.read_text().splitlines()) <= set(names)
+            wrote = wrote or set(read_regular(target).decode().splitlines()) <= set(names)
     if not (target.is_file() and wrote):
         check_file(target, "list", options.inputs.paths, option="--keep")
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from blur2view.errors import DatabaseError
+from blur2view.input_files import open_regular
 
 LOCK_TIMEOUT_S = 2.0  # how long to wait for the lock of another program
 WAL_FORMAT = 2  # the read version in SQLite's header, byte 19, of a database with a write-ahead log
@@ -64,6 +65,7 @@ def database_errors(path: Path) -> Iterator[None]:
     if not path.is_file():
         raise DatabaseError(f"{path}: no such database; check the path")
     try:
+        open_regular(path).close()  # SQLite would wait for some files of /proc
         yield
     except (sqlite3.Error, OSError, OverflowError, UnicodeError) as error:  # UnicodeError: of a schema
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks

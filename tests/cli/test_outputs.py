@@ -1,6 +1,7 @@
 """``blur2view estimate -o``: what is replaced, refused or left alone."""
 
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -171,3 +172,13 @@ def test_a_result_that_leads_to_a_photograph_is_refused(tmp_path: Path) -> None:
         Inputs(paths=[photograph]), folder, [".smear.npz", ".png", ".json"], overwrite=True
     )
     assert isinstance(plan, OutputError) and "would replace the photograph" in str(plan)
+
+
+def test_results_of_a_photograph_of_dots_have_its_whole_name(run: Any, moving: Path, tmp_path: Path) -> None:
+    for name in ("..jpg", ".jpg"):
+        shutil.copy(moving, tmp_path / name)
+        assert run(tmp_path / name, "-o", tmp_path / "out") == 0
+        assert {f"{name}{ending}" for ending in (".json", ".png", ".smear.npz")} == {
+            path.name for path in (tmp_path / "out").iterdir()
+        }
+        shutil.rmtree(tmp_path / "out")

@@ -223,3 +223,12 @@ def test_limit_in_per_cent_follows_the_size(frames: Path, call: Call, tmp_path: 
         limit = f"{factor * float(one['smear_percent'])}%"
         assert call("triage", moving, "--csv", sheet, "--overwrite", "--max-smear", limit) == 0
         assert table(sheet)[0]["use"] == use
+
+
+@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")
+def test_a_list_that_would_be_waited_for_is_refused(
+    call: Call, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "keep.txt").symlink_to("/proc/kmsg")
+    assert call("triage", moving, "--keep", tmp_path / "keep.txt") == 1
+    assert "is no list of an earlier call" in capsys.readouterr().err

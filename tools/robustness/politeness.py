@@ -101,7 +101,8 @@ def _files(call: Call) -> Iterator[str]:
     """Complain about files that are not whole, are temporary, or lie where nothing was asked for."""
     there = [path for path in sorted(call.folder.rglob("*")) if path.name not in STREAMS]
     for path in there:
-        if path.name.startswith(".") or path.suffix in (".tmp", ".bak") or path.name.endswith("-journal"):
+        hidden = path.name.startswith(".") and not path.name.startswith("..")  # which a photograph may be
+        if hidden or path.suffix in (".tmp", ".bak") or path.name.endswith("-journal"):
             yield f"leaves {path.relative_to(call.folder)}"
         elif path.relative_to(call.folder).parts[0] == EXTRACTED:
             continue
