@@ -35,10 +35,6 @@ class ModelInfo:
     ----------
     model_id : str
         Name of the weights.
-    stride : int
-        Pixels per cell of the output; cell j's centre is at pixel stride*j + (stride-1)/2.
-    multiple_of : int
-        Height and width of the input must be multiples of this.
     features : int
         Numbers per cell and direction that one octave hands to the next larger one.
     license : str
@@ -48,8 +44,6 @@ class ModelInfo:
     """
 
     model_id: str
-    stride: int
-    multiple_of: int
     features: int
     license: str = ""
     training: dict[str, Any] = field(default_factory=dict)
@@ -172,17 +166,14 @@ def read_info(path: Path, session: Any) -> ModelInfo:
     features = nodes[INPUTS.index("coarser")].shape[-1]
     if not isinstance(features, int):
         raise ModelError(f"{path}: does not fix the number of its features; {REMEDY}")
+    if {metadata.get("stride"), metadata.get("multiple_of")} != {str(STEP)}:
+        raise ModelError(f"{path}: does not read windows {STEP} px apart; {REMEDY}")
     try:
-        info = ModelInfo(
+        return ModelInfo(
             model_id=metadata["model_id"],
-            stride=int(metadata["stride"]),
-            multiple_of=int(metadata["multiple_of"]),
             features=features,
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )
     except (KeyError, ValueError, RecursionError) as error:
         raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
-    if info.stride != STEP or info.multiple_of != STEP:
-        raise ModelError(f"{path}: reads windows {info.stride} px apart instead of {STEP}; {REMEDY}")
-    return info

@@ -16,7 +16,7 @@ from blur2view.networks.model_file import model_path, open_session, read_info, u
 from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
 from blur2view.networks.octaves import LEVELS, octave_count
 from blur2view.networks.spectra import STEP
-from blur2view.networks.tiles import TileOptions, cells, ramps, reflected, spans
+from blur2view.networks.tiles import cells, ramps, reflected, spans
 from blur2view.smears.grid import SmearGrid
 
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
@@ -41,6 +41,9 @@ class SmearNetwork:
         If the file is missing, not ONNX, or not a network of this format.
     """
 
+    max_pixels = 2_500_000  # larger photographs are read in tiles: 1920x1080 is read in one piece
+    tile_px, overlap_px = 1280, 256  # of tiles, whose overlaps are blended
+
     def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
         self.path = model_path(path)
         session = open_session(self.path, threads or usable_cores())
@@ -50,15 +53,13 @@ class SmearNetwork:
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
 
-    def predict(self, image: AnyArray, options: TileOptions | None = None, levels: int = LEVELS) -> SmearGrid:
+    def predict(self, image: AnyArray, levels: int = LEVELS) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
 
         Parameters
         ----------
         image : ndarray of shape (H, W, 3) or (H, W)
             A photograph as :func:`rgb_of` takes it.
-        options : TileOptions, optional
-            Tiling.
         levels : int
             Sizes at most that are read, the image's own included; the smaller ones for long smears.
 
@@ -78,26 +79,25 @@ class SmearNetwork:
         image = rgb_of(image)
         flat = _flat(image, STEP)
         with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
-            grid = self._cells(image, flat, options or TileOptions(), levels)
+            grid = self._cells(image, flat, levels)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
         height, width = image.shape[:2]
         return SmearGrid(cells=grid, stride=STEP, shape=(height, width))
 
-    def _cells(
-        self, image: NDArray[np.float32], flat: NDArray[np.bool_], options: TileOptions, levels: int
-    ) -> NDArray[np.float32]:
+    def _cells(self, image: NDArray[np.float32], flat: NDArray[np.bool_], levels: int) -> NDArray[np.float32]:
         """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended.
 
         Tiles that are flat all over are not read.
         """
         height, width = image.shape[:2]
-        tiling = options if height * width > options.max_pixels else None
-        piece = min(height, width, options.tile_px) if tiling else min(height, width)
+        tile_px = self.tile_px if height * width > self.max_pixels else max(height, width)
+        piece = min(height, width, tile_px)
         levels = octave_count((piece, piece), levels)
         step = STEP << levels - 1  # whole windows in the smallest octave
-        rows, columns = (spans(max(side, LEAST_PX << levels - 1), step, tiling) for side in (height, width))
+        *sides, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
+        rows, columns = (spans(side, step, tile_px, self.overlap_px) for side in sides)
         shape = rows[-1].stop // STEP, columns[-1].stop // STEP
         total = np.zeros((*shape, 4), np.float32)
         weight = np.zeros((*shape, 1), np.float32)
@@ -124,36 +124,6 @@ class SmearNetwork:
         total /= weight
         # a cell that the border cuts is kept; what lies wholly beyond it is padding
         return total[: -(-height // STEP), : -(-width // STEP)]
-
-
-def predict(
-    image: AnyArray,
-    model: SmearNetwork | str | os.PathLike[str] | None = None,
-    options: TileOptions | None = None,
-) -> SmearGrid:
-    """Return the smears of one photograph and their uncertainty.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
-        A photograph as :func:`rgb_of` takes it.
-    model : SmearNetwork or path-like, optional
-        The shipped network by default. For many photographs load a :class:`SmearNetwork` once.
-    options : TileOptions, optional
-        Tiling.
-
-    Returns
-    -------
-    SmearGrid
-        Its ``at_pixels()`` is the smear of every pixel.
-
-    Raises
-    ------
-    ValueError, ModelError
-        As :class:`SmearNetwork` and its ``predict``.
-    """
-    network = model if isinstance(model, SmearNetwork) else SmearNetwork(model)
-    return network.predict(image, options)
 
 
 def rgb_of(image: AnyArray) -> NDArray[np.float32]:

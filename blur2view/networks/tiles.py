@@ -1,53 +1,20 @@
 """Cutting a large photograph into overlapping tiles, and the weights that blend their results."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class TileOptions:
-    """When and how a photograph is cut into tiles; a smear is then measured from its own tile alone.
+def spans(side: int, step: int, tile_px: int, overlap_px: int) -> list[range]:
+    """Return pixel spans of equal size that cover a side padded to a multiple of step, and overlap.
 
-    Parameters
-    ----------
-    max_pixels : int
-        Photographs up to this many pixels go through the network in one piece.
-    tile_px : int
-        Side of a tile, rounded up to what the network needs.
-    overlap_px : int
-        Pixels shared by neighbouring tiles, over which they are blended.
-
-    Raises
-    ------
-    ValueError
-        Unless ``0 <= 2 * overlap_px <= tile_px``, ``tile_px`` and ``max_pixels`` are positive.
-    """
-
-    max_pixels: int = 2_500_000  # 1920x1080 in one piece
-    tile_px: int = 1280
-    overlap_px: int = 256
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.max_pixels < 1 or self.tile_px < 1:
-            raise ValueError(f"max_pixels, tile_px must be positive, got {self.max_pixels}, {self.tile_px}")
-        if not 0 <= 2 * self.overlap_px <= self.tile_px:
-            raise ValueError(f"overlap_px must be 0 to tile_px / 2, got {self.overlap_px} of {self.tile_px}")
-
-
-def spans(side: int, step: int, options: TileOptions | None) -> list[range]:
-    """Return pixel spans of equal size that cover a side padded to a multiple of step; one without options.
-
-    Starts are multiples of step, so that the network's grid is the same in every tile.
+    Starts are multiples of step, so that the network's grid is the same in every tile; so is the size, which
+    is rounded up.
     """
     padded = -(-side // step) * step
-    if options is None:
-        return [range(padded)]
-    tile = min(-(-options.tile_px // step) * step, padded)
-    advance = max((tile - options.overlap_px) // step * step, step)
+    tile = min(-(-tile_px // step) * step, padded)
+    advance = max((tile - overlap_px) // step * step, step)
     count = 1 + -(-(padded - tile) // advance)
     starts = np.linspace(0, (padded - tile) // step, count).astype(int) * step
     return [range(start, start + tile) for start in starts.tolist()]

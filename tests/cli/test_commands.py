@@ -10,9 +10,7 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
-from blur2view.networks import smear_network
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.networks.tiles import TileOptions
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.results.overlay import draw_overlay
@@ -159,9 +157,8 @@ def test_large_photograph_shows_its_tiles_to_a_person(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(
-        smear_network, "TileOptions", lambda: TileOptions(max_pixels=4096, tile_px=64, overlap_px=0)
-    )
+    for name, value in (("max_pixels", 4096), ("tile_px", 64), ("overlap_px", 0)):
+        monkeypatch.setattr(SmearNetwork, name, value)
     large = write_picture(tmp_path / "large.png", colour_code(np.zeros((128, 192, 2)), 1.0))
     assert run(large) == 0 and capsys.readouterr().err == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)

@@ -20,7 +20,7 @@ from tests.support.colour_code import colour_code_network, noise
 
 def test_network_tells_what_it_is(tiny_model: Path) -> None:
     info = SmearNetwork(tiny_model).info
-    assert (info.model_id, info.stride, info.multiple_of) == ("colour-code", 32, 32)
+    assert info.model_id == "colour-code"
     assert info.training == {"seed": 0}
 
 
@@ -78,9 +78,8 @@ def computing(*nodes: onnx.NodeProto, **constants: np.typing.NDArray[np.generic]
         (renamed_network("logits", "smear").SerializeToString(), "other inputs or outputs than grey, cep"),
         (renamed_network("scales", "image").SerializeToString(), "other inputs or outputs than grey, cep"),
         (any_features().SerializeToString(), "does not fix the number of its features"),
-        (colour_code_network(stride="four").SerializeToString(), "damaged metadata"),
-        (colour_code_network(stride="16").SerializeToString(), "windows 16 px apart instead of 32"),
-        (colour_code_network(multiple_of="4000000000").SerializeToString(), "instead of 32"),
+        (colour_code_network(stride="four").SerializeToString(), "not read windows 32 px apart"),
+        (colour_code_network(multiple_of="4000000000").SerializeToString(), "not read windows 32 px apart"),
         (colour_code_network(training="{").SerializeToString(), "damaged metadata"),
         (colour_code_network(training="[" * 200_000).SerializeToString(), "damaged metadata"),
     ],

@@ -14,14 +14,19 @@ from threadpoolctl import threadpool_limits
 
 from blur2view.errors import ModelError
 from blur2view.networks import octaves, smear_network
-from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, predict, rgb_of
-from blur2view.networks.tiles import TileOptions, cells, ramps, spans
+from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, rgb_of
+from blur2view.networks.tiles import cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
 from tests.support.colour_code import colour_code, colour_code_network, noise
 from tools.metrics import direction_error_deg
 
-TILED = TileOptions(max_pixels=1, tile_px=128, overlap_px=64)
+
+def tiled(path: Path, tile_px: int = 128, overlap_px: int = 64) -> SmearNetwork:
+    """Return a network that reads photographs in tiles."""
+    network = SmearNetwork(path)
+    network.max_pixels, network.tile_px, network.overlap_px = 1, tile_px, overlap_px
+    return network
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
@@ -44,14 +49,14 @@ def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: 
     true = turning_field(*size)
     image = colour_code(true, 1.0)
     before = image.copy()
-    field = predict(image, tiny_model).at_pixels()
+    field = SmearNetwork(tiny_model).predict(image).at_pixels()
     np.testing.assert_array_equal(image, before)
     assert field.shape == size
     assert np.median(difference(field.displacement, true)) < 1.0  # a bin's likelihood is 10 % wide
     np.testing.assert_allclose(np.median(field.sigma_px), 1.0, rtol=0.3)
 
 
-def test_cells_are_centred_as_the_convention_says(tiny_model: Path) -> None:
+def test_whole_gridare_centred_as_the_convention_says(tiny_model: Path) -> None:
     angle = np.radians(60 + np.arange(256) / 4)  # even steps, so interpolation is exact
     true = np.broadcast_to(8 * np.stack([np.cos(angle), np.sin(angle)], -1), (96, 256, 2))
     field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), levels=1).at_pixels()
@@ -61,19 +66,19 @@ def test_cells_are_centred_as_the_convention_says(tiny_model: Path) -> None:
 @pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)
-    network = SmearNetwork(tiny_model)
-    whole, tiled = (network.predict(image, options, 1).at_pixels() for options in (None, TILED))
-    assert difference(whole.displacement, tiled.displacement).max() < 1e-3
-    np.testing.assert_allclose(tiled.sigma_px, whole.sigma_px, atol=1e-3)
+    networks = SmearNetwork(tiny_model), tiled(tiny_model)
+    whole, in_tiles = (network.predict(image, levels=1).at_pixels() for network in networks)
+    assert difference(whole.displacement, in_tiles.displacement).max() < 1e-3
+    np.testing.assert_allclose(in_tiles.sigma_px, whole.sigma_px, atol=1e-3)
 
 
 def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
-    network, image = SmearNetwork(blurring_model, threads=1), colour_code(turning_field(300, 420), 1.0)
-    alone = network.predict(image, TILED).at_pixels()
+    network, image = tiled(blurring_model), colour_code(turning_field(300, 420), 1.0)
+    alone = network.predict(image).at_pixels()
     seen: list[tuple[int, int]] = []
     network.tiles_at_once = 3
     network.on_tile = lambda done, count: seen.append((done, count))
-    together = network.predict(image, TILED).at_pixels()
+    together = network.predict(image).at_pixels()
     assert together.displacement.tobytes() == alone.displacement.tobytes()
     assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
     assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
@@ -90,7 +95,7 @@ def test_threads_of_blas_change_no_byte() -> None:
 def test_interrupt_waits_for_the_tiles_in_hand_alone(
     tiny_model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    network, begun = SmearNetwork(tiny_model), list[float]()
+    network, begun = tiled(tiny_model, 64, 16), list[float]()
     read = network._reader.read
 
     def slowly(*arguments: Any) -> Any:
@@ -105,17 +110,15 @@ def test_interrupt_waits_for_the_tiles_in_hand_alone(
     monkeypatch.setattr(network._reader, "read", slowly)
     network.on_tile = interrupted
     with pytest.raises(KeyboardInterrupt):
-        network.predict(
-            colour_code(turning_field(300, 300), 1.0), TileOptions(max_pixels=1000, tile_px=64, overlap_px=16)
-        )
+        network.predict(colour_code(turning_field(300, 300), 1.0))
     assert len(begun) < 10
 
 
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
-    image, network = colour_code(turning_field(320, 1280), 1.0), SmearNetwork(blurring_model)
-    tiles = TileOptions(max_pixels=1, tile_px=512, overlap_px=128)
-    whole, tiled = (network.predict(image, options, 1).cells[..., :2] for options in (None, tiles))
-    error = np.hypot(*np.moveaxis(whole - tiled, -1, 0))
+    image = colour_code(turning_field(320, 1280), 1.0)
+    networks = SmearNetwork(blurring_model), tiled(blurring_model, 512, 128)
+    whole, in_tiles = (network.predict(image, levels=1).cells[..., :2] for network in networks)
+    error = np.hypot(*np.moveaxis(whole - in_tiles, -1, 0))
     # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
     seam = np.isin(np.arange(40), [12, 15, 24, 27])
     assert error[:, ~seam].max() < 1e-3
@@ -125,7 +128,7 @@ def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None
 @pytest.mark.parametrize("size", [64, 128, 200, 256, 449, 1000])
 def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
     total = np.zeros(-(-size // 64) * 16)
-    for span, weight in ramps(spans(size, 64, TILED), stride=4):
+    for span, weight in ramps(spans(size, 64, 128, 64), stride=4):
         assert len(span) <= 128 and (weight > 0).all()
         total[cells(span, stride=4)] += weight
     np.testing.assert_allclose(total, 1, atol=1e-6)
@@ -133,10 +136,11 @@ def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
 
 def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = colour_code(turning_field(300, 70), 1.0)
-    whole = predict(image, tiny_model).at_pixels()
+    whole_grid = SmearNetwork(tiny_model).predict(image)
+    whole = whole_grid.at_pixels()
     for strip_cells in (1, 7):
         monkeypatch.setattr(grid, "_STRIP_CELLS", strip_cells)
-        np.testing.assert_array_equal(predict(image, tiny_model).at_pixels().displacement, whole.displacement)
+        np.testing.assert_array_equal(whole_grid.at_pixels().displacement, whole.displacement)
 
 
 def test_octaves_may_be_smaller_than_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,14 +150,14 @@ def test_octaves_may_be_smaller_than_a_window(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
-    field = predict(np.zeros((1, 1, 3), np.float32), tiny_model).at_pixels()
+    field = SmearNetwork(tiny_model).predict(np.zeros((1, 1, 3), np.float32)).at_pixels()
     assert field.length_px == 0 and field.sigma_px == UNSEEN_SIGMA_PX
 
 
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     image = np.full((70, 90, 3), 0.9, np.float32)
     image[::7, ::5] += 1 / 255  # noise of one grey level
-    field = predict(image, blurring_model).at_pixels()
+    field = SmearNetwork(blurring_model).predict(image).at_pixels()
     np.testing.assert_array_equal(field.length_px, 0)
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
 
@@ -161,13 +165,13 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
 def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = colour_code(turning_field(128, 512), 1.0)
     image[:, 160:] = 0.5
-    network = SmearNetwork(blurring_model)
+    network = tiled(blurring_model)
     read = Mock(wraps=network._reader.read)
     monkeypatch.setattr(network._reader, "read", read)
-    found = network.predict(image, TILED, levels=1).cells
+    found = network.predict(image, levels=1).cells
     tiles = read.call_count
     monkeypatch.setattr(smear_network, "_flat", lambda image, stride: np.zeros((4, 16), bool))
-    everywhere = network.predict(image, TILED, levels=1).cells
+    everywhere = network.predict(image, levels=1).cells
     assert (tiles, read.call_count - tiles) == (3, 7)
     seen = found[..., 2] != UNSEEN_SIGMA_PX
     np.testing.assert_array_equal(found[seen], everywhere[seen])
@@ -176,7 +180,7 @@ def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: p
 def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
     image = colour_code(turning_field(160, 320), 1.0)
     image[:, 160:] = image[80, 250]
-    field = predict(image, tiny_model).at_pixels()
+    field = SmearNetwork(tiny_model).predict(image).at_pixels()
     assert (field.sigma_px[:, :144] < 2).all()
     assert (field.sigma_px[:, 240:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 240:] == 0).all()
 
@@ -186,15 +190,7 @@ def test_values_that_are_no_shares_of_white_are_refused(tiny_model: Path, value:
     image = np.zeros((64, 64, 3), np.float32)
     image[3, 4, 1] = value
     with pytest.raises(ValueError, match=r"finite values in \[0, 1\], got"):
-        predict(image, tiny_model)
-
-
-@pytest.mark.parametrize(
-    "options", [{"overlap_px": -1}, {"overlap_px": 700}, {"tile_px": 0, "overlap_px": 0}, {"max_pixels": 0}]
-)
-def test_tiling_that_cannot_work_is_refused(options: dict[str, int]) -> None:
-    with pytest.raises(ValueError, match="must be"):
-        TileOptions(**options)
+        SmearNetwork(tiny_model).predict(image)
 
 
 def with_constants(**constants: object) -> onnx.ModelProto:
@@ -233,7 +229,7 @@ def test_network_that_breaks_its_promise_is_named_in_one_line(
 ) -> None:
     onnx.save(model, tmp_path / "wrong.onnx")
     with pytest.raises(ModelError, match=words) as caught:
-        predict(noise(64, 96), tmp_path / "wrong.onnx")
+        SmearNetwork(tmp_path / "wrong.onnx").predict(noise(64, 96))
     assert "wrong.onnx" in str(caught.value) and "\n" not in str(caught.value)
     assert capfd.readouterr() == ("", "")
 
