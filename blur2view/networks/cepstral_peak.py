@@ -62,31 +62,6 @@ class Prior:
     usable: NDArray[np.bool_]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Correction:
-    """How smears (h, w) are to be turned and scaled.
-
-    Attributes
-    ----------
-    rotation, log_scale : ndarray of float32
-        Radians, and the logarithm of the factor.
-    variance_rad, variance_log : ndarray of float32
-        What is then left of direction's and log length's variances, if the peak is the smear's.
-    trust : ndarray of float32
-        Probability that it is; else the network's own deviations hold, about the corrected smear.
-    """
-
-    rotation: Floats
-    log_scale: Floats
-    variance_rad: Floats
-    variance_log: Floats
-    trust: Floats
-
-    def at_cells(self, side: int) -> Correction:
-        """Return the corrections of the side x side cells of each window."""
-        return Correction(**{name: at_cells(values, side) for name, values in vars(self).items()})
-
-
 def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:
     """Return smears with those that are long and sure moved to their peaks in the cepstrum.
 
@@ -112,9 +87,9 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
         prior = prior_of(cells, own, k)
         if not prior.usable.any():
             continue
-        correction = correction_of(*sampled_peaks(power, prior, threads), prior).at_cells(2**k)
+        corrections = corrections_of(*sampled_peaks(power, prior, threads), prior)
         own &= at_cells(prior.usable, 2**k) & (cells[..., 2] < UNSURE * length)
-        moved[own] = corrected(cells, correction)[own]
+        moved[own] = corrected(cells, at_cells(corrections, 2**k))[own]
     return moved
 
 
@@ -165,8 +140,11 @@ def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Fl
     return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
 
 
-def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
-    """Return the mean correction of windows whose peaks were sampled, and what is left of their variances.
+def corrections_of(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
+    """Return how smears are to be turned and scaled, (h, w, 5), given their windows' sampled peaks.
+
+    Radians, the logarithm of the factor, what is left of both variances if the peak is the smear's, and the
+    probability that it is; else the network's own deviations hold, about the corrected smear.
 
     The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2). Beyond the samples
     lies what the network's distribution, taken for normal, has there, with the evidence for half the smear: a
@@ -186,13 +164,8 @@ def correction_of(peaks: Floats, halves: Floats, prior: Prior) -> Correction:
     least: Floats = ((PEAK_PX / length) ** 2).astype(np.float32)
     rotation, variance_rad = mean_and_variance(posterior.sum(-1) / total[..., None], ROTATIONS)
     log_scale, variance_log = mean_and_variance(posterior.sum(-2) / total[..., None], LOG_SCALES)
-    return Correction(
-        rotation=rotation,
-        log_scale=log_scale,
-        variance_rad=variance_rad + least,
-        variance_log=variance_log + least,
-        trust=total / (total + elsewhere),
-    )
+    trust = total / (total + elsewhere)
+    return np.stack([rotation, log_scale, variance_rad + least, variance_log + least, trust], -1)
 
 
 def evidence_of(peaks: Floats) -> Floats:
@@ -200,16 +173,16 @@ def evidence_of(peaks: Floats) -> Floats:
     return np.asarray(0.5 * TEMPER * np.maximum(peaks, 0) ** 2, np.float32)
 
 
-def corrected(cells: Floats, correction: Correction) -> Floats:
+def corrected(cells: Floats, corrections: Floats) -> Floats:
     """Return cells (h, w, 4) turned and scaled, with the deviations that are left, LEAST_SIGMA at least."""
+    rotation, log_scale, variance_rad, variance_log, trust = np.moveaxis(corrections, -1, 0)
     x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
     length = np.hypot(x, y)
     along = along_px(length, sigma_px, sigma_rad) / np.maximum(length, 1e-3)
-    trust = correction.trust
-    variance_rad = trust * correction.variance_rad + (1 - trust) * sigma_rad**2
-    variance_log = trust * correction.variance_log + (1 - trust) * along**2
-    length = length * np.exp(correction.log_scale)
-    doubled_angle = np.arctan2(y, x) + 2 * correction.rotation
+    variance_rad = trust * variance_rad + (1 - trust) * sigma_rad**2
+    variance_log = trust * variance_log + (1 - trust) * along**2
+    length = length * np.exp(log_scale)
+    doubled_angle = np.arctan2(y, x) + 2 * rotation
     moved = [length * np.cos(doubled_angle), length * np.sin(doubled_angle)]
     sigmas = [
         np.maximum(length * np.sqrt(variance_rad + variance_log), LEAST_SIGMA_PX),
