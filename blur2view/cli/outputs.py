@@ -159,7 +159,10 @@ def _image_of(document: Path) -> str | None:
     try:
         content = parse_json(read_regular(document, MAX_DOCUMENT))
         image = content.get("image") if isinstance(content, dict) else None
-        return image if isinstance(image, str) else None
+        if not isinstance(image, str):
+            return None
+        os.path.realpath(image)  # ValueError of what is no path
+        return image
     except (OSError, ValueError):
         return None
 

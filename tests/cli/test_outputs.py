@@ -1,5 +1,6 @@
 """``blur2view estimate -o``: what is replaced, refused or left alone."""
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -182,3 +183,12 @@ def test_results_of_a_photograph_of_dots_have_its_whole_name(run: Any, moving: P
             path.name for path in (tmp_path / "out").iterdir()
         }
         shutil.rmtree(tmp_path / "out")
+
+
+@pytest.mark.parametrize("image", ["a\0b", "\ud800"])
+def test_a_document_of_no_path_is_nobodys(run: Any, moving: Path, tmp_path: Path, image: str) -> None:
+    assert run(moving, "-o", tmp_path / "out") == 0
+    document = tmp_path / "out" / "moving.json"
+    document.write_text(json.dumps(json.loads(document.read_text()) | {"image": image}))
+    assert run(moving, "-o", tmp_path / "out") == 0
+    assert json.loads(document.read_text())["image"] == str(moving)
