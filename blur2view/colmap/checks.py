@@ -1,33 +1,24 @@
 """Whether a database is COLMAP's, and whether every row of the user's is still there.
 
-SQLite lets a schema do anything with what is written: replace rows that are there, run triggers, compute
-columns. So a table that we write must be made of the words that COLMAP makes it of, with its unique columns
-and no other, and hold values of COLMAP's types; all of it is checked before any work. What such a check
-misses, the count of the user's rows at the end of the transaction does not.
+Tables, columns and the types of values are checked before any work. A schema can do anything with what is
+written, replace rows that are there among it: what was lost is counted at the end of the transaction, which
+is then undone.
 """
 
-import re
 import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
 
 from blur2view.colmap.schema import (
-    CAMERA_SENSOR,
     COLUMNS,
-    DEFINITIONS,
     IMAGE_TABLES,
     MAX_IMAGES,
     NEWEST_KNOWN,
     RIG_TABLES,
-    TABLES,
 )
 from blur2view.errors import DatabaseError
 
 LONGEST_NAME = 4096  # bytes, of a path
-UNIQUE = {  # what no other row of a table may repeat, beside its key
-    table: {tuple(columns.split(", "))}
-    for table, columns in re.findall(r"CREATE UNIQUE INDEX \w+\s+ON (\w+)\((.*?)\)", TABLES)
-}
 # What COLMAP never writes; its names are texts of a path's length without null characters.
 ODD_ROWS = f"""
 SELECT 'image', image_id FROM images WHERE typeof(image_id) != 'integer' OR typeof(camera_id) != 'integer'
@@ -51,16 +42,6 @@ OF_THE_USER = {  # by table, which rows; of others all
 }
 
 
-def _words(sql: str) -> set[str]:
-    """Return the words of a statement."""
-    return set(re.findall(r"[^\W\d]\w*", sql.lower()))
-
-
-MADE_OF = {
-    table: {"create", "table", table, *_words(definition)} for table, definition in DEFINITIONS.items()
-}
-
-
 def check_schema(path: Path, database: sqlite3.Connection) -> None:
     """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use."""
     version = database.execute("PRAGMA user_version").fetchone()[0]
@@ -71,15 +52,13 @@ def check_schema(path: Path, database: sqlite3.Connection) -> None:
             f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
             "update blur2view"
         )
-    rows = database.execute("SELECT name, type, sql FROM sqlite_master").fetchall()
-    schema = {name: (kind, sql) for name, kind, sql in rows}
+    schema = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
     required = [*IMAGE_TABLES, *(RIG_TABLES if "frames" in schema or "rigs" in schema else ())]
     for table in [*required, *({"blur2view_views"} & schema.keys())]:
-        kind, sql = schema.get(table, ("", ""))
-        if kind != "table":
+        if schema.get(table) != "table":
             raise DatabaseError(f"{path}: has no table {table}; it is no COLMAP database, or not a whole one")
-        _check_table(path, database, table, sql)
-    if "trigger" in {kind for kind, _ in schema.values()}:
+        _check_table(path, database, table)
+    if "trigger" in schema.values():
         raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
     damage = [str(row[0]) for row in database.execute("PRAGMA quick_check(1)")]
     if damage != ["ok"]:
@@ -90,8 +69,8 @@ def check_schema(path: Path, database: sqlite3.Connection) -> None:
         raise DatabaseError(f"{path}: {name} has values that COLMAP never writes; is it COLMAP's?")
 
 
-def _check_table(path: Path, database: sqlite3.Connection, table: str, sql: str) -> None:
-    """Refuse a table without our columns, with others that must be filled, or made as COLMAP makes none."""
+def _check_table(path: Path, database: sqlite3.Connection, table: str) -> None:
+    """Refuse a table without our columns, or with others that must be filled."""
     rows = database.execute(f"PRAGMA table_xinfo({table})").fetchall()
     have = {row[1]: (row[3], row[4]) for row in rows}  # NOT NULL, default
     missing = [column for column in COLUMNS[table] if column not in have]
@@ -100,41 +79,16 @@ def _check_table(path: Path, database: sqlite3.Connection, table: str, sql: str)
     if missing or foreign:
         what = f"lacks {', '.join(missing)}" if missing else f"has {', '.join(foreign)}, unknown to us"
         raise DatabaseError(f"{path}: table {table} {what}; it is of a COLMAP that we do not know")
-    known = MADE_OF[table] | {"real", "default", *map(str.lower, have)}
-    odd = sorted(_words(sql) - known)
-    odd += [f"unique {', '.join(one)}" for one in sorted(_unique(database, table) - UNIQUE.get(table, set()))]
-    if odd:
-        raise DatabaseError(
-            f"{path}: table {table} is made with {odd[0]}, as COLMAP makes none; is it COLMAP's?"
-        )
-
-
-def _unique(database: sqlite3.Connection, table: str) -> set[tuple[str, ...]]:
-    """Return the columns that no other row may repeat, but for the key of a row."""
-    names = [row[1] for row in database.execute(f"PRAGMA index_list({table})") if row[2] and row[3] != "pk"]
-    sql = "SELECT name FROM pragma_index_info(?)"
-    return {tuple(str(column) for (column,) in database.execute(sql, (name,))) for name in names}
 
 
 def check_room(path: Path, database: sqlite3.Connection, count: int) -> None:
-    """Refuse where so many new images would get ids that are used up, or that rows have already."""
+    """Refuse where so many new images would get ids that are used up."""
     (first,) = database.execute("SELECT ifnull(max(image_id), 0) + 1 FROM images").fetchone()
     if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'sqlite_sequence'").fetchone():
         sql = "SELECT ifnull(max(seq), 0) + 1 FROM sqlite_sequence WHERE name = 'images'"
         first = max(first, *database.execute(sql).fetchone())
     if first + count > MAX_IMAGES:
         raise DatabaseError(f"{path}: its image ids are used up; extract features into a new database")
-    taken = {
-        "keypoints": f"image_id >= {first}",
-        "matches": f"pair_id >= {first * MAX_IMAGES} OR pair_id % {MAX_IMAGES} >= {first}",
-        "two_view_geometries": f"pair_id >= {first * MAX_IMAGES} OR pair_id % {MAX_IMAGES} >= {first}",
-        "frame_data": f"data_id >= {first} AND sensor_type = {CAMERA_SENSOR}",
-    }
-    for table in _plain_tables(database) & taken.keys():
-        if database.execute(f"SELECT 1 FROM {table} WHERE {taken[table]} LIMIT 1").fetchone():
-            raise DatabaseError(
-                f"{path}: {table} has rows of images that it has not; the database is damaged"
-            )
 
 
 def rows_of_the_user(database: sqlite3.Connection) -> Mapping[str, int]:
