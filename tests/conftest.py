@@ -5,9 +5,10 @@ Without torch (``pip install '.[test]'``) the tests that need it are not collect
 
 import os
 from collections.abc import Iterator
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # one thread each; before numpy and torch read it
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -16,7 +17,7 @@ import numpy as np
 import onnx
 import pytest
 
-from blur2view.cli import commands as cli
+from tests.support.calls import Call, Exit, call_program
 from tests.support.colour_code import colour_code, colour_code_network, forward_motion, write_picture
 
 if TYPE_CHECKING:
@@ -106,10 +107,16 @@ def still(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def run(tiny_model: Path) -> Any:
+def call(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Return a function that runs a command over photographs with the tiny network, in this process."""
+
+    def run(command: str, *words: object) -> Exit:
+        return call_program(capsys, command, "--model", tiny_model, "--jobs", 1, *words)
+
+    return run
+
+
+@pytest.fixture
+def run(call: Call) -> Call:
     """Return ``blur2view estimate`` with the tiny network, in this process."""
-
-    def call(*arguments: object) -> int:
-        return cli.main(["estimate", "--jobs", "1", "--model", str(tiny_model), *map(str, arguments)])
-
-    return call
+    return partial(call, "estimate")

@@ -1,7 +1,6 @@
 """Fixtures of the command line.
 
-A folder of three kinds of photographs, and commands with a tiny network;
-five small photographs, and which of them are read.
+A folder of three kinds of photographs; five small photographs, and which of them are read.
 """
 
 from pathlib import Path
@@ -11,21 +10,9 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.cli import commands as cli
 from blur2view.photographs.image import read_image
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import write_photographs
-from tests.support.tables import Call
-
-
-@pytest.fixture
-def call(tiny_model: Path) -> Call:
-    """Return a function that runs a command in this process."""
-
-    def run(command: str, *words: object) -> int:
-        return cli.main([command, "--model", str(tiny_model), "--jobs", "1", *map(str, words)])
-
-    return run
 
 
 @pytest.fixture

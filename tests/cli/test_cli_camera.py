@@ -1,6 +1,5 @@
 """``blur2view estimate`` with intrinsics: E, the pose and its rates in the document, and how it fails."""
 
-import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,12 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.cli import commands as cli
 from blur2view.cli import summary
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
-from tests.support.tables import Call
 
 SIZE = (320, 240)
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])
@@ -43,22 +41,17 @@ def photo(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def run(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
-    """Return ``blur2view estimate --json`` with the tiny network: the code and the documents."""
-
-    def call(*arguments: object) -> tuple[int, list[dict[str, Any]]]:
-        code = cli.main(["estimate", "--model", str(tiny_model), "--json", *map(str, arguments)])
-        return code, json.loads(capsys.readouterr().out)["estimates"]
-
-    return call
+def run(call: Call) -> Any:
+    """Return ``blur2view estimate --json`` with the tiny network: the documents."""
+    return lambda *words: call("estimate", "--json", *words).document["estimates"]
 
 
 @pytest.mark.parametrize(
     "camera", [["--focal", 300], ["--camera", "PINHOLE 320 240 300 300 160 120"]], ids=["focal", "string"]
 )
 def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> None:
-    code, (document,) = run(photo, *camera, "--exposure", 0.05)
-    assert code == 0 and document["config"] == "CALIBRATED"
+    (document,) = run(photo, *camera, "--exposure", 0.05)
+    assert document["config"] == "CALIBRATED"
     np.testing.assert_allclose(document["K"], K)
     assert document["camera"]["known"]
     R, t = (np.array(document["cam2_from_cam1"][key]) for key in ("rotation", "translation"))
@@ -79,7 +72,7 @@ def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> No
 
 
 def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
-    _, (document,) = run(photo)
+    (document,) = run(photo)
     for key in ("K", "camera", "E", "cam2_from_cam1", "rotation_deg", "wx", "sigma_wz"):
         assert document[key] is None
     assert document["F"] is not None
@@ -87,7 +80,7 @@ def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
 
 @pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
 def test_what_exif_contradicts_is_believed_and_told_once(
-    command: tuple[str, ...], here: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
+    command: tuple[str, ...], here: Path, call: Call
 ) -> None:
     for name in "ab":
         exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.02)
@@ -96,9 +89,7 @@ def test_what_exif_contradicts_is_believed_and_told_once(
     def told(*words: object) -> list[str]:
         Path("new.db").unlink(missing_ok=True)
         Path("new.db.manifest.jsonl").unlink(missing_ok=True)
-        call = [*command, "--model", str(tiny_model), "a.png", "b.png", "--jobs", "1", *map(str, words)]
-        assert cli.main(call) == 0
-        return capsys.readouterr().err.splitlines()
+        return call(*command, "a.png", "b.png", *words).lines
 
     millimetres = "blur2view: a.png: --focal says 32 px, EXIF 295.8 px"
     assert told("--focal", "32px") == [millimetres] and told("--focal", "32px", "-q") == []
@@ -112,7 +103,7 @@ def test_what_exif_contradicts_is_believed_and_told_once(
 
 
 def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
-    _, (document,) = run(photo, "--focal", 300)
+    (document,) = run(photo, "--focal", 300)
     angle = np.linalg.norm([document[axis] for axis in ("wx", "wy", "wz")])
     assert np.isclose(angle, np.radians(document["rotation_deg"]))
     assert document["rate_unit"] == "rad" and document["rotation_deg"] > 0
@@ -121,18 +112,18 @@ def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
 def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:
     exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.1)
     Image.fromarray(picture_8_bit()).save(tmp_path / "photo.png", exif=exif)
-    _, (taken,) = run(tmp_path / "photo.png", "--camera", "exif")
+    (taken,) = run(tmp_path / "photo.png", "--camera", "exif")
     focal = 32 * 400 / np.hypot(36, 24)
     assert np.isclose(taken["K"][0][0], focal) and taken["camera"]["known"]
     assert np.isclose(taken["exposure_s"], 0.1) and taken["rate_unit"] == "rad/s"
-    _, (hinted,) = run(tmp_path / "photo.png")
+    (hinted,) = run(tmp_path / "photo.png")
     assert hinted["E"] is None and hinted["camera"]["known"] is False
 
 
 def test_a_rolling_shutter_makes_two_motions(run: Any, photo: Path) -> None:
     words = (photo, "--focal", 300, "--exposure", 0.02, "--no-timings")
-    _, (plain,) = run(*words)
-    _, (shut,) = run(*words, "--readout", 0.03)
+    (plain,) = run(*words)
+    (shut,) = run(*words, "--readout", 0.03)
     other = shut["backward"]
     assert plain["backward"] is None and plain["readout_s"] is None and shut["readout_s"] == 0.03
     assert shut["F"] is not None and plain["F"] is not None
@@ -149,7 +140,7 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
         exif = exif_of(orientation=orientation, ExposureTime=0.02)
         path = tmp_path / f"{orientation}.png"
         Image.fromarray(np.ascontiguousarray(stored)).save(path, exif=exif)
-        _, (document,) = run(path, "--focal", 300, "--readout", 0.03)
+        (document,) = run(path, "--focal", 300, "--readout", 0.03)
         angles[orientation] = document["rotation_deg"], document["backward"]["rotation_deg"]
     assert angles[2] == angles[1] != angles[6]
     np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.1)
@@ -164,10 +155,11 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
     ],
 )
 def test_summary_has_the_pose_and_both_orders_of_a_rolling_shutter(
-    call: Call, photo: Path, more: str, words: list[str], capsys: pytest.CaptureFixture[str]
+    call: Call, photo: Path, more: str, words: list[str]
 ) -> None:
-    assert call("estimate", photo, "--focal", 300, "--exposure", "1/20", *more.split()) == 0
-    text = capsys.readouterr().out
+    done = call("estimate", photo, "--focal", 300, "--exposure", "1/20", *more.split())
+    assert done == 0
+    text = done.out
     assert all(word in text for word in words)
 
 
@@ -193,11 +185,9 @@ def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, wor
 
 
 @pytest.mark.parametrize("wrong", ["1/0", "1/x", "/20", "0.05 h", "1/2/3"])
-def test_an_exposure_time_is_a_number_or_a_fraction(wrong: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["estimate", "a.png", "--focal", "300", "--exposure", wrong])
-    assert caught.value.code == 2
-    assert f"expected seconds as 0.04 or 1/25, got {wrong}" in capsys.readouterr().err
+def test_an_exposure_time_is_a_number_or_a_fraction(call: Call, wrong: str) -> None:
+    done = call("estimate", "a.png", "--focal", 300, "--exposure", wrong)
+    assert done == 2 and f"expected seconds as 0.04 or 1/25, got {wrong}" in done.line
 
 
 @pytest.mark.parametrize(
@@ -213,8 +203,7 @@ def test_an_exposure_time_is_a_number_or_a_fraction(wrong: str, capsys: pytest.C
     ],
 )
 def test_a_camera_that_cannot_be_used_is_one_line(
-    camera: list[object], words: str, call: Call, photo: Path, capsys: pytest.CaptureFixture[str]
+    camera: list[object], words: str, call: Call, photo: Path
 ) -> None:
-    assert call("estimate", photo, *camera) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
+    done = call("estimate", photo, *camera)
+    assert done == 1 and words in done.line

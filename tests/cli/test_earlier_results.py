@@ -2,14 +2,13 @@
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from blur2view.cli import commands as cli
 from blur2view.runs.manifest import Manifest, Settings
+from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_photographs
 
 COMMANDS = {
@@ -18,22 +17,14 @@ COMMANDS = {
     "triage": (["triage", "--csv", "t.csv"], "t.csv.manifest.jsonl"),
     "to-colmap": (["to-colmap", "--db", "new.db"], "new.db.manifest.jsonl"),
 }
-Call = Callable[..., tuple[int, str, list[str]]]
 
 
 @pytest.fixture
-def call(tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> Call:
-    """Return a command over two small photographs, here: the code, stdout and the lines of stderr."""
+def again(tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch) -> Call:
+    """Return a command over two small photographs, here."""
     monkeypatch.chdir(tmp_path)
     write_photographs(tmp_path / "in", 2)
-
-    def finish(command: str, *more: str) -> tuple[int, str, list[str]]:
-        words = [*COMMANDS[command][0], "in", "--jobs", "1", "--model", str(tiny_model), *more]
-        code = cli.main(words)
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err.splitlines()
-
-    return finish
+    return lambda command, *more: call(*COMMANDS[command][0], "in", *more)
 
 
 def change(command: str, *keys: Any, value: Any) -> None:
@@ -69,59 +60,61 @@ def change(command: str, *keys: Any, value: Any) -> None:
     ],
 )
 def test_photograph_whose_line_was_changed_is_done_again(
-    call: Call, tmp_path: Path, command: str, keys: list[Any], value: Any
+    again: Call, tmp_path: Path, command: str, keys: list[Any], value: Any
 ) -> None:
-    assert call(command)[0] == 0
+    assert again(command) == 0
     before = contents(tmp_path)
     change(command, *keys, value=value)
-    code, printed, complaints = call(command, "--resume")
-    assert code == 0 and all("done again" in line for line in complaints)
+    done = again(command, "--resume")
+    assert done == 0 and all("done again" in line for line in done.lines)
     if command == "to-colmap":  # in which no time stands
         assert contents(tmp_path) == before
     if command == "triage":
-        assert "2 photographs (1 done before)" in printed
+        assert "2 photographs (1 done before)" in done.out
 
 
-def test_page_of_a_changed_manifest_holds_no_other_markup(call: Call) -> None:
-    assert call("report")[0] == 0
+def test_page_of_a_changed_manifest_holds_no_other_markup(again: Call) -> None:
+    assert again("report") == 0
     change("report", "kept", "thumbnail", value='"><script>alert(1)</script>')
     change("report", "kept", "kind", value='"><script>alert(2)</script>')
-    assert call("report", "--resume")[0] == 0
+    assert again("report", "--resume") == 0
     assert "<script>alert" not in Path("page.html").read_text()
 
 
-def test_control_characters_of_a_stored_summary_are_printed_as_escapes(call: Call) -> None:
-    assert call("triage")[0] == 0
+def test_control_characters_of_a_stored_summary_are_printed_as_escapes(again: Call) -> None:
+    assert again("triage") == 0
     change("triage", "row", "meaning", value="a\x1b[31m.png: fine")
     change("triage", "row", "use", value="\x1b[32m")
-    printed = call("triage", "--resume", "-v")[1]
+    printed = again("triage", "--resume", "-v").out
     assert "a\\x1b[31m.png: fine" in printed and "\x1b" not in printed
-    assert len(call("triage", "--resume")[1].splitlines()) == 1  # nothing of each that was done before
+    assert len(again("triage", "--resume").out.splitlines()) == 1  # nothing of each that was done before
 
 
 @pytest.mark.parametrize("document", ["[" * 99999, '{"model_id": "", "image": "a\\u0000"}', "null"])
 @pytest.mark.parametrize("listed", [True, False])
-def test_documents_that_make_no_sense_are_made_again(call: Call, document: str, listed: bool) -> None:
-    assert call("estimate")[0] == 0
+def test_documents_that_make_no_sense_are_made_again(again: Call, document: str, listed: bool) -> None:
+    assert again("estimate") == 0
     Path("out/000.json").write_text('"model_id":' * (document != "null") + document)
     if listed:
         Path(COMMANDS["estimate"][1]).unlink()
-    code, _, complaints = call("estimate", "--resume")
-    assert code == (document == "null") and len(complaints) == code  # which does not say that it is ours
+    done = again("estimate", "--resume")
+    assert len(done.lines) == int(done) == int(document == "null")  # which does not say that it is ours
 
 
-def test_manifest_of_another_version_is_told_in_one_line(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert call("triage")[0] == 0
+def test_manifest_of_another_version_is_told_in_one_line(
+    again: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert again("triage") == 0
     monkeypatch.setattr("blur2view.cli.work.__version__", "9.9")
-    code, printed, (line,) = call("triage", "--resume")
-    assert code == 0 and "2 photographs in " in printed
-    assert line.endswith("t.csv.manifest.jsonl: is of another version of blur2view; all is done again")
+    done = again("triage", "--resume")
+    assert done == 0 and "2 photographs in " in done.out
+    assert done.line.endswith("t.csv.manifest.jsonl: is of another version of blur2view; all is done again")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("kind", ["fifo", "/dev/zero"])
 def test_manifest_that_is_no_file_is_one_line_before_any_work(
-    call: Call, tmp_path: Path, command: str, kind: str
+    again: Call, tmp_path: Path, command: str, kind: str
 ) -> None:
     manifest = Path(COMMANDS[command][1])
     manifest.parent.mkdir(exist_ok=True)
@@ -130,15 +123,16 @@ def test_manifest_that_is_no_file_is_one_line_before_any_work(
     else:
         manifest.symlink_to(kind)
     for more in ([], ["--resume"]):
-        code, printed, (line,) = call(command, *more)
-        assert (code, printed) == (1, "") and "is no manifest of blur2view; rename or remove it" in line
+        done = again(command, *more)
+        assert (done, done.out) == (1, "")
+        assert "is no manifest of blur2view; rename or remove it" in done.line
     assert os.path.lexists(manifest) and len([one for one in tmp_path.iterdir() if one.is_file()]) == 0
 
 
-def test_second_call_into_a_folder_is_refused_in_one_line_while_the_first_runs(call: Call) -> None:
+def test_second_call_into_a_folder_is_refused_in_one_line_while_the_first_runs(again: Call) -> None:
     Path("out").mkdir()
     settings = Settings(command="estimate", version="1", options={})
     with Manifest(Path(COMMANDS["estimate"][1]), settings, resume=False):
-        code, printed, (line,) = call("estimate", "--resume")
-    assert code == 1 and "another call writes there" in line and '"estimates"' not in printed
-    assert call("estimate")[0] == 0
+        done = again("estimate", "--resume")
+    assert done == 1 and "another call writes there" in done.line and '"estimates"' not in done.out
+    assert again("estimate") == 0

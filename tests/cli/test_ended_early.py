@@ -13,34 +13,34 @@ from blur2view.cli import commands as cli
 from blur2view.output_files import write_files
 from blur2view.photographs.image import read_image
 from blur2view.runs import job
+from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
 
 MANIFEST = "estimate.manifest.jsonl"
 
 
 def test_run_ends_after_as_many_failures_as_are_allowed_and_goes_on(
-    run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Call, folder: Path, tmp_path: Path
 ) -> None:
     bad = [folder / f"{n:03d}.png" for n in (1, 3)]
     good = [path.read_bytes() for path in bad]
     for path in bad:
         path.write_text("bad")
-    assert run(folder, "-o", tmp_path / "out", "--max-failures", 2) == 1
-    printed = capsys.readouterr()
-    assert printed.err.splitlines()[-1] == (
+    printed = run(folder, "-o", tmp_path / "out", "--max-failures", 2)
+    assert printed == 1
+    assert printed.lines[-1] == (
         "blur2view: stopped after 4 of 5 photographs; what is done is kept, "
         "the same call with --resume goes on"
     )
     for path, content in zip(bad, good, strict=True):
         path.write_bytes(content)
-    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
-    assert "5 photographs: 3 done, 2 done before" in capsys.readouterr().out
+    done = run(folder, "-o", tmp_path / "out", "--resume")
+    assert done == 0 and "5 photographs: 3 done, 2 done before" in done.out
 
 
 def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
-    run: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str], read: list[str],
-) -> None:  # fmt: skip
+    run: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read: list[str]
+) -> None:
     room = iter(range(3))
 
     def full(files: Any) -> None:
@@ -49,8 +49,7 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
         write_files(files)
 
     monkeypatch.setattr(job, "write_files", full)
-    assert run(folder, "-o", tmp_path / "out") == 1
-    error, stopped = capsys.readouterr().err.splitlines()
+    error, stopped = run(folder, "-o", tmp_path / "out").lines
     assert "No space left on device" in error
     assert stopped.startswith("blur2view: stopped after 4 of 5 photographs")
     monkeypatch.setattr(job, "write_files", write_files)
@@ -60,35 +59,33 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
 
 
 def test_manifest_that_was_cut_off_costs_one_line_and_one_photograph(
-    run: Any, folder: Path, tmp_path: Path, read: list[str], capsys: pytest.CaptureFixture[str]
+    run: Call, folder: Path, tmp_path: Path, read: list[str]
 ) -> None:
     assert run(folder, "-o", tmp_path / "out") == 0
     manifest = tmp_path / "out" / MANIFEST
     manifest.write_bytes(manifest.read_bytes()[:-20])
     read.clear()
-    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "its last line was cut off" in line and read == ["004.png"]
+    done = run(folder, "-o", tmp_path / "out", "--resume")
+    assert done == 0 and "its last line was cut off" in done.line and read == ["004.png"]
 
 
 def test_interrupt_keeps_what_is_done_and_says_how_to_go_on(
-    run: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    run: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(path: Path, **options: Any) -> Any:
         if path.name == "003.png":
             raise KeyboardInterrupt
         return read_image(path, **options)
 
     monkeypatch.setattr(pipeline, "read_image", interrupt)
-    assert run(folder, "-o", tmp_path / "out") == 130
-    assert capsys.readouterr().err == (
+    done = run(folder, "-o", tmp_path / "out")
+    assert done == 130 and done.err == (
         "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
         "the same call with --resume goes on\n"
     )
     monkeypatch.setattr(pipeline, "read_image", read_image)
-    assert run(folder, "-o", tmp_path / "out", "--resume") == 0
-    assert "2 done, 3 done before" in capsys.readouterr().out
+    done = run(folder, "-o", tmp_path / "out", "--resume")
+    assert done == 0 and "2 done, 3 done before" in done.out
 
 
 def test_report_of_an_interrupted_run_holds_what_is_done_and_is_gone_on_from(

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from blur2view.photographs.image import read_image
+from tests.support.calls import Call
 from tests.support.many_photographs import contents
-from tests.support.tables import Call, table
+from tests.support.tables import table
 
 
 def write_clip(path: Path, count: int) -> Path:
@@ -23,13 +23,13 @@ def write_clip(path: Path, count: int) -> Path:
 
 
 def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alike(
-    call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    call: Call, tmp_path: Path
 ) -> None:
     clip, folder = write_clip(tmp_path / "clip.mp4", 7), tmp_path / "clip"
     whole = ("--best", "100%", "--extract", folder, "--csv", tmp_path / "video.csv")
-    assert call("triage", clip, *whole, "--no-timings") == 0
+    done = call("triage", clip, *whole, "--no-timings")
     assert sorted(path.name for path in folder.iterdir()) == [f"frame_{k:05d}.png" for k in range(7)]
-    assert f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in capsys.readouterr().out
+    assert done == 0 and f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in done.out
     for number in range(7):  # the pixels themselves
         np.testing.assert_array_equal(
             read_image(folder / f"frame_{number:05d}.png"), read_image(clip / f"{number:06d}")
@@ -40,9 +40,7 @@ def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alik
     assert [one | place for one in video] == [one | place for one in frames]
 
 
-def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(
-    call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(call: Call, tmp_path: Path) -> None:
     clip, folder, keep = write_clip(tmp_path / "clip.mp4", 8), tmp_path / "deep" / "kept", tmp_path / "k.txt"
     words = (clip, "--every-best", 4, "--extract", folder)
     assert call("triage", *words, "--keep", keep) == 0
@@ -52,22 +50,18 @@ def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(
     assert 0 <= first < 4 <= second < 8
     before = contents(folder)
     assert call("triage", *words) == 0 and contents(folder) == before
-    capsys.readouterr()
     for others in (("--best", 1), ("--best", 100), ("--every-best", 4, "--seed", 1)):
-        assert call("triage", clip, *others, "--extract", folder) == 1
-        printed = capsys.readouterr()
+        printed = call("triage", clip, *others, "--extract", folder)
+        assert printed == 1
         assert "name an empty folder with --extract" in printed.err
         assert printed.out == "" and contents(folder) == before  # before the first photograph
     (folder / names[0]).write_bytes(b"mine")
-    assert call("triage", *words) == 1
-    assert f"{names[0]}: is there with another content" in capsys.readouterr().err
+    done = call("triage", *words)
+    assert done == 1 and f"{names[0]}: is there with another content" in done.err
     assert (folder / names[0]).read_bytes() == b"mine"
     (folder / "mine.txt").touch()
-    assert call("triage", *words) == 1
-    assert (
-        capsys.readouterr().err
-        == f"blur2view: {folder}: holds mine.txt; name an empty folder with --extract\n"
-    )
+    done = call("triage", *words)
+    assert done.line == f"blur2view: {folder}: holds mine.txt; name an empty folder with --extract"
 
 
 def test_photographs_are_copied_and_frames_of_several_videos_kept_apart(
@@ -84,15 +78,14 @@ def test_photographs_are_copied_and_frames_of_several_videos_kept_apart(
 
 
 def test_a_run_that_is_ended_early_extracts_nothing_and_keeps_an_earlier_choice(
-    frames: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    frames: Path, call: Call, tmp_path: Path
 ) -> None:
     keep, folder = tmp_path / "keep.txt", tmp_path / "chosen"
     words = ["--best", "1", "--keep", keep, "--extract", folder]
     assert call("triage", frames, *words) == 0
     whole = keep.read_text()
     (frames / "0.png").write_bytes(b"no picture")
-    capsys.readouterr()
     words[-1] = folder = tmp_path / "others"
-    assert call("triage", frames, tmp_path / "none.png", *words, "--max-failures", "1") == 1
-    assert keep.read_text() == whole
-    assert str(folder) not in capsys.readouterr().out.splitlines()[-1]
+    done = call("triage", frames, tmp_path / "none.png", *words, "--max-failures", "1")
+    assert done == 1 and keep.read_text() == whole
+    assert str(folder) not in done.out.splitlines()[-1]

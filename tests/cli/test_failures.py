@@ -1,6 +1,5 @@
 """What fails, on whichever side of the program: one line each, and never a traceback."""
 
-import json
 import os
 import shlex
 import subprocess
@@ -14,76 +13,66 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.cli import commands as cli
 from blur2view.pipeline import estimate
+from tests.support.calls import Call
 from tests.support.many_photographs import command, environment
 
 
-def test_quiet_call_prints_failures_only(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(still, tmp_path / "absent.jpg", "--quiet") == 1
-    printed = capsys.readouterr()
-    assert printed.out == "" and len(printed.err.splitlines()) == 1
+def test_quiet_call_prints_failures_only(run: Call, still: Path, tmp_path: Path) -> None:
+    printed = run(still, tmp_path / "absent.jpg", "--quiet")
+    assert printed == 1
+    assert printed.out == "" and len(printed.lines) == 1
 
 
-def test_names_of_any_kind_are_printed(run: Any, still: Path, tmp_path: Path) -> None:
+def test_names_of_any_kind_are_printed(run: Call, still: Path, tmp_path: Path) -> None:
     odd = tmp_path / os.fsdecode(b"\xff photo.png")
     still.rename(odd)
     assert run(odd, "-o", tmp_path / "out") == 0
 
 
-def test_link_to_itself_is_one_line(run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_link_to_itself_is_one_line(run: Call, tmp_path: Path) -> None:
     (tmp_path / "loop.jpg").symlink_to("loop.jpg")
-    assert run(tmp_path / "loop.jpg", "-o", tmp_path / "out") == 1
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    done = run(tmp_path / "loop.jpg", "-o", tmp_path / "out")
+    assert done == 1 and len(done.lines) == 1
 
 
 def test_one_bad_photograph_costs_one_line_and_not_the_others(
-    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Call, moving: Path, still: Path, tmp_path: Path
 ) -> None:
     empty = tmp_path / "empty.jpg"
     empty.touch()
-    assert run(empty, moving, tmp_path / "absent.jpg", still, "-o", tmp_path / "out") == 1
-    complaints = capsys.readouterr().err.splitlines()
-    assert len(complaints) == 2
-    assert "empty.jpg" in complaints[0] and "absent.jpg" in complaints[1]
+    done = run(empty, moving, tmp_path / "absent.jpg", still, "-o", tmp_path / "out")
+    one, other = done.lines
+    assert done == 1 and "empty.jpg" in one and "absent.jpg" in other
     assert {path.stem for path in (tmp_path / "out").glob("*.json")} == {"moving", "still"}
 
 
-def test_json_names_failures_too(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(tmp_path / "absent.jpg", still, "--json") == 1
-    printed = json.loads(capsys.readouterr().out)
-    assert len(printed["estimates"]) == 1 and "no such file" in printed["failures"][0]["error"]
+def test_json_names_failures_too(run: Call, still: Path, tmp_path: Path) -> None:
+    done = run(tmp_path / "absent.jpg", still, "--json")
+    assert done == 1 and len(done.document["estimates"]) == 1
+    assert "no such file" in done.document["failures"][0]["error"]
 
 
-def test_wrong_network_is_one_line(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["estimate", str(still), "--model", str(still)]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "not an ONNX network" in line
+def test_wrong_network_is_one_line(run: Call, still: Path) -> None:
+    done = run(still, "--model", still)
+    assert done == 1 and "not an ONNX network" in done.line
 
 
-def test_interrupt_is_no_traceback(
-    run: Any, still: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_interrupt_is_no_traceback(run: Call, still: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(path: Path, **options: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pipeline, "read_image", interrupt)
-    assert run(still) == 130
-    assert capsys.readouterr().err == "blur2view: interrupted\n"
+    done = run(still)
+    assert done == 130 and done.err == "blur2view: interrupted\n"
 
 
-def test_control_characters_of_a_name_are_printed_as_escapes(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_control_characters_of_a_name_are_printed_as_escapes(run: Call, still: Path, tmp_path: Path) -> None:
     odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
-    assert run(odd, tmp_path / "absent\n.png") == 1
-    printed = capsys.readouterr()
+    printed = run(odd, tmp_path / "absent\n.png")
+    assert printed == 1
     assert "two\\nlines\\x1b[31m.png: Sharp" in printed.out and len(printed.out.splitlines()) == 2
-    assert len(printed.err.splitlines()) == 1
+    assert len(printed.lines) == 1
 
 
 @pytest.mark.parametrize(
@@ -98,38 +87,28 @@ def test_control_characters_of_a_name_are_printed_as_escapes(
         ["estimate", "--camera", "\x1b[31m\n"],
     ],
 )
-def test_what_no_path_holds_is_wrong_usage(
-    words: list[str], still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main([*words, str(still)])
-    assert caught.value.code == 2
-    printed = capsys.readouterr().err
-    assert not set(printed.splitlines()[-1]) & set("\0\x1b") and len(printed.splitlines()) == 1
+def test_what_no_path_holds_is_wrong_usage(words: list[str], still: Path, call: Call) -> None:
+    done = call(*words, still)
+    assert done == 2 and not set(done.line) & set("\0\x1b")
 
 
-def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(
-    run: Any, still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run("a\0.png", still) == 1
-    assert cli.main(["estimate", str(still), "--model", "a\0"]) == 1
-    printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 2 and "DEGENERATE" in printed.out
+def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(run: Call, still: Path) -> None:
+    done = run("a\0.png", still)
+    assert done == 1 and len(done.lines) == 1 and "DEGENERATE" in done.out
+    done = run(still, "--model", "a\0")
+    assert done == 1 and len(done.lines) == 1
 
 
-def test_photographs_beyond_the_memory_are_refused_with_the_remedy(
-    run: Any, still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(still, "--max-memory", 1e-5) == 1
-    assert "--max-memory 1" in capsys.readouterr().err
+def test_photographs_beyond_the_memory_are_refused_with_the_remedy(run: Call, still: Path) -> None:
+    done = run(still, "--max-memory", 1e-5)
+    assert done == 1 and "--max-memory 1" in done.err
     assert run(still, "--max-memory", 1) == 0
 
 
 @pytest.mark.parametrize("raised", [MemoryError(), cv2.error("Failed to allocate")])
 def test_too_little_memory_costs_one_photograph(
-    run: Any, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception
+) -> None:
     if isinstance(raised, cv2.error):
         raised.code = -4
     calls = iter([raised])
@@ -140,8 +119,8 @@ def test_too_little_memory_costs_one_photograph(
         return estimate(*arguments, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(pipeline, "estimate", stumble)
-    assert run(moving, still) == 1
-    printed = capsys.readouterr()
+    printed = run(moving, still)
+    assert printed == 1
     assert printed.err == f"blur2view: {moving}: does not fit in memory; resize it\n"
     assert f"{still}: Sharp" in printed.out
 

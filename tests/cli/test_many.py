@@ -4,44 +4,36 @@ import json
 import sqlite3
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from blur2view.cli import commands as cli
 from blur2view.errors import ImageError
 from blur2view.photographs.image import read_image
+from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, write_photographs, write_video
 
 
-def test_folder_prints_one_line_each_and_a_total(
-    run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(folder, tmp_path / "absent.png", "-o", tmp_path / "out") == 1
-    printed = capsys.readouterr()
+def test_folder_prints_one_line_each_and_a_total(run: Call, folder: Path, tmp_path: Path) -> None:
+    printed = run(folder, tmp_path / "absent.png", "-o", tmp_path / "out")
+    assert printed == 1
     lines = printed.out.splitlines()
     assert [Path(line.partition(":")[0]).name for line in lines[:5]] == [f"{n:03d}.png" for n in range(5)]
     assert lines[5].startswith("6 photographs: 5 done, 1 failed in ") and len(lines) == 6
-    assert len(printed.err.splitlines()) == 1
-    assert run(folder, "-q") == 0 and capsys.readouterr().out == ""
-    assert run(folder, "-v") == 0 and "s (read" in capsys.readouterr().out
+    assert len(printed.lines) == 1
+    assert run(folder, "-q").out == "" and "s (read" in run(folder, "-v").out
 
 
-def test_subfolders_are_kept_in_the_output_and_results_are_no_photographs(
-    run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_subfolders_are_kept_in_the_output_and_results_are_no_photographs(run: Call, folder: Path) -> None:
     write_photographs(folder / "sub/deep", 1)
     out = folder / "out"  # inside the folder that is gone through
     for _ in range(2):
-        assert run(folder, "--recursive", "--resume", "-o", out) == 0
-    assert "6 photographs: 6 done before" in capsys.readouterr().out
+        done = run(folder, "--recursive", "--resume", "-o", out)
+    assert done == 0 and "6 photographs: 6 done before" in done.out
     names = {path.relative_to(out).as_posix() for path in out.rglob("*.json")}
     assert names == {*(f"{n:03d}.json" for n in range(5)), "sub/deep/000.json"}
 
 
-def test_frames_of_a_video_are_estimated_in_order(
-    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
     out = tmp_path / "out"
     assert run(video, "--every", 10, "-o", out) == 0
@@ -50,77 +42,67 @@ def test_frames_of_a_video_are_estimated_in_order(
     }  # fmt: skip
     document = json.loads((out / "clip/000010.json").read_text())
     assert document["image"] == f"{video}/000010" and (document["width"], document["height"]) == (80, 64)
-    assert run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume") == 0
-    assert "4 photographs: 2 done, 2 done before" in capsys.readouterr().out
+    done = run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume")
+    assert done == 0 and "4 photographs: 2 done, 2 done before" in done.out
 
 
-def test_frame_beyond_the_end_of_a_video_is_an_error(
-    run: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_frame_beyond_the_end_of_a_video_is_an_error(run: Call, tmp_path: Path) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
-    assert run(video / "000999", video / "000024") == 1
-    printed = capsys.readouterr()
-    (line,) = printed.err.splitlines()
+    printed = run(video / "000999", video / "000024")
+    assert printed == 1
+    (line,) = printed.lines
     assert f"{video}: has 25 frames, none of number 999" in line and "1 done, 1 failed" in printed.out
     with pytest.raises(ImageError, match="has 25 frames"):
         read_image(video / "000025")
 
 
-def test_frames_of_a_video_come_into_a_report_and_a_database(tmp_path: Path, tiny_model: Path) -> None:
+def test_frames_of_a_video_come_into_a_report_and_a_database(call: Call, tmp_path: Path) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
-    shared = [str(video), "--every", "10", "--jobs", "1", "--model", str(tiny_model)]
-    assert cli.main(["report", *shared, "--no-mask", "-o", str(tmp_path / "page.html")]) == 0
+    shared = (video, "--every", 10)
+    assert call("report", *shared, "--no-mask", "-o", tmp_path / "page.html") == 0
     assert "3 photographs, " in (tmp_path / "page.html").read_text()
     table = tmp_path / "new.csv"
-    assert cli.main(["to-colmap", *shared, "--db", str(tmp_path / "new.db"), "--csv", str(table)]) == 0
+    assert call("to-colmap", *shared, "--db", tmp_path / "new.db", "--csv", table) == 0
     with closing(sqlite3.connect(tmp_path / "new.db")) as database:
         names = [row[0] for row in database.execute("SELECT name FROM images ORDER BY name")]
     assert names[:2] == ["clip.mp4/000000#close", "clip.mp4/000000#open"] and len(names) == 6
     rows = table.read_text().splitlines()[1:]
     assert [row.split(",")[0] for row in rows] == [f"clip.mp4/{n:06d}" for n in (0, 10, 20)]
     folder = tmp_path / "text"
-    assert cli.main(["to-colmap", *shared, "--format", "matches", "-o", str(folder)]) == 0
+    assert call("to-colmap", *shared, "--format", "matches", "-o", folder) == 0
     assert read_image(folder / "images" / "clip.mp4" / "000010#open").shape == (64, 80, 3)
 
 
-def test_bad_inputs_cost_one_line_each_and_not_the_others(
-    run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mp4").write_text("text")
     (tmp_path / "list.txt").write_text(f"{folder / '000.png'}\nabsent.png\n")
     words = [tmp_path / "empty", tmp_path / "text.mp4", f"@{tmp_path / 'list.txt'}"]
-    assert run(*words) == 1
-    printed = capsys.readouterr()
-    empty, text, absent = printed.err.splitlines()
+    printed = run(*words)
+    assert printed == 1
+    empty, text, absent = printed.lines
     assert "empty: holds no photograph" in empty
     assert "text.mp4: cannot be opened as a video" in text
     assert "absent.png: no such file" in absent
     assert "4 photographs: 1 done, 3 failed" in printed.out
-    assert run("@absent.txt") == 1
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    done = run("@absent.txt")
+    assert done == 1 and len(done.lines) == 1
 
 
 @pytest.mark.parametrize("command", ["estimate", "triage", "to-colmap", "report"])
 def test_name_too_long_for_the_system_costs_one_line(
-    folder: Path, tmp_path: Path, tiny_model: Path, command: str, capsys: pytest.CaptureFixture[str]
+    call: Call, folder: Path, tmp_path: Path, command: str
 ) -> None:
     targets = {"estimate": "-o", "triage": "--csv", "to-colmap": "--db", "report": "-o"}
-    words = [command, "n" * 5000 + ".png", str(folder), targets[command], str(tmp_path / "target")]
-    assert cli.main([*words, "--jobs", "1", "--model", str(tiny_model)]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "cannot be read (File name too long)" in line
+    done = call(command, "n" * 5000 + ".png", folder, targets[command], tmp_path / "target")
+    assert done == 1 and "cannot be read (File name too long)" in done.line
     assert (tmp_path / "target").exists()
 
 
-def test_folder_in_the_place_of_a_file_of_hloc_is_one_line(
-    folder: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folder_in_the_place_of_a_file_of_hloc_is_one_line(call: Call, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "h" / "pairs.txt").mkdir(parents=True)
-    words = ["to-colmap", str(folder / "000.png"), "--format", "hloc", "-o", str(tmp_path / "h")]
-    assert cli.main([*words, "--model", str(tiny_model)]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "pairs.txt: holds more than views" in line
+    done = call("to-colmap", folder / "000.png", "--format", "hloc", "-o", tmp_path / "h")
+    assert done == 1 and "pairs.txt: holds more than views" in done.line
 
 
 @pytest.mark.slow

@@ -4,21 +4,20 @@ import json
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.cli import commands as cli
 from blur2view.cli.outputs import plan_outputs
 from blur2view.errors import OutputError
 from blur2view.photographs.inputs import Inputs
+from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 
 
 def test_second_call_replaces_what_the_first_wrote(
-    run: Any, moving: Path, still: Path, tmp_path: Path
+    run: Call, moving: Path, still: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     for words in ([moving], [moving, still], [moving, still, "--csv", out / "t.csv"]):
@@ -29,23 +28,19 @@ def test_second_call_replaces_what_the_first_wrote(
     assert (out / "moving.json").read_bytes() == (alone / "moving.json").read_bytes()
 
 
-def test_no_file_of_others_is_overwritten(
-    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_file_of_others_is_overwritten(run: Call, moving: Path, still: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
     (out / "moving.png").write_text("mine")
-    assert run(moving, still, "-o", out) == 1
-    assert "moving.png is no result of an earlier call; use another -o" in capsys.readouterr().err
+    done = run(moving, still, "-o", out)
+    assert done == 1 and "moving.png is no result of an earlier call; use another -o" in done.err
     assert sorted(path.name for path in out.iterdir()) == [
         "estimate.manifest.jsonl", "moving.png", "still.json", "still.png", "still.smear.npz"
     ]  # fmt: skip
     assert (out / "moving.png").read_text() == "mine"
 
 
-def test_only_results_of_an_earlier_call_are_overwritten(
-    run: Any, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_only_results_of_an_earlier_call_are_overwritten(run: Call, moving: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert run(moving, "-o", out) == 0
     assert run(moving, "-o", out, "--overwrite") == 0
@@ -54,25 +49,23 @@ def test_only_results_of_an_earlier_call_are_overwritten(
     for name in ("moving.png", "moving.json"):  # the others are ours
         ours = (out / name).read_bytes()
         (out / name).write_text("mine")
-        assert run(moving, "-o", out, "--overwrite") == 1
+        done = run(moving, "-o", out, "--overwrite")
+        assert done == 1 and f"{out / name} is no result of an earlier call" in done.line
         assert (out / name).read_text() == "mine"
-        assert f"{out / name} is no result of an earlier call" in capsys.readouterr().err
         (out / name).write_bytes(ours)
 
 
-def test_device_is_never_replaced_by_a_page(
-    still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_device_is_never_replaced_by_a_page(call: Call, still: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "page.html").write_text("mine")
     for name in ("pipe", "page.html"):
-        assert cli.main(["report", str(still), "-o", str(tmp_path / name), "--overwrite"]) == 1
-        assert "is no page of an earlier call" in capsys.readouterr().err
+        done = call("report", still, "-o", tmp_path / name, "--overwrite")
+        assert done == 1 and "is no page of an earlier call" in done.line
     assert (tmp_path / "pipe").is_fifo() and (tmp_path / "page.html").read_text() == "mine"
 
 
 def test_full_disk_while_overwriting_keeps_the_old_results(
-    run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "out"
     assert run(moving, "-o", out) == 0
@@ -91,7 +84,7 @@ def test_full_disk_while_overwriting_keeps_the_old_results(
 
 
 def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
-    run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
     rename = Path.replace
@@ -107,24 +100,21 @@ def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
 
 
 def test_refusal_comes_before_the_work(
-    run: Any, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "moving.json").touch()
     monkeypatch.setattr(pipeline, "read_image", lambda path: pytest.fail("read in vain"))
     assert run(moving, "-o", tmp_path) == 1
 
 
-def test_photograph_is_never_replaced_by_its_own_overlay(
-    run: Any, moving: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_photograph_is_never_replaced_by_its_own_overlay(run: Call, moving: Path) -> None:
     before = moving.read_bytes()
-    assert run(moving, "-o", moving.parent, "--overwrite") == 1
-    assert moving.read_bytes() == before
-    assert "would replace the photograph" in capsys.readouterr().err
+    done = run(moving, "-o", moving.parent, "--overwrite")
+    assert done == 1 and "would replace the photograph" in done.line and moving.read_bytes() == before
 
 
 def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Call, still: Path, tmp_path: Path
 ) -> None:
     pixels = colour_code(np.zeros((48, 64, 2)), 1.0)
     images = [tmp_path / name for name in ("a/x.tif", "b/x.tif", "b/x.png", "c/x.tif")]
@@ -132,36 +122,33 @@ def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(
         image.parent.mkdir(exist_ok=True)
         write_picture(image, pixels)
     out = tmp_path / "out"
-    assert run(*images, still, still, "-o", out) == 1
+    done = run(*images, still, still, "-o", out)
+    assert done == 1 and "c/x.tif: no such file" in done.line
     found = {str(path.relative_to(out)) for path in out.rglob("*.json")}
     assert found == {"a/x.json", "b/x.tif.json", "b/x.png.json", "still.json"}
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1 and "c/x.tif: no such file" in lines[0]
     assert not (out / "c").exists()
 
 
 @pytest.mark.parametrize("below", ["", "deeper"])
 def test_folder_that_cannot_be_written_is_one_line(
-    run: Any, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], below: str
+    run: Call, still: Path, tmp_path: Path, below: str
 ) -> None:
     (tmp_path / "file").touch()
-    assert run(still, "-o", tmp_path / "file" / below) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "results cannot be written there" in line and "-o" in line
+    done = run(still, "-o", tmp_path / "file" / below)
+    assert done == 1 and "results cannot be written there" in done.line and "-o" in done.line
 
 
 def test_full_disk_leaves_no_half_written_file(
-    run: Any, still: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    run: Call, still: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(self: Path, content: bytes) -> int:
         self.touch()
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    assert run(still, "-o", tmp_path / "out") == 1
+    done = run(still, "-o", tmp_path / "out")
+    assert done == 1 and "No space left on device" in done.line
     assert not (tmp_path / "out").exists()  # nothing succeeded, so nothing is left behind
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "No space left on device" in line
 
 
 def test_a_result_that_leads_to_a_photograph_is_refused(tmp_path: Path) -> None:
@@ -175,7 +162,7 @@ def test_a_result_that_leads_to_a_photograph_is_refused(tmp_path: Path) -> None:
     assert isinstance(plan, OutputError) and "would replace the photograph" in str(plan)
 
 
-def test_results_of_a_photograph_of_dots_have_its_whole_name(run: Any, moving: Path, tmp_path: Path) -> None:
+def test_results_of_a_photograph_of_dots_have_its_whole_name(run: Call, moving: Path, tmp_path: Path) -> None:
     for name in ("..jpg", ".jpg"):
         shutil.copy(moving, tmp_path / name)
         assert run(tmp_path / name, "-o", tmp_path / "out") == 0
@@ -186,7 +173,7 @@ def test_results_of_a_photograph_of_dots_have_its_whole_name(run: Any, moving: P
 
 
 @pytest.mark.parametrize("image", ["a\0b", "\ud800"])
-def test_a_document_of_no_path_is_nobodys(run: Any, moving: Path, tmp_path: Path, image: str) -> None:
+def test_a_document_of_no_path_is_nobodys(run: Call, moving: Path, tmp_path: Path, image: str) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
     document = tmp_path / "out" / "moving.json"
     document.write_text(json.dumps(json.loads(document.read_text()) | {"image": image}))

@@ -15,6 +15,7 @@ from blur2view.cli import commands as cli
 from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.results.estimate import EstimateDocument
+from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_photographs
 from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
 from tests.support.tables import table
@@ -30,7 +31,8 @@ def swinging() -> Swing:
     return swing(FRAMES)
 
 
-def call(*words: object) -> int:
+def estimate(*words: object) -> int:
+    """Run ``blur2view estimate`` with the shipped network."""
     return cli.main(["estimate", "--jobs", "1", *map(str, words)])
 
 
@@ -43,7 +45,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the video, its table and the files of its frames."""
     folder = tmp_path_factory.mktemp("swing")
     video = swinging().write(folder / "swing.avi")
-    assert call(video, *CAMERA, "--csv", folder / "t.csv", "-o", folder / "out", "-q", "--no-timings") == 0
+    assert (
+        estimate(video, *CAMERA, "--csv", folder / "t.csv", "-o", folder / "out", "-q", "--no-timings") == 0
+    )
     return folder
 
 
@@ -97,15 +101,15 @@ def test_frames_in_python_are_those_of_the_command(results: Path) -> None:
 
 
 def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(
-    tmp_path: Path, capsys: Any
+    run: Call, tmp_path: Path
 ) -> None:
     names = [tmp_path / f"{name}.png" for name in "abc"]
     for name, frame in zip(names, swinging().frames[10:13], strict=True):
         cv2.imwrite(str(name), frame[..., ::-1])
     found: list[list[dict[str, Any]]] = []
     for words in ((*names, "--sequence"), (*names[::-1], "--sequence"), names):
-        assert call(*words, *CAMERA, "--jsonl") == 0
-        found.append([json.loads(line) for line in capsys.readouterr().out.splitlines()])
+        done = run(*words, *CAMERA, "--jsonl", "--model", "default")
+        found.append([json.loads(line) for line in done.out.splitlines()])
     ahead, back, open_ = found
     np.testing.assert_allclose(rates_of(ahead), -rates_of(back[::-1]), atol=0.02)
     assert (np.sum(rates_of(ahead) * swinging().rates[10:13], axis=1) > 0).all()
@@ -121,48 +125,34 @@ def test_bytes_are_the_same_in_two_processes_and_after_resume(results: Path, tmp
     assert two == {name: whole[name] for name in two} and len(two) == 12
     for path in (tmp_path / "two" / "swing").glob("000001*"):
         path.unlink()
-    assert call(*words, "--resume") == 0
+    assert estimate(*words, "--resume") == 0
     assert contents(tmp_path / "two") == two
 
 
-def test_a_changed_neighbour_is_done_again_with_its_photograph(
-    tmp_path: Path, tiny_model: Path, capsys: Any
-) -> None:
-    folder = tmp_path / "in"
-    paths = write_photographs(folder, 5)
-    words = ("--model", tiny_model, folder, "-o", tmp_path / "out", "--sequence")
-    assert call(*words) == 0
+def test_a_changed_neighbour_is_done_again_with_its_photograph(run: Call, tmp_path: Path) -> None:
+    paths = write_photographs(tmp_path / "in", 5)
+    words = (tmp_path / "in", "-o", tmp_path / "out", "--sequence")
+    assert run(*words) == 0
     paths[4].write_bytes(paths[0].read_bytes())
-    capsys.readouterr()
-    assert call(*words, "--resume") == 0
-    assert "2 done, 3 done before" in capsys.readouterr().out
+    assert "2 done, 3 done before" in run(*words, "--resume").out
 
 
-def test_jsonl_prints_a_document_a_line_and_nothing_else(
-    tmp_path: Path, tiny_model: Path, capsys: Any
-) -> None:
+def test_jsonl_prints_a_document_a_line_and_nothing_else(run: Call, tmp_path: Path) -> None:
     paths = write_photographs(tmp_path, 2)
-    assert call("--model", tiny_model, paths[0], tmp_path / "none.png", paths[1], "--jsonl", "-v") == 1
-    printed = capsys.readouterr()
-    first, failed, last = map(json.loads, printed.out.splitlines())
+    done = run(paths[0], tmp_path / "none.png", paths[1], "--jsonl", "-v")
+    first, failed, last = map(json.loads, done.out.splitlines())
     assert set(first) == set(last) == set(EstimateDocument.__dataclass_fields__)
     assert failed["image"].endswith("none.png") and "no such file" in failed["error"]
-    assert len(printed.err.splitlines()) == 1
-    with pytest.raises(SystemExit) as refused:
-        call(paths[0], "--json", "--jsonl")
-    assert refused.value.code == 2 and "--jsonl one for each" in capsys.readouterr().err
+    assert done == 1 and "none.png" in done.line
+    done = run(paths[0], "--json", "--jsonl")
+    assert done == 2 and "--jsonl one for each" in done.line
 
 
-def test_neighbour_that_cannot_be_read_costs_its_own_line_only(
-    tmp_path: Path, tiny_model: Path, capsys: Any
-) -> None:
+def test_neighbour_that_cannot_be_read_costs_its_own_line_only(call: Call, tmp_path: Path) -> None:
     paths = write_photographs(tmp_path, 3)
     paths[1].write_bytes(b"no picture")
-    words = ["--model", tiny_model, *paths, "--sequence", "--jobs", 1, "--jsonl"]
-    for command, known in (("estimate", "cam2_from_cam1"), ("segment", "shares")):
-        asked = [one for one in words if command == "estimate" or one != "--sequence"]
-        assert cli.main([command, *map(str, asked)]) == 1
-        printed = capsys.readouterr()
-        first, failed, last = map(json.loads, printed.out.splitlines())
+    for words, known in ((["estimate", "--sequence"], "cam2_from_cam1"), (["segment"], "shares")):
+        done = call(*words, *paths, "--jsonl")
+        first, failed, last = map(json.loads, done.out.splitlines())
         assert known in first and known in last and set(failed) == {"image", "error"}
-        assert len(printed.err.splitlines()) == 1
+        assert done == 1 and str(paths[1]) in done.line

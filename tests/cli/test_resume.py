@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.cli import commands as cli
 from blur2view.photographs.image import read_image
+from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents
 
@@ -18,7 +18,7 @@ MANIFEST = "estimate.manifest.jsonl"
 
 
 def test_resume_does_only_what_is_new_changed_or_incomplete(
-    run: Any, folder: Path, tmp_path: Path, read: list[str]
+    run: Call, folder: Path, tmp_path: Path, read: list[str]
 ) -> None:
     out = tmp_path / "out"
     assert run(folder, "-o", out) == 0
@@ -44,7 +44,7 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
 
 @pytest.mark.parametrize("option", [["--seed", 3], ["--beta", 0.2], ["--focal", 160], ["--no-timings"]])
 def test_other_options_are_done_again(
-    run: Any, folder: Path, tmp_path: Path, read: list[str], option: list[object]
+    run: Call, folder: Path, tmp_path: Path, read: list[str], option: list[object]
 ) -> None:
     assert run(folder, "-o", tmp_path / "out") == 0
     read.clear()
@@ -55,38 +55,32 @@ def test_other_options_are_done_again(
 
 
 def test_other_network_is_done_again(
-    run: Any, folder: Path, tmp_path: Path, read: list[str], tiny_model: Path
+    run: Call, folder: Path, tmp_path: Path, read: list[str], tiny_model: Path
 ) -> None:
     shutil.copy(tiny_model, tmp_path / "copy.onnx")
-    words = ["estimate", str(folder), "-o", str(tmp_path / "out"), "--jobs", "1", "--resume"]
-    for model, count in ((tiny_model, 5), (tmp_path / "copy.onnx", 0), (None, 5)):
+    for model, count in ((tiny_model, 5), (tmp_path / "copy.onnx", 0), ("default", 5)):
         read.clear()
-        assert cli.main([*words, *([] if model is None else ["--model", str(model)])]) == 0
+        assert run(folder, "-o", tmp_path / "out", "--resume", "--model", model) == 0
         assert len(read) == count
 
 
 @pytest.mark.parametrize("command", ["estimate", "segment"])
 def test_resume_replaces_no_result_of_another_photograph(
-    folder: Path, tmp_path: Path, tiny_model: Path, command: str, capsys: pytest.CaptureFixture[str]
+    call: Call, folder: Path, tmp_path: Path, command: str
 ) -> None:
-    def call(*words: object) -> int:
-        return cli.main([command, "--model", str(tiny_model), "-o", str(out), *map(str, words)])
-
     out, other = tmp_path / "out", tmp_path / "other" / "000.png"
     other.parent.mkdir()
     shutil.copy(folder / "001.png", other)
-    assert call(folder / "000.png") == 0
+    assert call(command, folder / "000.png", "-o", out) == 0
     before = contents(out)
-    capsys.readouterr()
-    assert call(other, "--resume") == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"is the result of {folder / '000.png'}" in line and contents(out) == before
-    assert call(folder / "000.png", "--resume") == 0
-    assert call(other, "--resume", "--overwrite") == 0 and contents(out) != before
+    done = call(command, other, "-o", out, "--resume")
+    assert done == 1 and f"is the result of {folder / '000.png'}" in done.line and contents(out) == before
+    assert call(command, folder / "000.png", "-o", out, "--resume") == 0
+    assert call(command, other, "-o", out, "--resume", "--overwrite") == 0 and contents(out) != before
 
 
 def test_resume_does_again_what_has_another_name_now(
-    run: Any, folder: Path, tmp_path: Path, read: list[str]
+    run: Call, folder: Path, tmp_path: Path, read: list[str]
 ) -> None:
     other = tmp_path / "other" / "000.png"
     other.parent.mkdir()
@@ -99,18 +93,13 @@ def test_resume_does_again_what_has_another_name_now(
     assert (out / "in" / "000.json").exists() and (out / "other" / "000.json").exists()
 
 
-def test_resume_prints_the_documents_of_what_was_done_before(
-    run: Any, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    printed = []
-    for _ in range(2):
-        assert run(folder, "-o", tmp_path / "out", "--resume", "--json") == 0
-        printed.append(capsys.readouterr().out)
-    assert printed[0] == printed[1] and len(json.loads(printed[0])["estimates"]) == 5
+def test_resume_prints_the_documents_of_what_was_done_before(run: Call, folder: Path, tmp_path: Path) -> None:
+    one, again = (run(folder, "-o", tmp_path / "out", "--resume", "--json") for _ in range(2))
+    assert one.out == again.out and len(one.document["estimates"]) == 5
 
 
 def test_photograph_alone_leaves_no_manifest_unless_it_is_to_be_resumed(
-    run: Any, folder: Path, tmp_path: Path
+    run: Call, folder: Path, tmp_path: Path
 ) -> None:
     assert run(folder / "000.png", "-o", tmp_path / "out") == 0
     assert not (tmp_path / "out" / MANIFEST).exists()
@@ -119,15 +108,15 @@ def test_photograph_alone_leaves_no_manifest_unless_it_is_to_be_resumed(
 
 
 def test_page_goes_on_where_other_photographs_change_the_shown_names(
-    folder: Path, tmp_path: Path, tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+    call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page, other = tmp_path / "page.html", tmp_path / "other"
-    words = [f"--model={tiny_model}", "--jobs=1", "--no-mask", "--no-timings", f"-o{page}"]
-    given = [str(folder / name) for name in ("000.png", "001.png")]
-    assert cli.main(["report", *words, *given]) == 0
+    words = ("--no-mask", "--no-timings", "-o", page)
+    given = [folder / name for name in ("000.png", "001.png")]
+    assert call("report", *words, *given) == 0
     other.mkdir()
     (other / "000.png").write_bytes((folder / "002.png").read_bytes())
-    given.append(str(other / "000.png"))
+    given.append(other / "000.png")
     read: list[str] = []
 
     def noted(path: Path, **options: Any) -> Any:
@@ -135,54 +124,43 @@ def test_page_goes_on_where_other_photographs_change_the_shown_names(
         return read_image(path, **options)
 
     monkeypatch.setattr(pipeline, "read_image", noted)
-    assert cli.main(["report", *words, *given, "--resume"]) == 0
+    assert call("report", *words, *given, "--resume") == 0
     assert read == ["other"]
     resumed = page.read_bytes()
-    assert cli.main(["report", *words, *given, "--overwrite"]) == 0
+    assert call("report", *words, *given, "--overwrite") == 0
     assert page.read_bytes() == resumed and f'data-name="{folder.name}/000.png"'.encode() in resumed
 
 
-def test_database_of_what_is_done_is_replaced_by_one_of_all(
-    folder: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def call(name: str, *words: object) -> int:
-        words = ("to-colmap", "--db", tmp_path / name, folder, "--jobs", 1, "--model", tiny_model, *words)
-        return cli.main([str(word) for word in words])
-
-    assert call("whole.db") == 0
-    good = (folder / "003.png").read_bytes()
-    (folder / "003.png").write_text("bad")
-    assert call("new.db") == 1
-    partial = (tmp_path / "new.db").read_bytes()
-    (folder / "003.png").write_bytes(good)
-    assert call("new.db", "--resume") == 0 and (tmp_path / "new.db").read_bytes() != partial
-    assert (tmp_path / "new.db").read_bytes() == (tmp_path / "whole.db").read_bytes()
-    (tmp_path / "new.db").write_bytes(b"theirs")
-    capsys.readouterr()
+def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: Path, tmp_path: Path) -> None:
+    whole, new, one = tmp_path / "whole.db", tmp_path / "new.db", folder / "003.png"
+    assert call("to-colmap", folder, "--db", whole) == 0
+    good = one.read_bytes()
+    one.write_text("bad")
+    assert call("to-colmap", folder, "--db", new) == 1
+    partial = new.read_bytes()
+    one.write_bytes(good)
+    assert call("to-colmap", folder, "--db", new, "--resume") == 0
+    assert whole.read_bytes() == new.read_bytes() != partial
+    new.write_bytes(b"theirs")
     for words in ([], ["--resume"]):
-        assert call("new.db", *words) == 1
-        assert "exists; choose another --db" in capsys.readouterr().err
-    assert (tmp_path / "new.db").read_bytes() == b"theirs"
+        done = call("to-colmap", folder, "--db", new, *words)
+        assert done == 1 and "exists; choose another --db" in done.line
+    assert new.read_bytes() == b"theirs"
 
 
 @pytest.mark.parametrize("target", [["--db", "new.db"], ["--format", "matches", "-o", "text"]])
 def test_resume_with_fewer_photographs_drops_none(
-    folder: Path, here: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str], target: list[str]
+    call: Call, folder: Path, here: Path, target: list[str]
 ) -> None:
-
-    def call(*words: object) -> int:
-        return cli.main(["to-colmap", *target, "--jobs", "1", "--model", str(tiny_model), *map(str, words)])
-
     photographs = [folder / name for name in ("000.png", "001.png", "002.png")]
-    assert call(*photographs) == 0
+    assert call("to-colmap", *target, *photographs) == 0
     before = contents(here)
-    capsys.readouterr()
     told = "the views of 1 photograph (002.png) would be lost, as this call names them otherwise"
-    assert call(*photographs[:2], "--resume") == 1
-    assert told in capsys.readouterr().err and contents(here) == before
+    done = call("to-colmap", *target, *photographs[:2], "--resume")
+    assert done == 1 and told in done.err and contents(here) == before
     whole = photographs[2].read_bytes()
     photographs[2].write_text("bad")
-    assert call(*photographs, "--resume") == 1
-    assert told in capsys.readouterr().err
+    done = call("to-colmap", *target, *photographs, "--resume")
+    assert done == 1 and told in done.err
     photographs[2].write_bytes(whole)
-    assert call(*photographs, folder / "003.png", "--resume") == 0
+    assert call("to-colmap", *target, *photographs, folder / "003.png", "--resume") == 0

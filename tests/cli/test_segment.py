@@ -3,19 +3,19 @@
 import json
 import os
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.cli import commands as cli
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, segment
+from tests.support.calls import Call
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import environment
 
@@ -36,17 +36,13 @@ def walker(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def run(tiny_model: Path) -> Any:
+def run(call: Call) -> Call:
     """Return ``blur2view segment`` with the tiny network, in this process."""
-
-    def call(*arguments: object) -> int:
-        return cli.main(["segment", "--model", str(tiny_model), "--jobs", "1", *map(str, arguments)])
-
-    return call
+    return partial(call, "segment")
 
 
 def test_files_hold_the_mask_and_describe_it(
-    run: Any, walker: Path, tiny_model: Path, tmp_path: Path
+    run: Call, walker: Path, tiny_model: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     assert run(walker, "-o", out) == 0
@@ -78,7 +74,7 @@ def test_files_hold_the_mask_and_describe_it(
     ],
 )
 def test_programs_get_their_masks(
-    run: Any, walker: Path, tmp_path: Path, program: str, name: str, moving: int, static: int
+    run: Call, walker: Path, tmp_path: Path, program: str, name: str, moving: int, static: int
 ) -> None:
     out = tmp_path / "out"
     assert run(walker, "-o", out, "--masks", program) == 0
@@ -89,7 +85,7 @@ def test_programs_get_their_masks(
     assert (mask[grey != 0] == moving).all() and (mask[grey == 0] == static).all()
 
 
-def test_mask_for_a_program_replaces_no_file_of_others(run: Any, walker: Path, tmp_path: Path) -> None:
+def test_mask_for_a_program_replaces_no_file_of_others(run: Call, walker: Path, tmp_path: Path) -> None:
     (mine := tmp_path / "out" / "masks" / "a.png.png").parent.mkdir(parents=True)
     mine.write_bytes(b"mine")
     assert run(walker, "-o", tmp_path / "out", "--masks", "colmap", "--overwrite") == 1
@@ -98,53 +94,45 @@ def test_mask_for_a_program_replaces_no_file_of_others(run: Any, walker: Path, t
 
 @pytest.mark.parametrize("program", ["colmap", "nerfstudio", "instant-ngp"])
 def test_a_photograph_without_a_name_is_one_failure(
-    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], program: str
+    run: Call, walker: Path, tmp_path: Path, program: str
 ) -> None:
     names = tmp_path / "names.txt"
     names.write_text(f"/\n{walker}\n")
-    assert run(f"@{names}", "-o", tmp_path / "out", "--masks", program) == 1
-    assert capsys.readouterr().err.count("\n") == 1
+    done = run(f"@{names}", "-o", tmp_path / "out", "--masks", program)
+    assert done == 1 and done.err.count("\n") == 1
     assert (tmp_path / "out" / "a.mask.png").is_file()
 
 
-def test_known_intrinsics_give_E_and_pose_as_estimate_does(
-    run: Any, tiny_model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_known_intrinsics_give_E_and_pose_as_estimate_does(run: Call, call: Call, tmp_path: Path) -> None:
     photo = write_picture(tmp_path / "forward.png", colour_code(forward_motion(), 1.0))
-    assert run(photo, "--focal", 300, "--json") == 0
-    (mask,) = json.loads(capsys.readouterr().out)["masks"]
-    assert cli.main(["estimate", "--model", str(tiny_model), str(photo), "--focal", "300", "--json"]) == 0
-    (one,) = json.loads(capsys.readouterr().out)["estimates"]
+    (mask,) = run(photo, "--focal", 300, "--json").document["masks"]
+    (one,) = call("estimate", photo, "--focal", 300, "--json").document["estimates"]
     assert mask["E"] is not None and mask["cam2_from_cam1"] is not None
     for key in ("K", "E", "cam2_from_cam1", "pose_covariance", "F", "config"):
         assert mask[key] == one[key]
 
 
-def test_bad_photograph_costs_one_line_and_not_the_others(
-    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_photograph_costs_one_line_and_not_the_others(run: Call, walker: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.png"
     bad.write_bytes(b"no picture")
-    assert run(bad, walker, "--jobs", 2) == 1
-    printed = capsys.readouterr()
+    printed = run(bad, walker, "--jobs", 2)
+    assert printed == 1
     assert printed.err.count("\n") == 1 and str(bad) in printed.err
     assert f"{walker}: " in printed.out
 
 
-def test_no_file_of_others_is_overwritten(
-    run: Any, walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_file_of_others_is_overwritten(run: Call, walker: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert run(walker, "-o", out) == run(walker, "-o", out) == 0
     (out / "a.motion.json").unlink()
     (out / "a.motion.png").write_bytes(b"mine")
     for more in ([], ["--overwrite"]):
-        assert run(walker, "-o", out, *more) == 1
-        assert "a.motion.png is no result of an earlier call" in capsys.readouterr().err
+        done = run(walker, "-o", out, *more)
+        assert done == 1 and "a.motion.png is no result of an earlier call" in done.err
     assert (out / "a.motion.png").read_bytes() == b"mine"
 
 
-def test_same_seed_gives_the_same_bytes(run: Any, walker: Path, tmp_path: Path) -> None:
+def test_same_seed_gives_the_same_bytes(run: Call, walker: Path, tmp_path: Path) -> None:
     for name in ("one", "two"):
         run(walker, "-o", tmp_path / name)
     for file in FILES[:3]:

@@ -1,7 +1,6 @@
 """``--csv``: what the table holds, whatever the command, and what becomes of it when a run fails."""
 
 import csv
-import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,8 @@ from blur2view.errors import OutputError, RunError
 from blur2view.output_files import write_files
 from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest
-from tests.support.tables import COLUMNS, Call, table
+from tests.support.calls import Call
+from tests.support.tables import COLUMNS, table
 
 
 @pytest.mark.parametrize("command", ["estimate", "segment", "report", "to-colmap"])
@@ -32,13 +32,10 @@ def test_every_command_writes_the_same_rows(
     assert float(first[0]["rotation_deg"]) >= 0
 
 
-def test_angular_velocity_is_the_rotation_over_the_exposure(
-    moving: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_angular_velocity_is_the_rotation_over_the_exposure(moving: Path, call: Call, tmp_path: Path) -> None:
     sheet = tmp_path / "t.csv"
     words = (moving, "--focal", 300, "--exposure", 0.02, "--csv", sheet, "--json", "--no-timings")
-    assert call("estimate", *words) == 0
-    document = json.loads(capsys.readouterr().out)["estimates"][0]
+    (document,) = call("estimate", *words).document["estimates"]
     (one,) = table(sheet)
     for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
         assert float(one[axis]) == pytest.approx(document[axis], rel=1e-5)
@@ -68,19 +65,16 @@ def test_no_photograph_is_replaced_by_a_table_or_a_list(
     assert (frames / "still.png").read_bytes() == before
 
 
-def test_files_of_others_are_spared(
-    frames: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) -> None:
     sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
     sheet.write_text("a,b\n")
     keep.write_text("still.png\nsomething else\n")
-    assert call("triage", frames, "--csv", sheet, "--overwrite") == 1
-    assert call("triage", frames, "--keep", keep, "--overwrite") == 1
+    for words in (("--csv", sheet), ("--keep", keep)):
+        assert "of an earlier call" in call("triage", frames, *words, "--overwrite").line
     assert sheet.read_text() == "a,b\n" and "something else" in keep.read_text()
-    assert capsys.readouterr().err.count("of an earlier call") == 2
-    assert call("triage", frames, "--csv", tmp_path / "one", "--keep", tmp_path / "one") == 1
-    assert call("report", frames, "-o", tmp_path / "two", "--csv", tmp_path / "two") == 1
-    assert capsys.readouterr().err.count("two results would be one file") == 2
+    one = tmp_path / "one"
+    for command, option in (("triage", "--keep"), ("report", "-o")):
+        assert "two results would be one file" in call(command, frames, "--csv", one, option, one).line
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
 
 
@@ -102,12 +96,11 @@ def test_files_of_others_are_spared(
     ],
 )
 def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str],
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
     monkeypatch.chdir(frames.parent)
-    assert call(words[0], "frames", *words[1:]) == 1
-    assert "two results would be one file" in capsys.readouterr().err
+    done = call(words[0], "frames", *words[1:])
+    assert done == 1 and "two results would be one file" in done.err
     assert [path.name for path in frames.parent.iterdir()] == ["frames"]
 
 
@@ -125,9 +118,8 @@ def test_refused_table_leaves_no_folder(frames: Path, call: Call, tmp_path: Path
     [("report", ["-o", "a.html"]), ("triage", ["--keep", "a.html"]), ("to-colmap", ["--db", "a.html"])],
 )
 def test_table_that_cannot_be_written_costs_no_other_result(
-    frames: Path, call: Call, tmp_path: Path, command: str, words: list[str],
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    frames: Path, call: Call, tmp_path: Path, command: str, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(files: dict[Path, bytes]) -> None:
         if any(path.suffix == ".csv" for path in files):
             raise OSError(28, "No space left on device")
@@ -135,20 +127,14 @@ def test_table_that_cannot_be_written_costs_no_other_result(
 
     monkeypatch.setattr(output_files, "write_files", full)
     words = [word.replace("a.html", str(tmp_path / "a.html")) for word in words]
-    assert call(command, frames, *words, "--csv", tmp_path / "t.csv") == 1
-    printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 1 and "No space left on device" in printed.err
-    assert (tmp_path / "a.html").exists() and "t.csv" not in printed.out
+    done = call(command, frames, *words, "--csv", tmp_path / "t.csv")
+    assert done == 1 and "No space left on device" in done.line
+    assert (tmp_path / "a.html").exists() and "t.csv" not in done.out
 
 
 @pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
 def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
-    frames: Path,
-    call: Call,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    error: Exception,
+    frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     sheet, keep = tmp_path / "t.csv", tmp_path / "k.txt"
     made = {"triage": keep, "report": tmp_path / "a.html", "to-colmap": tmp_path / "a.db"}
@@ -161,7 +147,6 @@ def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
         assert call(command, frames, *words[command]) == 0 and target.exists()
     before = {command: target.read_bytes() for command, target in made.items()}
     shutil.copy(frames / "still.png", frames / "another.png")
-    capsys.readouterr()
 
     def fail(manifest: Manifest, line: Any) -> None:
         raise error
@@ -169,20 +154,16 @@ def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     with monkeypatch.context() as patched:
         patched.setattr(Manifest, "_write", fail)
         for command, target in made.items():
-            assert call(command, frames, *words[command], "--resume") == 1
+            done = call(command, frames, *words[command], "--resume")
+            assert done == 1 and done.line == f"blur2view: {error}"
             assert target.read_bytes() == before[command]
-            assert capsys.readouterr().err == f"blur2view: {error}\n"
     for command, target in made.items():
         assert call(command, frames, *words[command], "--resume") == 0
         assert target.read_bytes() != before[command]
 
 
 def test_what_was_done_before_the_run_could_not_go_on_is_printed(
-    frames: Path,
-    call: Call,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     append = Manifest.append
 
@@ -194,14 +175,11 @@ def test_what_was_done_before_the_run_could_not_go_on_is_printed(
     monkeypatch.setattr(Manifest, "append", fail)
     assert call("triage", frames, "--csv", tmp_path / "t.csv") == 1
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
-    capsys.readouterr()
-    assert call("estimate", frames, "-o", tmp_path / "out", "--json") == 1
-    assert len(json.loads(capsys.readouterr().out)["estimates"]) == 1
+    done = call("estimate", frames, "-o", tmp_path / "out", "--json")
+    assert done == 1 and len(done.document["estimates"]) == 1
 
 
-def test_table_and_page_of_any_name_are_replaced_if_asked(
-    frames: Path, call: Call, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_table_and_page_of_any_name_are_replaced_if_asked(frames: Path, call: Call, tmp_path: Path) -> None:
     odd = ["tab.json", "tab.html", "tab", "tab.png"]
     for name in odd:
         for more in ([], ["--overwrite"], ["--resume"]):
@@ -210,9 +188,8 @@ def test_table_and_page_of_any_name_are_replaced_if_asked(
         for more in ([], ["--overwrite"], ["--resume"]):
             words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
             assert call("report", *words) == 0
-    capsys.readouterr()
     # of another kind
     before = (tmp_path / "page.csv").read_bytes()
-    assert call("triage", frames, "--csv", tmp_path / "page.csv", "--overwrite") == 1
-    assert "is no table of an earlier call" in capsys.readouterr().err
+    done = call("triage", frames, "--csv", tmp_path / "page.csv", "--overwrite")
+    assert done == 1 and "is no table of an earlier call" in done.err
     assert (tmp_path / "page.csv").read_bytes() == before

@@ -15,6 +15,7 @@ from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.results.report import Entry
 from blur2view.results.verdicts import KINDS, sentence
 from blur2view.smears.matches import SmearMatches
+from tests.support.calls import Call
 from tests.support.report_scenes import made_up
 
 SIZE = (641, 481)
@@ -146,11 +147,10 @@ def test_with_the_exposure_time_a_turn_has_its_rate() -> None:
 
 
 def test_terminal_files_table_and_report_say_the_same(
-    run: Any, moving: Path, still: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Call, moving: Path, still: Path, tmp_path: Path
 ) -> None:
     words = ("--focal", 300, "--exposure", "40ms", "-o", tmp_path / "out", "--csv", tmp_path / "t.csv")
-    assert run(moving, still, *words) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = run(moving, still, *words).out.splitlines()
     with (tmp_path / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     for path, line, row in zip((moving, still), lines[:2], rows, strict=True):

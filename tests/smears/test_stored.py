@@ -15,6 +15,7 @@ from blur2view.photographs.image import read_image
 from blur2view.smears.field import SmearField, to_double_angle
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.stored import StoredSmears
+from tests.support.calls import Call
 
 MEGABYTE = 1_000_000
 
@@ -93,7 +94,7 @@ def test_every_pixel_of_the_full_field_is_read_exactly(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("full", [False, True])
 def test_command_writes_the_smears_of_its_estimate(
-    run: Any, moving: Path, tiny_model: Path, tmp_path: Path, full: bool
+    run: Call, moving: Path, tiny_model: Path, tmp_path: Path, full: bool
 ) -> None:
     assert run(moving, "-o", tmp_path / "out", *(["--full-field"] if full else [])) == 0
     found = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()

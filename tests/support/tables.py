@@ -1,11 +1,8 @@
 """The table of ``--csv``: its columns, and its rows as they are written."""
 
 import csv
-from collections.abc import Callable
 from pathlib import Path
 
-Call = Callable[..., int]
-"""Runs a command with the tiny network, given its name and words, and returns its exit code."""
 COLUMNS = [
     "name", "verdict", "parallax", "smear_px", "smear_sigma_px", "smear_percent", "direction_deg",
     "sharpness", "rotation_deg", "frame", "timestamp_s", "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz",
