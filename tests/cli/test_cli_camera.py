@@ -182,28 +182,3 @@ def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, wor
         pose_covariance=SimpleNamespace(matrix=matrix.tolist()),
     )
     assert summary.rate(document) == words
-
-
-@pytest.mark.parametrize("wrong", ["1/0", "1/x", "/20", "0.05 h", "1/2/3"])
-def test_an_exposure_time_is_a_number_or_a_fraction(call: Call, wrong: str) -> None:
-    done = call("estimate", "a.png", "--focal", 300, "--exposure", wrong)
-    assert done == 2 and f"expected seconds as 0.04 or 1/25, got {wrong}" in done.line
-
-
-@pytest.mark.parametrize(
-    ("camera", "words"),
-    [
-        (["--focal", 300, "--readout", 0.03], "add --exposure S"),
-        (
-            ["--camera", "PINHOLE 640 400 500 500 320 200"],
-            "is for 640x400 pixels, the photograph has",
-        ),
-        (["--camera", "missing.db"], "no such database"),
-        (["--camera", "exif"], "EXIF names no focal length"),
-    ],
-)
-def test_a_camera_that_cannot_be_used_is_one_line(
-    camera: list[object], words: str, call: Call, photo: Path
-) -> None:
-    done = call("estimate", photo, *camera)
-    assert done == 1 and words in done.line

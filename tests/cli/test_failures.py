@@ -36,26 +36,10 @@ def test_link_to_itself_is_one_line(run: Call, tmp_path: Path) -> None:
     assert done == 1 and len(done.lines) == 1
 
 
-def test_one_bad_photograph_costs_one_line_and_not_the_others(
-    run: Call, moving: Path, still: Path, tmp_path: Path
-) -> None:
-    empty = tmp_path / "empty.jpg"
-    empty.touch()
-    done = run(empty, moving, tmp_path / "absent.jpg", still, "-o", tmp_path / "out")
-    one, other = done.lines
-    assert done == 1 and "empty.jpg" in one and "absent.jpg" in other
-    assert {path.stem for path in (tmp_path / "out").glob("*.json")} == {"moving", "still"}
-
-
 def test_json_names_failures_too(run: Call, still: Path, tmp_path: Path) -> None:
     done = run(tmp_path / "absent.jpg", still, "--json")
     assert done == 1 and len(done.document["estimates"]) == 1
     assert "no such file" in done.document["failures"][0]["error"]
-
-
-def test_wrong_network_is_one_line(run: Call, still: Path) -> None:
-    done = run(still, "--model", still)
-    assert done == 1 and "not an ONNX network" in done.line
 
 
 def test_interrupt_is_no_traceback(run: Call, still: Path, monkeypatch: pytest.MonkeyPatch) -> None:

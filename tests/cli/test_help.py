@@ -111,36 +111,6 @@ def test_types_of_keys_are_those_of_json_and_of_cells() -> None:
     assert dict(table.Row.explanations())["smear_px"].startswith("(float) ")
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--json", "estimate", "a.jpg"], "--json goes after estimate"),
-        (["estimate", "a.jpg", "--db", "x.db"], "--db is an option of blur2view to-colmap, not of estimate"),
-        (["estimate", "a.jpg", "--keep=l.txt"], "--keep is an option of blur2view triage, not of estimate"),
-        (["to-colmap", "a.jpg", "--no-mask"], "--no-mask is an option of blur2view report, not of to-colmap"),
-        (["segment", "a.jpg", "--nonsense"], "--nonsense is no option of segment"),
-        (
-            ["segment", "a.jpg", "--exposure", "1"],
-            "blur2view estimate, blur2view to-transforms, blur2view report, blur2view triage, not",
-        ),
-        (
-            ["segment", "a.jpg", "--readout", "0.02"],
-            "--readout is not for segment: a rolling shutter lengthens",
-        ),
-        (
-            ["to-colmap", "a.jpg", "--readout=0.02"],
-            "--readout is not for to-colmap: COLMAP has one pose for all",
-        ),
-    ],
-)
-def test_option_of_another_command_is_told(
-    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main(words)
-    assert caught.value.code == 2 and told in capsys.readouterr().err
-
-
 def test_a_shell_completes_commands_options_and_files(tmp_path: Path) -> None:
     pytest.importorskip("shtab")
     (tmp_path / "clip.mp4").touch()

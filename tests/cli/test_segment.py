@@ -112,26 +112,6 @@ def test_known_intrinsics_give_E_and_pose_as_estimate_does(run: Call, call: Call
         assert mask[key] == one[key]
 
 
-def test_bad_photograph_costs_one_line_and_not_the_others(run: Call, walker: Path, tmp_path: Path) -> None:
-    bad = tmp_path / "bad.png"
-    bad.write_bytes(b"no picture")
-    printed = run(bad, walker, "--jobs", 2)
-    assert printed == 1
-    assert printed.err.count("\n") == 1 and str(bad) in printed.err
-    assert f"{walker}: " in printed.out
-
-
-def test_no_file_of_others_is_overwritten(run: Call, walker: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert run(walker, "-o", out) == run(walker, "-o", out) == 0
-    (out / "a.motion.json").unlink()
-    (out / "a.motion.png").write_bytes(b"mine")
-    for more in ([], ["--overwrite"]):
-        done = run(walker, "-o", out, *more)
-        assert done == 1 and "a.motion.png is no result of an earlier call" in done.err
-    assert (out / "a.motion.png").read_bytes() == b"mine"
-
-
 def test_same_seed_gives_the_same_bytes(run: Call, walker: Path, tmp_path: Path) -> None:
     for name in ("one", "two"):
         run(walker, "-o", tmp_path / name)
