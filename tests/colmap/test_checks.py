@@ -22,7 +22,7 @@ from tools.database_safety.malformed_projects import SQL_FAULTS
 NOT_COLMAPS = [
     "name a blob", "name with a null", "name very long", "name a long text", "name an integer", "view a blob",
     "view with a null", "camera infinitely wide", "view of our name", "counter at its end", "column gone",
-    "columns to fill", "own table of another",
+    "columns to fill", "own table of another", "trigger",
 ]  # fmt: skip
 
 

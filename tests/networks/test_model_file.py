@@ -121,7 +121,8 @@ def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_pat
 
 def test_a_network_gets_no_more_memory_than_its_bound(tmp_path: Path) -> None:
     nodes = helper.make_node("Expand", ["one", "many"], ["costly"])
-    model = computing(nodes, one=np.ones(1, np.float32), many=np.array([1 << 20, 1 << 20]))
+    most = model_file.BYTES_A_CORE * max(model_file.usable_cores(), 2)
+    model = computing(nodes, one=np.ones(1, np.float32), many=np.array([most // 4096 + 1, 1024]))
     onnx.save(model, tmp_path / "a.onnx")
     network = SmearNetwork(tmp_path / "a.onnx")  # which computes nothing yet
     with pytest.raises(ModelError, match="cannot be run on 64x64"):
