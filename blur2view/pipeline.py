@@ -189,10 +189,13 @@ class FileEstimate:
     frame: int | None = None  # its number in a video
     timestamp_s: float | None = None  # its time there
     warnings: tuple[str, ...] = ()  # of options that EXIF contradicts
+    timed: bool = True  # whether results say how long it took
 
     @property
-    def timings_s(self) -> dict[str, float]:
-        """Return the seconds of each step: read, predict, select and solve."""
+    def timings_s(self) -> dict[str, float] | None:
+        """Return the seconds of each step: read, predict, select and solve; None if nobody wants them."""
+        if not self.timed:
+            return None
         steps = asdict(self.estimate.timings)
         return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
 

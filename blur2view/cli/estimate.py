@@ -1,11 +1,11 @@
 """The command ``blur2view estimate``: the two-view geometry of each photograph."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from blur2view.cli.options import EstimateOptions
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
-from blur2view.cli.work import DocumentWork
+from blur2view.cli.work import DocumentWork, made
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 from blur2view.runs.job import Job, Made
@@ -22,14 +22,9 @@ class EstimateWork(DocumentWork[EstimateDocument]):
         """Return the document and the summary of one photograph, with its files."""
         one, files = self.estimated(job), job.target
         document = EstimateDocument.of(one)
-        document = document if self.timings else replace(document, timings_s=None)
-        return Made(
-            kept=document if self.json else None,
-            summary=estimate_summary(document, one.estimate, files, self.verbosity),
-            row=self.row(one),
-            files={} if files is None else result_contents(files, document, one, full_field=self.full_field),
-            warnings=one.warnings,
-        )
+        summary = estimate_summary(document, one.estimate, files, self.verbosity)
+        contents = {} if files is None else result_contents(files, document, one, full_field=self.full_field)
+        return made(one, document if self.json else None, summary, contents)
 
 
 def run(options: EstimateOptions) -> int:

@@ -4,7 +4,6 @@ import io
 import os
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,7 @@ from blur2view.results.masks import MaskDocument
 from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Work
 from blur2view.runs.manifest import Manifest
-from blur2view.segmentation.formats import GREY, MaskFormat
+from blur2view.segmentation.formats import GREY
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import StoredSmears
 
@@ -209,37 +208,17 @@ def result_contents(
     return dict(zip(files.paths, contents, strict=True))
 
 
-@dataclass(frozen=True, kw_only=True)
-class MaskExport:
-    """For which program masks are written, and whether it leaves out what is unobservable."""
-
-    program: MaskFormat
-    ignore_unobservable: bool
-
-    def path(self, photograph: Path) -> Path:
-        """Return where the mask of a photograph of this name goes, below the folder of results."""
-        return MASKS / self.program.path(photograph)
-
-    def encoded(self, mask: MotionMask) -> bytes:
-        """Return the mask as the program reads it."""
-        picture = self.program.picture(mask.labels, ignore_unobservable=self.ignore_unobservable)
-        return png(picture)
-
-
 def mask_contents(
     files: ResultFiles,
     document: MaskDocument,
     image: NDArray[np.float32],
     mask: MotionMask,
-    export: MaskExport | None = None,
+    further: Sequence[AnyArray],
 ) -> dict[Path, bytes]:
-    """Return what is written for a photograph: masks, probabilities, overlay and document."""
+    """Return what is written for a photograph: further pictures, masks, overlay and document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
     contents = (
-        *(() if export is None else (export.encoded(mask),)),
-        png(GREY[mask.labels]),
-        png(levels),
-        png(draw_motion(image, mask)),
+        *map(png, (*further, GREY[mask.labels], levels, draw_motion(image, mask))),
         (document.to_json() + "\n").encode(),
     )
     return dict(zip(files.paths, contents, strict=True))

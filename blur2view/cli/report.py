@@ -14,7 +14,7 @@ from blur2view.cli.options import ReportOptions
 from blur2view.cli.run import End, begun, jobs_of, manifest_beside, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
-from blur2view.cli.work import EstimatingWork
+from blur2view.cli.work import EstimatingWork, made
 from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, check_file, prepared, write_files, writing
 from blur2view.results.report import Entry, report
@@ -42,12 +42,8 @@ class ReportWork(EstimatingWork[None, Entry]):
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
         line = verdict_line(str(job.path), meaning(one), geometry)
-        return Made(
-            kept=Entry.of(one, mask, mask_s, timings=self.timings),
-            summary=line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}",
-            row=self.row(one),
-            warnings=one.warnings,
-        )
+        summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
+        return made(one, Entry.of(one, mask, mask_s), summary)
 
     def stored(self, kept: Entry) -> Any:
         """Return the entry in JSON's types."""

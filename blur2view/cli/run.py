@@ -41,15 +41,12 @@ class End(Enum):
     WHOLE = auto()
     STOPPED = auto()
     INTERRUPTED = auto()
-    BROKEN = auto()
+    BROKEN = auto()  # then files of all photographs, but for the table, stay as an earlier call left them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finished(Generic[Kept]):
-    """What came of a run over photographs, in their order, as far as it has come.
-
-    Of a broken run files of all photographs stay as an earlier call left them, but for the table.
-    """
+    """What came of a run over photographs, in their order, as far as it has come."""
 
     outcomes: list[tuple[Path, Outcome[Kept]]]
     rows: list[Row]  # of the table
@@ -143,13 +140,13 @@ def run_over(
                 if options.jsonl:
                     outcome = _printed(job.path, outcome)
                 if outcome.made is not None:
-                    warned |= _warn(options, bar, job.path, outcome.made.warnings, warned)
+                    _warn(options, bar, job.path, outcome.made.warnings, warned)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
                 done.append((job.path, outcome))
                 failed += outcome.made is None
                 bar.show(len(done), len(jobs))
-                if outcome.stop or failed == options.max_failures:
+                if outcome.stop or (failed == options.max_failures and len(done) < len(jobs)):
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -198,13 +195,13 @@ def _printed(path: Path, outcome: Outcome[Any]) -> Outcome[Any]:
 
 def _warn(
     options: PhotographOptions, bar: Progress, path: Path, warnings: Iterable[str], known: set[str]
-) -> set[str]:
-    """Return the options that warnings are about, after printing of each one: of most it is the same."""
-    about = {warning.partition(" ")[0]: warning for warning in warnings}
-    for option, warning in about.items():
+) -> None:
+    """Print one warning about each option, which becomes known: of most photographs it is the same."""
+    for warning in warnings:
+        option = warning.partition(" ")[0]
         if option not in known and options.verbosity > QUIET:
             complain(Blur2ViewError(f"{path}: {warning}"), bar.say)
-    return set(about)
+        known.add(option)
 
 
 def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:

@@ -1,14 +1,14 @@
 """The command ``blur2view segment``: which pixels of a photograph move by themselves."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from blur2view.cli.options import SegmentCommandOptions
-from blur2view.cli.outputs import MASK, MaskExport, mask_contents, run_with_files
+from blur2view.cli.outputs import MASK, MASKS, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
-from blur2view.cli.work import DocumentWork
+from blur2view.cli.work import DocumentWork, made
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.masks import MaskDocument, MasksDocument
@@ -22,7 +22,8 @@ class SegmentWork(DocumentWork[MaskDocument]):
     """The work on one photograph."""
 
     kind = MaskDocument
-    export: MaskExport | None
+    masks: MaskFormat | None  # also for this program
+    ignore_unobservable: bool  # there
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -30,27 +31,27 @@ class SegmentWork(DocumentWork[MaskDocument]):
         start = time.perf_counter()
         mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
-        document = document if self.timings else replace(document, timings_s=None)
-        return Made(
-            kept=document if self.json else None,
-            summary=mask_summary(document, mask, files, self.verbosity),
-            row=self.row(one),
-            files={} if files is None else mask_contents(files, document, one.image, mask, self.export),
-            warnings=one.warnings,
-        )
+        summary = mask_summary(document, mask, files, self.verbosity)
+        further = []
+        if self.masks is not None:
+            further = [self.masks.picture(mask.labels, ignore_unobservable=self.ignore_unobservable)]
+        contents = {} if files is None else mask_contents(files, document, one.image, mask, further)
+        return made(one, document if self.json else None, summary, contents)
 
 
 def run(options: SegmentCommandOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
-    export = None
-    if options.masks is not None:
-        ignored = options.unobservable == "ignore"
-        export = MaskExport(program=MaskFormat(options.masks), ignore_unobservable=ignored)
-    work = SegmentWork.of(options, export=export, json=options.json or options.jsonl)
+    masks = None if options.masks is None else MaskFormat(options.masks)
+    work = SegmentWork.of(
+        options,
+        masks=masks,
+        ignore_unobservable=options.unobservable == "ignore",
+        json=options.json or options.jsonl,
+    )
     return run_with_files(
         options,
         MASK,
         work,
         lambda done, failed: MasksDocument(masks=done, failures=failed),
-        None if export is None else export.path,
+        None if masks is None else lambda photograph: MASKS / masks.path(photograph),
     )

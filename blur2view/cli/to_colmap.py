@@ -1,12 +1,12 @@
 """The command ``blur2view to-colmap``: blurred photographs as images that COLMAP can use."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from blur2view.cli.options import ToColmapOptions
-from blur2view.cli.run import End, begun, colmap_names, manifest_beside, run_over
+from blur2view.cli.run import FAILED, End, begun, colmap_names, manifest_beside, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import PhotographViews, ViewsWork, name_photographs, with_time
+from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
 from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import (
@@ -17,14 +17,12 @@ from blur2view.colmap.database import (
 )
 from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
-from blur2view.exposure.views import OPEN
+from blur2view.exposure.views import OPEN, ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.input_files import read_regular
 from blur2view.output_files import prepared
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
-
-FAILED = 1
 
 
 def run(options: ToColmapOptions) -> int:
@@ -41,25 +39,26 @@ def run(options: ToColmapOptions) -> int:
         before = _written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
         left = [one for one in photographs if not one.kept]
+        of_name = {one.name: one for one in left}
         jobs = [
             Job(index=index, path=one.path, target=one, source=one.source) for index, one in enumerate(left)
         ]
         names = colmap_names(options.inputs) | {one.path: one.name for one in left}
         finished = run_over(options, work, jobs, manifest, names=names)
         made = finished.kept
-        lost = before - {one.photograph.name for one in made}
+        lost = before - {one.name for one in made}
         interrupted = finished.end is End.INTERRUPTED
         if finished.end is End.BROKEN or (interrupted and (options.link or not made or lost)):
             return finished.exit_code
         _refuse_loss(options, lost)
-        made = with_time(options, made)
-        backup = None if options.dry_run else _write_views(options, made, replace=replaces)
+        made = with_time(options, made, {name: one.path for name, one in of_name.items()})
+        backup = None if options.dry_run else _write_views(options, made, of_name, replace=replaces)
     document = ToColmapDocument(
         format=options.format,
         target=str(options.target),
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
-        photographs=[one.document() for one in made],
+        photographs=[document_of(of_name[one.name], one) for one in made],
         kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
         failures=[*failures, *finished.failures],
     )
@@ -101,19 +100,24 @@ def _written_before(options: ToColmapOptions) -> set[str]:
     return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
 
 
-def _write_views(options: ToColmapOptions, made: Sequence[PhotographViews], *, replace: bool) -> Path | None:
-    """Return the backup, if there is one, after writing everything at once."""
+def _write_views(
+    options: ToColmapOptions,
+    made: Sequence[ExposureViews],
+    photographs: Mapping[str, NamedPhotograph],
+    *,
+    replace: bool,
+) -> Path | None:
+    """Return the backup, if there is one, after writing everything at once; photographs are by name."""
     if options.link:
-        planned = [(one.photograph.plan, one.views) for one in made]
+        planned = [(photographs[views.name].plan, views) for views in made]
         links = [(plan, views) for plan, views in planned if plan is not None]
         return write_links(options.target, links, backup=options.backup)
-    views = [one.views for one in made]
     if options.hloc:
-        hloc_files.write_hloc(options.target, views)
+        hloc_files.write_hloc(options.target, made)
     elif options.output is not None:
-        text_formats.write_matches_text(options.output, views, [one.photograph.path for one in made])
+        text_formats.write_matches_text(options.output, made, [photographs[one.name].path for one in made])
     elif made:
-        write_database(options.target, views, replace=replace)
+        write_database(options.target, made, replace=replace)
     return None
 
 

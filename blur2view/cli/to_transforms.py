@@ -9,7 +9,7 @@ from typing import Any
 
 from blur2view import __version__
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.colmap.models import pictures_of
+from blur2view.colmap.models import pictures_of, read_model
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
 from blur2view.errors import OutputError
 from blur2view.output_files import check_file, write_files, writing
@@ -39,7 +39,9 @@ def run(options: ToTransformsOptions) -> int:
     target = options.output
     check_file(target, "file")
     images = options.photographs or pictures_of(options.model) or target.parent / "images"
+    model = read_model(options.model)
     content = transforms(
+        model,
         options.model,
         dialect=options.dialect,
         images=os.path.relpath(images, target.parent),
@@ -51,7 +53,7 @@ def run(options: ToTransformsOptions) -> int:
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
         check_file(cloud, "point cloud")
-        files = {cloud: point_cloud(options.model), **files}
+        files = {cloud: point_cloud(model), **files}
     with writing(target.parent):
         write_files(files)
     if options.verbosity > QUIET:

@@ -22,7 +22,7 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
-from blur2view.cli.work import EstimatingWork
+from blur2view.cli.work import EstimatingWork, made
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
 from blur2view.output_files import check_file, prepared, write_text
@@ -30,6 +30,7 @@ from blur2view.photographs.extraction import extract, extracted_names, refuse_ot
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
 from blur2view.results.table import BLURRED, SHARP, UNCLEAR, UNUSABLE, Row
+from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Made
 from blur2view.runs.manifest import Manifest
 
@@ -46,8 +47,7 @@ class TriageWork(EstimatingWork[None, None]):
     def __call__(self, job: Job[None]) -> Made[None]:
         """Return the row of one photograph."""
         one = self.estimated(job)
-        row = self.row(one)
-        return Made(kept=None, summary=row.meaning, row=row, warnings=one.warnings)
+        return made(one, None, meaning(one))
 
     def restored(self, job: Job[None], stored: Any) -> None:
         """Return nothing."""

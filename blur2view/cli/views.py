@@ -1,6 +1,6 @@
 """The photographs of ``blur2view to-colmap``: their names, their plans if they are linked, their views."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
-from blur2view.cli.work import EstimatingWork
+from blur2view.cli.work import EstimatingWork, made
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
@@ -29,6 +29,7 @@ from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
 from blur2view.results.to_colmap import DATABASE, ViewsDocument
+from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Made
 from blur2view.segmentation.mask import MotionLabel, segment
 
@@ -52,31 +53,24 @@ class NamedPhotograph:
         return self.name + ("" if self.plan is None else f" {self.plan.image.digest.hex()}")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PhotographViews:
-    """A photograph's views; linked ones are its features moved."""
-
-    photograph: NamedPhotograph
-    views: ExposureViews
-
-    def document(self) -> ViewsDocument:
-        """Return the document of the views."""
-        views, plan = self.views, self.photograph.plan
-        return ViewsDocument(
-            image=str(self.photograph.path),
-            name=views.name,
-            views=views.names,
-            action="add" if plan is None else plan.step.value,
-            config=views.geometry.config.name,
-            parallax=str(views.geometry.parallax),
-            reason=views.geometry.reason,
-            num_keypoints=len(views.points_open),
-            num_matches=len(matched(views)),
-            num_inliers=int(views.geometry.inlier_mask.sum()) if len(matched(views)) else 0,
-            translation_known=translation_known(views.geometry),
-            time_known=views.time.known,
-            time_confidence=views.time.confidence,
-        )
+def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocument:
+    """Return the document of a photograph's views."""
+    geometry, plan, count = views.geometry, photograph.plan, len(matched(views))
+    return ViewsDocument(
+        image=str(photograph.path),
+        name=views.name,
+        views=views.names,
+        action="add" if plan is None else plan.step.value,
+        config=geometry.config.name,
+        parallax=str(geometry.parallax),
+        reason=geometry.reason,
+        num_keypoints=len(views.points_open),
+        num_matches=count,
+        num_inliers=int(geometry.inlier_mask.sum()) if count else 0,
+        translation_known=translation_known(geometry),
+        time_known=views.time.known,
+        time_confidence=views.time.confidence,
+    )
 
 
 def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], list[FailureDocument]]:
@@ -108,14 +102,14 @@ def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
+class ViewsWork(EstimatingWork[NamedPhotograph, ExposureViews]):
     """The work on one photograph, whose field, which is large, is not kept."""
 
     database: Path | None
     link: bool
     skip_movers: bool
 
-    def __call__(self, job: Job[NamedPhotograph]) -> Made[PhotographViews]:
+    def __call__(self, job: Job[NamedPhotograph]) -> Made[ExposureViews]:
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
@@ -129,19 +123,13 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
             views = keypoint_views(
                 photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
             )
-        row = self.row(one)
-        return Made(
-            kept=PhotographViews(photograph=photograph, views=views),
-            summary=verdict_line(photograph.name, row.meaning, one.estimate.geometry),
-            row=row,
-            warnings=one.warnings,
-        )
+        return made(one, views, verdict_line(photograph.name, meaning(one), one.estimate.geometry))
 
-    def stored(self, kept: PhotographViews) -> Any:
+    def stored(self, kept: ExposureViews) -> Any:
         """Return the views in JSON's types."""
-        return plain(kept.views)
+        return plain(kept)
 
-    def restored(self, job: Job[NamedPhotograph], stored: Any) -> PhotographViews:
+    def restored(self, job: Job[NamedPhotograph], stored: Any) -> ExposureViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
         views: ExposureViews = restore(ExposureViews, stored)
         photograph, plan = job.target, job.target.plan
@@ -149,7 +137,7 @@ class ViewsWork(EstimatingWork[NamedPhotograph, PhotographViews]):
         if views.name != photograph.name or (views.usable is None) != (plan is None):
             raise ValueError(f"expected the views of {photograph.name}")
         _check_shapes(views, count)
-        return PhotographViews(photograph=photograph, views=views)
+        return views
 
 
 def _check_shapes(views: ExposureViews, count: int) -> None:
@@ -187,11 +175,13 @@ def _camera(
     return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.image.prior_focal and not asked else stated
 
 
-def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[PhotographViews]:
-    """Return the views with the direction of time that neighbouring frames decide."""
+def with_time(
+    options: ToColmapOptions, made: list[ExposureViews], paths: Mapping[str, Path]
+) -> list[ExposureViews]:
+    """Return the views with the direction of time that neighbouring frames decide; ``paths`` are by name."""
     if options.in_order is False:
         return made
-    names = [one.photograph.name for one in made]
+    names = [one.name for one in made]
     if options.link and made and not options.in_order:  # photographs that are not linked have a vote too
         names += sorted(set(database_names(options.target)) - set(names))
     runs = consecutive_runs(names, in_order=bool(options.in_order))
@@ -199,6 +189,5 @@ def with_time(options: ToColmapOptions, made: list[PhotographViews]) -> list[Pho
     if options.link:
         matcher = DatabaseMatcher(options.target, names)
     else:
-        matcher = photograph_matcher([one.photograph.path for one in made])
-    views = with_time_direction([one.views for one in made], runs, matcher)
-    return [replace(one, views=directed) for one, directed in zip(made, views, strict=True)]
+        matcher = photograph_matcher([paths[name] for name in names])
+    return with_time_direction(made, runs, matcher)

@@ -3,6 +3,7 @@
 The network is loaded once in each process: bytes do not depend on its threads.
 """
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -29,8 +30,7 @@ from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
 from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
-from blur2view.results.verdicts import meaning
-from blur2view.runs.job import Job, Kept, Target, Work, file_digest
+from blur2view.runs.job import Job, Kept, Made, Target, Work, file_digest
 from blur2view.runs.manifest import Settings
 
 Written = TypeVar("Written", bound=Document)
@@ -90,7 +90,7 @@ class EstimatingWork(Work[Target, Kept]):
         one = estimate_file(
             job.path, network, self.run, job.content, as_stored=as_stored, camera_of=camera_of
         )
-        one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s)
+        one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s, timed=self.timings)
         if not job.neighbours:
             return one
         motions, camera, here = [], one.estimate.camera, (job.path, job.encoded)
@@ -102,10 +102,12 @@ class EstimatingWork(Work[Target, Kept]):
                 motions.append(neighbour_motion(own, other, neighbour.steps, camera))
         return replace(one, estimate=in_time(one.estimate, motions))
 
-    def row(self, one: FileEstimate) -> Row:
-        """Return the row of a photograph in a table, without its name."""
-        row = Row.of(one.estimate, one.exposure_s, sum(one.timings_s.values()) if self.timings else None)
-        return replace(row, frame=one.frame, timestamp_s=one.timestamp_s, meaning=meaning(one))
+
+def made(
+    one: FileEstimate, kept: Kept, summary: str, files: Mapping[Path, bytes] | None = None
+) -> Made[Kept]:
+    """Return what the work on a photograph gives, with its row and its warnings."""
+    return Made(kept=kept, summary=summary, row=Row.of(one), files=files or {}, warnings=one.warnings)
 
 
 @dataclass(frozen=True, kw_only=True)

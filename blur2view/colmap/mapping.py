@@ -106,9 +106,9 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
     options.random_seed = SEED
     options.extract_colors = False  # no file holds the pixels of a virtual image
-    options.min_model_size = 3
     options.fix_existing_frames = keep_photographs
     if linked:
+        options.min_model_size = 3
         # not 30: a view sees only points whose smears are confident. None of its matches is a mistake of
         # appearance, as its keypoints are the photograph's, moved.
         options.mapper.abs_pose_min_num_inliers = 8

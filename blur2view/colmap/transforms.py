@@ -41,7 +41,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.models import read_model, seen_points
+from blur2view.colmap.models import seen_points
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
@@ -95,18 +95,22 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
 
 
 def transforms(
-    folder: Path, *, dialect: str = INSTANT_NGP, images: str = "images", exposure_s: float = 1.0
+    model: Any,
+    folder: Path,
+    *,
+    dialect: str = INSTANT_NGP,
+    images: str = "images",
+    exposure_s: float = 1.0,
 ) -> dict[str, Any]:
     """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
-    The folder is that of a model with views, as `place_views` gives it, ``images`` that of the photographs as
-    seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect. DatabaseError if there
-    is no such model, no photograph has both views, or a camera is of a kind that these files cannot hold;
+    Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
+    of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect.
+    DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
     ValueError if the dialect is unknown or the exposure time not positive and finite.
     """
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
-    model = read_model(folder)
     photographs = exposed_photographs(model)
     if all(one.ends is None for one in photographs):
         raise DatabaseError(
@@ -130,9 +134,9 @@ def transforms(
     return {**shared, **whole, "frames": frames}
 
 
-def point_cloud(folder: Path) -> bytes:
+def point_cloud(model: Any) -> bytes:
     """Return the points of a model with their colours as binary PLY, as `pycolmap` writes it, signed."""
-    points = read_model(folder).points3D.values()
+    points = model.points3D.values()
     kinds = [("xyz", "<f4", 3), ("rgb", "u1", 3)]
     table = np.zeros(len(points), kinds)
     for row, point in zip(table, points, strict=True):

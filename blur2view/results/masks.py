@@ -82,7 +82,7 @@ class MaskDocument(Document):
             "labels": {label.name.lower(): int(GREY[label]) for label in MotionLabel},
             "shares": {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
             "regions": [RegionDocument.from_attributes(region) for region in mask.regions],
-            "timings_s": (estimate.timings_s or {}) | {"segment": segment_s},
+            "timings_s": estimate.timings_s and estimate.timings_s | {"segment": segment_s},
         }
         return cls(**values)
 

@@ -88,9 +88,7 @@ def pose_of(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, An
     return rate_of(geometry, exposure_s) | {
         "cam2_from_cam1": PoseDocument.from_attributes(pose),
         "rotation_deg": None if pose is None else pose.angle_deg,
-        "pose_covariance": None
-        if pose is None or covariance is None
-        else CovarianceDocument.from_attributes(covariance),
+        "pose_covariance": CovarianceDocument.from_attributes(covariance),
     }
 
 

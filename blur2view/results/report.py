@@ -53,16 +53,9 @@ class Entry:
             raise ValueError("the thumbnail is no picture")
 
     @classmethod
-    def of(
-        cls,
-        one: FileEstimate,
-        mask: MotionMask | None = None,
-        mask_s: float | None = None,
-        *,
-        timings: bool = True,
-    ) -> "Entry":
+    def of(cls, one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None) -> "Entry":
         """Return the entry of a photograph that was estimated; see `report_pack.photograph`."""
-        shown = photograph(one, mask, mask_s, timings=timings)
+        shown = photograph(one, mask, mask_s)
         matches, geometry = one.estimate.matches, one.estimate.geometry
         drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32)
         return cls(

@@ -5,7 +5,6 @@ Arrays are text that an HTML page can carry: quantised, delta-coded, deflated, b
 
 import base64
 import zlib
-from dataclasses import replace
 from io import BytesIO
 from typing import Any
 
@@ -35,20 +34,16 @@ LENS_STEP_PX = 2**-10
 Json = dict[str, Any]
 
 
-def photograph(
-    one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None, *, timings: bool = True
-) -> Json:
+def photograph(one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None) -> Json:
     """Return everything the page shows of one photograph.
 
     Among it are ``picture``, a data URI; ``median_px``, the median length of the smears that were used, None
     without any; ``document``, the text of the JSON document of ``blur2view estimate``; ``matches``, the
     smears that were used as x0, y0, x1, y1 of their ends with flags 1 inlier, 2 swapped, each that of the
     square of side ``spacing_px`` about its middle. Without a mask its layers are left out; ``mask_s`` are the
-    seconds that it took. Without timings equal photographs have equal texts.
+    seconds that it took.
     """
     estimate, geometry, used = one.estimate, one.estimate.geometry, one.estimate.matches
-    document = EstimateDocument.of(one)
-    seconds = one.timings_s | ({} if mask_s is None else {"mask": mask_s})
     height, width = estimate.grid.shape
     flags = geometry.inlier_mask.astype(np.uint8) + 2 * geometry.swapped.astype(np.uint8)
     return {
@@ -59,7 +54,7 @@ def photograph(
         "kind": kind(geometry),
         "meaning": meaning(one),
         "median_px": float(np.median(used.length_px)) if len(used) else None,
-        "document": (document if timings else replace(document, timings_s=None)).to_json(),
+        "document": EstimateDocument.of(one).to_json(),
         "grid": nodes(estimate.grid),
         "matches": {
             "spacing_px": estimate.grid.stride * cells_apart(estimate.grid, one.run.select),
@@ -68,7 +63,7 @@ def photograph(
         },
         "lens": lens(estimate.camera),
         "mask": None if mask is None else motion(mask),
-        "seconds": seconds if timings else None,
+        "seconds": one.timings_s and one.timings_s | ({} if mask_s is None else {"mask": mask_s}),
     }
 
 

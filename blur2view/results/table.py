@@ -13,7 +13,7 @@ from blur2view.results.document import Document
 from blur2view.results.pose import rate_of
 
 if TYPE_CHECKING:
-    from blur2view.pipeline import Estimate
+    from blur2view.pipeline import FileEstimate
 
 SHARP, BLURRED, UNCLEAR, UNUSABLE = "sharp", "blurred", "unclear", "unusable"
 DIGITS = 6  # significant ones
@@ -76,12 +76,12 @@ class Row(Document):
     """What the configuration says of the camera, in words: the line that is printed."""
 
     @classmethod
-    def of(cls, estimate: Estimate, exposure_s: float | None, elapsed_s: float | None) -> Row:
-        """Return the row of an estimate, without a name."""
-        from blur2view.results.verdicts import sentence
+    def of(cls, one: FileEstimate) -> Row:
+        """Return the row of a photograph, without a name."""
+        from blur2view.results.verdicts import meaning
         from blur2view.smears.sharpness import median_smear
 
-        geometry, smear = estimate.geometry, median_smear(estimate.grid)
+        estimate, geometry, smear = one.estimate, one.estimate.geometry, median_smear(one.estimate.grid)
         return cls(
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
@@ -91,11 +91,13 @@ class Row(Document):
             direction_deg=None if smear is None else smear.direction_deg,
             sharpness=None if smear is None else smear.sharpness,
             rotation_deg=None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg,
-            **rate_of(geometry, exposure_s),
+            frame=one.frame,
+            timestamp_s=one.timestamp_s,
+            **rate_of(geometry, one.exposure_s),
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
-            elapsed_s=elapsed_s,
-            meaning=sentence(geometry, estimate.matches, estimate.grid.size),
+            elapsed_s=None if one.timings_s is None else sum(one.timings_s.values()),
+            meaning=meaning(one),
         )
 
 

@@ -32,6 +32,10 @@ def test_run_ends_after_as_many_failures_as_are_allowed_and_goes_on(
         "blur2view: stopped after 4 of 5 photographs; what is done is kept, "
         "the same call with --resume goes on"
     )
+    (last := folder / "004.png").write_text("bad")  # with which nothing is left to stop
+    printed = run(last, folder / "002.png", bad[0], "--max-failures", 2)
+    assert printed == 1 and "3 photographs: 1 done, 2 failed" in printed.out and "stopped" not in printed.err
+    last.write_bytes(good[0])
     for path, content in zip(bad, good, strict=True):
         path.write_bytes(content)
     done = run(folder, "-o", tmp_path / "out", "--resume")

@@ -10,6 +10,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
+from blur2view.colmap.models import read_model
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
 from blur2view.geometry.rotation import rotation_vector
@@ -48,6 +49,11 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def content_of(folder: Path, **options: Any) -> dict[str, Any]:
+    """Return the content of the file of a model's folder."""
+    return transforms(read_model(folder), folder, **options)
+
+
 def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:
     """Return COLMAP's pixels of points (N, 3) in a camera that looks along its negative z, y up."""
     focal, centre = ([content[f"{name}{axis}"] for axis in "xy"] for name in ("fl_", "c"))
@@ -60,7 +66,7 @@ def in_camera(world_from_camera: Any, world: Array) -> Array:
 
 
 def test_every_matrix_projects_as_pycolmap_does(video: Path) -> None:
-    content = transforms(video / "model")
+    content = content_of(video / "model")
     model = pycolmap.Reconstruction(video / "model")
     keys = ("transform_matrix_start", "transform_matrix", "transform_matrix_end")
     for name, frame in zip(NAMES, content["frames"], strict=True):
@@ -72,7 +78,7 @@ def test_every_matrix_projects_as_pycolmap_does(video: Path) -> None:
 
 
 def test_rays_from_start_to_end_draw_the_true_smears(video: Path) -> None:
-    content = transforms(video / "model")
+    content = content_of(video / "model")
     assert content["rolling_shutter"] == [0, 0, 0, 1] and min(SMEAR_PX) > 2
     for frame, smears, smear_px in zip(content["frames"], SMEARS, SMEAR_PX, strict=True):
         start, end = (
@@ -84,7 +90,7 @@ def test_rays_from_start_to_end_draw_the_true_smears(video: Path) -> None:
 
 
 def test_velocities_over_the_exposure_draw_the_true_smears(video: Path) -> None:
-    content = transforms(video / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
+    content = content_of(video / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
     assert content["exposure_time"] == EXPOSURE_S and content["rolling_shutter_time"] == 0
     for frame, smears, smear_px in zip(content["frames"], SMEARS, SMEAR_PX, strict=True):
         camera = in_camera(frame["transform_matrix"], POINTS)
@@ -96,7 +102,7 @@ def test_velocities_over_the_exposure_draw_the_true_smears(video: Path) -> None:
 
 
 def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video: Path) -> None:
-    content = transforms(video / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
+    content = content_of(video / "model", dialect="nerfstudio", exposure_s=EXPOSURE_S)
     for frame, (first, _, last) in zip(content["frames"], POSES, strict=True):
         world_from_camera = np.array(frame["transform_matrix"])[:3, :3]
         centres = [-pose[:, :3].T @ pose[:, 3] for pose in (first, last)]
@@ -107,7 +113,7 @@ def test_velocities_are_those_of_the_poses_in_radians_and_units_per_second(video
 
 
 def test_views_alone_have_the_pose_halfway(video: Path) -> None:
-    whole, alone = (transforms(video / name) for name in ("model", "views"))
+    whole, alone = (content_of(video / name) for name in ("model", "views"))
     for frame, other in zip(whole["frames"], alone["frames"], strict=True):
         assert frame["transform_matrix_start"] == other["transform_matrix_start"]
         ends = [np.array(frame[f"transform_matrix_{when}"]) for when in ("start", "end")]
@@ -117,7 +123,7 @@ def test_views_alone_have_the_pose_halfway(video: Path) -> None:
 
 
 def test_the_box_holds_cameras_and_points(video: Path) -> None:
-    content = transforms(video / "model")
+    content = content_of(video / "model")
     places = np.concatenate([POINTS, [np.array(f["transform_matrix"])[:3, 3] for f in content["frames"]]])
     inside = places * content["scale"] + content["offset"]
     half = content["aabb_scale"] / 2
@@ -131,9 +137,9 @@ def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None
     model.deregister_frame(model.find_image_with_name("frame_001.png#open").frame_id)
     (tmp_path / "model").mkdir()
     model.write(tmp_path / "model")
-    frames = transforms(tmp_path / "model")["frames"]
+    frames = content_of(tmp_path / "model")["frames"]
     assert ["sharpness" in frame for frame in frames] == [True, False, True]
-    still = transforms(tmp_path / "model", dialect="nerfstudio")["frames"][1]
+    still = content_of(tmp_path / "model", dialect="nerfstudio")["frames"][1]
     assert still["camera_linear_velocity"] == still["camera_angular_velocity"] == [0, 0, 0]
 
 
@@ -149,7 +155,7 @@ def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None
 def test_lens_keeps_its_numbers(
     video: Path, tmp_path: Path, kind: str, params: list[float], expected: dict[str, Any]
 ) -> None:
-    content = transforms(with_camera(video, tmp_path, kind, params))
+    content = content_of(with_camera(video, tmp_path, kind, params))
     assert {key: content[key] for key in expected} == expected
     assert (content["w"], content["h"], content["cx"], content["cy"]) == (96, 64, 48, 32)
     assert ("p1" in content) != content.get("is_fisheye", False)  # instant-ngp reads p1 into k3's place
@@ -168,19 +174,19 @@ def with_camera(video: Path, folder: Path, kind: str, params: list[float]) -> Pa
 
 def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match=r"sharp: no photograph has both its views.*blur2view place"):
-        transforms(video / "sharp")
+        content_of(video / "sharp")
     with pytest.raises(DatabaseError, match="absent: no such folder"):
-        transforms(tmp_path / "absent")
+        content_of(tmp_path / "absent")
     with pytest.raises(DatabaseError, match="FOV, which transforms.json cannot hold; undistort"):
-        transforms(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))
+        content_of(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))
     pycolmap.Reconstruction(video / "model").write_text(tmp_path)
     (tmp_path / "points3D.txt").write_text("")
     with pytest.raises(DatabaseError, match="sees points that the model does not have"):
-        transforms(tmp_path)
+        content_of(tmp_path)
     with pytest.raises(ValueError, match="dialect"):
-        transforms(video / "model", dialect="mip")
+        content_of(video / "model", dialect="mip")
     with pytest.raises(ValueError, match="positive time"):
-        transforms(video / "model", exposure_s=float("nan"))
+        content_of(video / "model", exposure_s=float("nan"))
 
 
 def call(*arguments: object) -> int:
