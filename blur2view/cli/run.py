@@ -158,10 +158,7 @@ def run_over(
         bar.close()
     has_table, seconds = _write_table(options.csv, rows), time.monotonic() - start
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
-    if end is End.WHOLE and len(jobs) > 1 and options.prints and line is None:
-        print(_total(len(jobs), run))
-    elif end is End.INTERRUPTED or (end is End.STOPPED and len(jobs) > 1):
-        print(_how_to_go_on(run, len(jobs), manifest), file=sys.stderr)
+    _print_end(run, len(jobs), manifest, total=options.prints and line is None)
     return run
 
 
@@ -216,13 +213,16 @@ def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
     return True
 
 
-def _how_to_go_on(run: Finished[Kept], count: int, manifest: Manifest | None) -> str:
-    """Return one line about a run that ended early."""
-    line = f"blur2view: {run.end.name.lower()}"
-    if count > 1:
-        line += f" after {len(run.outcomes)} of {plural(count, 'photograph')}"
-        line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
-    return line
+def _print_end(run: Finished[Kept], count: int, manifest: Manifest | None, *, total: bool) -> None:
+    """Print the total of several photographs, if it is wanted, or one line about a run that ended early."""
+    if run.end is End.WHOLE and count > 1 and total:
+        print(_total(count, run))
+    elif run.end is End.INTERRUPTED or (run.end is End.STOPPED and count > 1):
+        line = f"blur2view: {run.end.name.lower()}"
+        if count > 1:
+            line += f" after {len(run.outcomes)} of {plural(count, 'photograph')}"
+            line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
+        print(line, file=sys.stderr)
 
 
 def _total(count: int, run: Finished[Kept]) -> str:

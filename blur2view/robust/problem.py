@@ -26,7 +26,7 @@ ASSUMED_FOCAL = 0.55
 ROTATION_SPREAD = np.array([1.0, 1.0, 3.0])
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from
-TELLING = 100.0  # independent smears whose residuals measure the noise
+LEAST_INDEPENDENT = 100.0  # smears whose residuals measure the noise
 LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond that of its direction
 
 
@@ -103,7 +103,7 @@ class SmearProblem:
 
         Where few are, F takes up errors that neighbours share, and what it leaves is less than they are.
         """
-        return self.scale if self.independent >= TELLING else 1.0
+        return self.scale if self.independent >= LEAST_INDEPENDENT else 1.0
 
     def rescaled(self, factor: float) -> SmearProblem:
         """Return the problem with all standard deviations multiplied by a factor."""

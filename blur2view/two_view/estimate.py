@@ -16,10 +16,10 @@ from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.problem import SmearProblem
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
+from blur2view.two_view.degeneracy import Assessment, assess
 from blur2view.two_view.model_selection import Fit, search_and_fit, with_inliers
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import in_order_of_rotation, with_pose
-from blur2view.two_view.structure import Verdict, assess
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
 LIKELY = [
@@ -175,39 +175,39 @@ def select_model(
     """Return the model of least cost, tested against chance, no parallax and several motions."""
     best = min(fits, key=lambda fit: fit.score)
     no_consensus, figures = consensus(best, problem, matches, rng)
-    verdict = assess(matches, problem, fits, rng, no_consensus)
-    costs = {fit.model: fit.score for fit in [*fits, verdict.fit]}
+    assessed = assess(matches, problem, fits, rng, no_consensus)
+    costs = {fit.model: fit.score for fit in [*fits, assessed.fit]}
     scores = tuple(sorted(costs.items(), key=lambda score: score[1]))
     F = None
-    if verdict.trusted:
-        F, inlier_mask = with_inliers(verdict.fit.point.matrix(), matches, problem, options)
+    if assessed.trusted:
+        F, inlier_mask = with_inliers(assessed.fit.point.matrix(), matches, problem, options)
         swapped = swapped_order(F, matches.ends)
-        reason = f"{verdict.sentence}; {figures}; {chosen(verdict, scores)}"
-    elif verdict.generator is not None:
-        ordered = transfer_orders(verdict.generator, problem.weighted)
+        reason = f"{assessed.sentence}; {figures}; {chosen(assessed, scores)}"
+    elif assessed.generator is not None:
+        ordered = transfer_orders(assessed.generator, problem.weighted)
         inlier_mask = np.abs(ordered.least) * problem.sigma_px < options.tolerance_px(problem.sigma_px)
         swapped = ordered.swapped
-        reason = f"{verdict.model}: {verdict.sentence}"
+        reason = f"{assessed.model}: {assessed.sentence}"
     else:
         inlier_mask = swapped = np.zeros(len(matches), bool)
-        reason = f"{verdict.sentence}: {figures}"
+        reason = f"{assessed.sentence}: {figures}"
     return TwoViewGeometry(
         F=F,
-        H=None if verdict.generator is None else pixel_homography(verdict.generator, problem.T),
-        config=verdict.config,
+        H=None if assessed.generator is None else pixel_homography(assessed.generator, problem.T),
+        config=assessed.config,
         reason=reason,
         inlier_mask=inlier_mask,
         swapped=swapped,
         iterations=iterations,
-        model=verdict.model,
+        model=assessed.model,
         scores=scores,
     )
 
 
-def chosen(verdict: Verdict, scores: tuple[tuple[MotionModel, float], ...]) -> str:
+def chosen(assessed: Assessment, scores: tuple[tuple[MotionModel, float], ...]) -> str:
     """Return the clause that names the model of F, with the others' costs above its own."""
-    if verdict.config is Configuration.MULTIPLE:
+    if assessed.config is Configuration.MULTIPLE:
         return "F is the best single one"
-    own = verdict.fit
+    own = assessed.fit
     others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
     return f"F is of the {own.model} family (penalised cost of the others: {others})"

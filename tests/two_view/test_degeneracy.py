@@ -11,8 +11,8 @@ from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoVie
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.acceptance import collinear, constant_field
+from blur2view.two_view.degeneracy import within_errors
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.structure import within_errors
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
 from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears

@@ -1,4 +1,4 @@
-"""What the smears show: a rotation, a plane, parallax and so a translation and F, or several motions.
+"""Whether F is determined: what tells parallax from a rotation, a plane, or several motions.
 
 One test for every input. The homography alone and the homography with parallax along the epipolar lines of F
 are nested, and so are a rotation and any homography: twice the gain in log-likelihood, with smears counted as
@@ -17,7 +17,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel
 from blur2view.robust.homography import PlaneH, RotationH, transfer_orders
 from blur2view.robust.homography_search import find_plane
-from blur2view.robust.problem import TELLING, SmearProblem
+from blur2view.robust.problem import LEAST_INDEPENDENT, SmearProblem
 from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.flow import FlowData, fit_flow
@@ -31,14 +31,14 @@ SAMPLE = 400  # smears that the tests look at, at most
 # 20000, 30000, 50000 and 60000; network smears) the largest gains are 33, 31 and 29; of 67 general motions 26
 # gain 34 and more. Of 120 synthetic rotations and planes with independent errors one gains 16, the others 5.
 PROVEN = 34.0
-NO_GAIN = 0.75, 0.1  # of it, below which there is none: where neighbours err alike, and where none do
+NO_GAIN = 0.75, 0.1  # of it, below which there is none: where neighbours share errors, and where none do
 CLEARLY = 10.0  # gain over the search's F that an F through the plane must have: it is the best of many
 LEAST_ON_PLANE = 0.4  # share of the smears without which no homography is reported
 # Beyond Schwarz's criterion, what any homography must gain over a rotation: of 41 rendered rotations the
 # gains reach 20, where the criterion asks for 17; of 34 planes 30 gain 27 and more.
 MARGIN = 4.0
 EXTRA = 5  # parameters of any homography beyond those of a rotation
-SHORT = 0.35, 0.5  # quantile of the lengths, and share of smears that may be astray
+SHORT = 0.35, 0.5  # quantile of the lengths, and share of smears that may be outliers
 
 
 HOMOGRAPHIES = {
@@ -49,7 +49,7 @@ HOMOGRAPHIES = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
+class Assessment:
     """What the smears show, why, and the models behind it.
 
     ``fit`` is the F of least cost (of normalised coordinates), reported where ``trusted``; ``generator`` that
@@ -74,7 +74,7 @@ def assess(
     fits: list[Fit],
     rng: np.random.Generator,
     no_consensus: bool = False,
-) -> Verdict:
+) -> Assessment:
     """Return what the smears show, given every model of F that was fitted.
 
     With ``no_consensus`` the F of least cost is hardly better than chance: only a homography is looked for.
@@ -82,12 +82,12 @@ def assess(
     fit = min(fits, key=lambda fit: fit.score)
     if no_consensus and within_errors(matches):
         sentence = "no motion, the smears are no longer than their errors"
-        return Verdict(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
+        return Assessment(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
     sample = np.sort(rng.permutation(len(matches))[:SAMPLE])
     plane = find_plane(problem.subset(sample).weighted, problem.has_camera, rng)
     if plane is None:
         config = Configuration.UNDEFINED if no_consensus else Configuration.UNCALIBRATED
-        return Verdict(config=config, sentence="no homography fits", fit=fit, trusted=not no_consensus)
+        return Assessment(config=config, sentence="no homography fits", fit=fit, trusted=not no_consensus)
     # Deviations as stated: what F leaves is smaller where few smears are independent, for F takes up errors
     # that neighbours share.
     stated = replace(problem.subset(sample), scale=problem.noise_scale)
@@ -116,11 +116,11 @@ def assess(
     figures = f"parallax gains {gain:z.0f} over one homography ({PROVEN:.0f} needed)"
     if not no_consensus and gain >= PROVEN:
         sentence = f"parallax is proven: {figures}"
-        return Verdict(config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, trusted=True)
+        return Assessment(config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, trusted=True)
     little = PROVEN * float(np.interp(problem.data_weight, (0, 1), NO_GAIN))
-    absent = count >= TELLING and gain < little and evidence.on_plane >= LEAST_ON_PLANE
+    absent = count >= LEAST_INDEPENDENT and gain < little and evidence.on_plane >= LEAST_ON_PLANE
     if no_consensus and not absent:
-        return Verdict(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit)
+        return Assessment(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit)
     return without_parallax(matches, problem, fit, plane, sample, absent, figures)
 
 
@@ -132,8 +132,8 @@ def without_parallax(
     sample: NDArray[np.int_],
     absent: bool,
     figures: str,
-) -> Verdict:
-    """Return the verdict of a rotation, a plane, or either, from a first homography.
+) -> Assessment:
+    """Return the assessment of a rotation, a plane, or either, from a first homography.
 
     F stays beside it unless parallax is absent. Without a camera there are no rotations.
     """
@@ -151,32 +151,32 @@ def without_parallax(
         generator = rotation.family.generator() if gain < needed else generator
     prefix = "there is no parallax" if absent else "parallax is undecided"
     sentence = f"{prefix}: {figures}; {comparison}"
-    return Verdict(config=config, sentence=sentence, fit=fit, trusted=not absent, generator=generator)
+    return Assessment(config=config, sentence=sentence, fit=fit, trusted=not absent, generator=generator)
 
 
 def within_errors(matches: SmearMatches) -> bool:
-    """Return whether the shorter smears are as short as errors alone make them, up to half astray.
+    """Return whether the shorter smears are as short as errors alone make them, up to half outliers.
 
     Of displacements that are errors of standard deviation sigma, the squared length over sigma^2 is
     distributed exponentially with mean 1.
     """
-    quantile, astray = SHORT
+    quantile, outliers = SHORT
     ratio = (matches.length_px / matches.sigma_px) ** 2
-    return bool(np.quantile(ratio, quantile) < -np.log(1 - quantile / astray))
+    return bool(np.quantile(ratio, quantile) < -np.log(1 - quantile / outliers))
 
 
-def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Verdict:
-    """Return the verdict of several motions; its F is the best single one.
+def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Assessment:
+    """Return the assessment of several motions; its F is the best single one.
 
     It follows the motion of most smears more closely than F of the smears of one motion do, for these are
-    told apart by place: of 31 synthetic scenes with a second motion of 30 or 45 % F of the larger part had a
+    separated by place: of 31 synthetic scenes with a second motion of 30 or 45 % F of the larger part had a
     median rho under 0.05 in 17, the single one in 21.
     """
     sentence = (
         f"{motions.first:.0%} and {motions.second:.0%} of {count} smears follow two motions, "
         f"{motions.single:.0%} the best single one"
     )
-    return Verdict(config=Configuration.MULTIPLE, sentence=sentence, fit=fit, trusted=True)
+    return Assessment(config=Configuration.MULTIPLE, sentence=sentence, fit=fit, trusted=True)
 
 
 def lower_cost(problem: SmearProblem, fit: Fit, F: Array) -> Fit:
