@@ -60,11 +60,8 @@ def test_summary_is_two_lines(run: Call, moving: Path, tmp_path: Path) -> None:
     assert first.startswith(f"{moving}: Camera moved")
     document = json.loads((out / "moving.json").read_text())
     assert f"{document['num_inliers']} of {document['num_matches']} smears fit" in second
-    assert (
-        "moved to or from (" in second
-        and "the epipole, unless the shutter rolls;" in second
-        and second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
-    )
+    assert "moved to or from the epipole, (" in second
+    assert second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
 
 
 def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: Path, tmp_path: Path) -> None:
