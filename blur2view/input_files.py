@@ -57,7 +57,6 @@ def read_stream(stream: BinaryIO, most: int) -> bytes:
 
 
 def _refuse_size(most: int) -> NoReturn:
-    """Refuse what has more bytes than allowed."""
     raise OSError(errno.EFBIG, f"is larger than {most >> 20} MiB")
 
 

@@ -43,7 +43,6 @@ class Run:
     max_memory_gib: float = MAX_MEMORY_GIB
 
     def __post_init__(self) -> None:
-        """Check the memory that an estimate may take."""
         if not self.max_memory_gib > 0:
             raise ValueError(f"the memory must be positive, got {self.max_memory_gib} GiB")
 

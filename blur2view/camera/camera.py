@@ -62,7 +62,6 @@ class Camera:
     log_focal_sigma: float = 0.0
 
     def __post_init__(self) -> None:
-        """Convert to float64 and check shapes and values."""
         K = np.array(self.K, np.float64)
         if K.shape != (3, 3) or not np.isfinite(K).all():
             raise ValueError(f"K must be finite and of shape (3, 3), got shape {K.shape}")

@@ -55,7 +55,6 @@ def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
 
 
 def _malformed(text: str, why: str) -> CameraError:
-    """Return the error of a string that is no camera."""
     example = "for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
     return CameraError(f"camera {text!r}: {why}; write MODEL WIDTH HEIGHT PARAMS..., {example}")
 

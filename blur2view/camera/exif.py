@@ -85,7 +85,6 @@ def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, s
 
 
 def _positive(tags: dict[int, Any], name: str) -> float | None:
-    """Return the value of a tag if it is a positive finite number."""
     try:
         value = float(tags[ExifTags.Base[name].value])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):

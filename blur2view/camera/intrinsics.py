@@ -24,7 +24,6 @@ class Intrinsics:
     """A COLMAP string, "exif", or what looks it up by a photograph's path: `colmap.cameras.StoredCamera`."""
 
     def __post_init__(self) -> None:
-        """Check what can be checked without a photograph."""
         if self.focal_px is not None and self.camera is not None:
             raise ValueError("give a focal length or a camera, not both")
         if self.focal_px is not None and not possible_focal(self.focal_px):

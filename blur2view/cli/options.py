@@ -47,7 +47,6 @@ class PhotographOptions:
     timings: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
         if self.dask is not None and callable(self.run.intrinsics.camera):
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
@@ -66,7 +65,6 @@ class FolderOptions(PhotographOptions):
     output: Path | None
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
         if self.json and self.jsonl:
             raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
         if self.resume and self.output is None:
@@ -89,7 +87,6 @@ class SegmentCommandOptions(FolderOptions):
     unobservable: str
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
         if self.masks is not None and self.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
         super().__post_init__()
@@ -111,7 +108,6 @@ class Amount:
     percent: bool = False
 
     def __str__(self) -> str:
-        """Return it as it is written."""
         return f"{self.number:g}{'%' if self.percent else ''}"
 
 
@@ -128,7 +124,6 @@ class TriageOptions(PhotographOptions):
     in_order: bool
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
         if self.resume and self.csv is None and self.keep is None and self.extract is None:
             raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
         if self.selects and self.keep is None and self.extract is None:
@@ -155,7 +150,6 @@ class ToColmapOptions(PhotographOptions):
     skip_movers: bool
 
     def __post_init__(self) -> None:
-        """Refuse what does not go together."""
         if not self.link and (self.replace or self.skip_movers or not self.backup):
             raise ValueError("--replace, --skip-movers and --no-backup go with --link")
         if self.link and self.dask is not None:
@@ -206,7 +200,6 @@ def read_options(parsed: Namespace, kind: type[Options]) -> Options:
 
 
 def _inputs(values: Mapping[str, Any]) -> Inputs:
-    """Return the photographs that the words of a call name."""
     from blur2view.photographs.inputs import list_photographs
     from blur2view.photographs.video import frame_numbers
 
@@ -216,7 +209,6 @@ def _inputs(values: Mapping[str, Any]) -> Inputs:
 
 
 def _run(values: Mapping[str, Any]) -> Run:
-    """Return how a photograph is estimated."""
     from blur2view.camera.intrinsics import Intrinsics
     from blur2view.colmap.cameras import stored_camera
     from blur2view.geometry.rolling_shutter import RollingShutter

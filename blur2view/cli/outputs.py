@@ -137,7 +137,6 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
 
 
 def _bytes(name: str) -> int:
-    """Return how many bytes a name has on disk."""
     return len(name.encode(errors="replace"))
 
 

@@ -29,7 +29,6 @@ class PlaceOptions:
     verbosity: int
 
     def __post_init__(self) -> None:
-        """Refuse a fraction that is none."""
         if self.fraction is not None and not 0 < self.fraction < math.inf:
             raise ValueError(f"--fraction must be positive and finite, got {self.fraction}")
 

@@ -91,7 +91,6 @@ def shown_names(images: Sequence[Path]) -> list[str]:
 
 
 def _write(options: ReportOptions, entries: list[Entry]) -> None:
-    """Write the page and print where it is."""
     page = report(entries, __version__)
     with writing(options.output.parent):
         write_files({options.output: page})

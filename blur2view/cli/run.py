@@ -163,7 +163,6 @@ def run_over(
 
 
 def _engine(options: PhotographOptions, count: int) -> Engine:
-    """Return where the work on so many photographs is done."""
     if options.dask is not None:
         from blur2view.runs.cluster import Cluster
 
@@ -226,7 +225,6 @@ def _print_end(run: Finished[Kept], count: int, manifest: Manifest | None, *, to
 
 
 def _total(count: int, run: Finished[Kept]) -> str:
-    """Return the closing line; a video may have fewer frames than it says."""
     skipped, failed = run.skipped, len(run.failures)
     done = len(run.outcomes) - skipped - failed
     parts = [f"{done} done"] if done or not (skipped or failed) else []

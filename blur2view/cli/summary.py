@@ -51,7 +51,6 @@ def mask_summary(
 
 
 def _with_files(lines: list[str], files: ResultFiles | None) -> str:
-    """Return the lines, the last of which names the files."""
     if files:
         endings = ",".join(ending.removeprefix(".") for ending in reversed(files.endings))
         name = printable(str(files.folder / files.stem))
@@ -111,7 +110,6 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
 
 
 def _seconds(timings_s: dict[str, float] | None) -> list[str]:
-    """Return a line with the seconds of every step and their sum, if they are wanted."""
     if timings_s is None:
         return []
     steps = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings_s.items())
@@ -119,7 +117,6 @@ def _seconds(timings_s: dict[str, float] | None) -> list[str]:
 
 
 def _rotation(document: EstimateDocument) -> str:
-    """Return the angle of the rotation, with its standard deviation."""
     deviation = ""
     if document.pose_covariance is not None:
         deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}"
@@ -127,7 +124,6 @@ def _rotation(document: EstimateDocument) -> str:
 
 
 def _angle_sigma(document: EstimateDocument) -> float:
-    """Return the standard deviation of the rotation's angle, radians: that along its axis."""
     pose, covariance = document.cam2_from_cam1, document.pose_covariance
     if pose is None or covariance is None:
         return math.nan
@@ -158,7 +154,6 @@ def _missing_translation(document: EstimateDocument) -> str:
 
 
 def _pose_lines(document: EstimateDocument) -> list[str]:
-    """Return rotation and translation with their standard deviations, up to the flip of time."""
     pose, covariance = document.cam2_from_cam1, document.pose_covariance
     if pose is None:
         return []
@@ -176,7 +171,6 @@ def _pose_lines(document: EstimateDocument) -> list[str]:
 
 
 def _matrix_lines(name: str, matrix: Array) -> list[str]:
-    """Return a matrix (3, 3), by name, as three aligned rows."""
     rows = ["  ".join(f"{value: .6e}" for value in row) for row in matrix]
     return [f"{f'{name} = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
 

@@ -70,7 +70,6 @@ def run(options: ToColmapOptions) -> int:
 
 
 def _written_files(options: ToColmapOptions) -> list[Path]:
-    """Return what is written, besides the manifest."""
     if options.output is None:
         return [options.target, *(Path(f"{options.target}{end}") for end in BESIDE)]
     names = hloc_files.NAMES if options.hloc else text_formats.NAMES
@@ -154,7 +153,6 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
 
 
 def _line(one: ViewsDocument, verbosity: int) -> str:
-    """Return one line about a photograph that is written, with its reason if there is no match or -v."""
     name = printable(one.name)
     if not one.num_matches:
         return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"

@@ -29,7 +29,6 @@ class ToTransformsOptions:
     verbosity: int
 
     def __post_init__(self) -> None:
-        """Refuse an exposure time that is none."""
         if not 0 < self.exposure < math.inf:
             raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
 

@@ -177,7 +177,6 @@ class Classifier:
         return classified
 
     def _follows(self, row: Row) -> bool:
-        """Return whether a photograph is the next frame of the video of the last one."""
         last = self._last
         if PurePath(row.name).parent != PurePath(last.name).parent:
             return False
@@ -212,7 +211,6 @@ def use_of(row: Row, length: float | None, limit: float, before: str = "") -> st
 
 
 def _length(row: Row, limit_px: float) -> str:
-    """Return how long the blur is, near the limit with a digit more."""
     if row.smear_px is None:
         return "no texture"
     near = limit_px / NEAR < row.smear_px < limit_px * NEAR

@@ -131,14 +131,12 @@ Content = tuple[Path, bytes]  # of a photograph
 
 @lru_cache(maxsize=2)
 def _matched(earlier: Content, later: Content, max_memory_gib: float) -> tuple[Array, Array]:
-    """Return matched pixels of two photographs, which each of them asks for."""
     first, second = (_features(*one, max_memory_gib) for one in (earlier, later))
     return match_features(first, second)
 
 
 @lru_cache(maxsize=3)
 def _features(path: Path, content: bytes, max_memory_gib: float) -> Features:
-    """Return the features of a photograph."""
     return features_of(read_image(path, max_memory_gib=max_memory_gib, content=content))
 
 
@@ -156,6 +154,5 @@ def settings_of(command: str, work: object, intrinsics: Intrinsics) -> Settings:
 
 
 def _without(stored: dict[str, Any]) -> dict[str, Any]:
-    """Return settings without those on which no result depends."""
     kept = {name: value for name, value in stored.items() if name not in NOT_OF_A_RESULT}
     return {name: _without(value) if isinstance(value, dict) else value for name, value in kept.items()}

@@ -74,7 +74,6 @@ def refuse_foreign(folder: Path) -> None:
 
 
 def _holds_views_alone(path: Path) -> bool:
-    """Return whether all names in one of hloc's files are those of views."""
     names: list[str] = []
 
     def note(name: str, node: Any) -> None:
@@ -96,7 +95,6 @@ def _holds_views_alone(path: Path) -> bool:
 
 
 def _h5py() -> Any:
-    """Return the module h5py, which only this needs."""
     try:
         import h5py
     except ImportError:
@@ -116,7 +114,6 @@ def _add_features(file: Any, views: ExposureViews) -> None:
 
 
 def _add_matches(file: Any, views: ExposureViews) -> None:
-    """Add the matches from the open to the close view."""
     group = file.create_group("/".join(name.replace("/", "-") for name in views.names))
     matched = matches0(views)
     group.create_dataset("matches0", data=matched)

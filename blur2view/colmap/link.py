@@ -145,7 +145,6 @@ def write_links(
 
 
 def _write_link(database: sqlite3.Connection, image: ProjectImage, views: ExposureViews) -> None:
-    """Write both images of a photograph and the three pairs."""
     own = own_views(database, image.name)
     frames = has_frames(database)
     sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}

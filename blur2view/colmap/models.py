@@ -76,7 +76,6 @@ def _check_file(path: Path) -> None:
 
 
 def _number(kind: str, content: mmap.mmap, at: int) -> int:
-    """Return an integer of a binary file."""
     return int(struct.unpack_from(kind, content, at)[0])
 
 

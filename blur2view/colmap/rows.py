@@ -86,7 +86,6 @@ def set_camera(database: Connection, image_id: int, camera_id: int, *, with_fram
 
 
 def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:
-    """Insert a frame that holds this image alone."""
     frame_id = _insert(database, "frames", rig_id=rig_of(database, camera_id))
     sensor = {"sensor_id": camera_id, "sensor_type": CAMERA_SENSOR}
     _insert(database, "frame_data", frame_id=frame_id, data_id=image_id, **sensor)
@@ -144,7 +143,6 @@ def insertion(table: str, columns: Collection[str]) -> str:
 
 
 def _insert(database: Connection, table: str, **row: object) -> int:
-    """Insert a row, given by the names of its columns; return its id."""
     number = database.execute(insertion(table, row), tuple(row.values())).lastrowid
     if number is None:
         raise RuntimeError(f"SQLite gave no id to a row of {table}")

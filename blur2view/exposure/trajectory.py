@@ -37,7 +37,6 @@ class ExposedFrame:
     velocity: Array | None
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         count = len(self.inverse_depth)
         shapes = self.rays.shape, self.displacement.shape, self.inverse_depth.shape
         if shapes != ((count, 2), (count, 2), (count,)):

@@ -58,7 +58,6 @@ class ExposureViews:
     usable: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        """Check shapes and values."""
         shapes = self.points_open.shape, self.points_close.shape, (*self.sigma_px.shape, 2)
         if len(set(shapes)) != 1 or self.points_open.ndim != 2:
             raise ValueError(f"expected points (N, 2) twice and sigma_px (N,), got {shapes}")

@@ -41,7 +41,6 @@ class RigidTransform:
     translation: Array
 
     def __post_init__(self) -> None:
-        """Convert to float64 and check shapes and values."""
         R, t = np.array(self.rotation, np.float64), np.array(self.translation, np.float64)
         if R.shape != (3, 3) or t.shape != (3,):
             raise ValueError(f"expected shapes (3, 3) and (3,), got {R.shape} and {t.shape}")
@@ -193,7 +192,6 @@ class PoseCovariance:
     tangents: Array
 
     def __post_init__(self) -> None:
-        """Check shapes."""
         if self.matrix.shape != (5, 5) or self.tangents.shape != (2, 3):
             raise ValueError(
                 f"expected shapes (5, 5) and (2, 3), got {self.matrix.shape}, {self.tangents.shape}"

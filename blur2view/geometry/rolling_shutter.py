@@ -49,7 +49,6 @@ class RollingShutter:
     towards: tuple[int, int] = (0, 1)
 
     def __post_init__(self) -> None:
-        """Refuse values out of range."""
         if not 0 <= self.readout_s <= LONGEST_S:
             raise ValueError(f"readout must be between 0 and {LONGEST_S:g} s, got {self.readout_s}")
         if not 0 < self.exposure_s < np.inf:

@@ -82,7 +82,6 @@ class TimeDirection:
     confidence: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the confidence."""
         if not 0 <= self.confidence <= 1:
             raise ValueError(f"confidence must be in [0, 1], got {self.confidence}")
 

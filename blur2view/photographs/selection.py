@@ -44,7 +44,6 @@ def sharpest_of_each(
 
 
 def _rank(length: float | None) -> float:
-    """Return what sorts the sharpest first."""
     return np.inf if length is None else length
 
 

@@ -112,7 +112,6 @@ class _Reader:
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
 
     def _begin(self) -> None:
-        """Stand before the first frame."""
         self.capture, self.position, self.ended = _opened(self.video), 0, False
 
     def read(self, number: int) -> NDArray[np.uint8]:

@@ -54,7 +54,6 @@ class Document:
 
     @classmethod
     def _json_type(cls, annotation: str) -> str:
-        """Return what the explanations call a type."""
         name = re.match(r"\w+", annotation)[0]  # type: ignore[index]
         kind = "object" if name.endswith("Document") else JSON_TYPES.get(name, name)
         return kind + cls.null * annotation.endswith("| None")

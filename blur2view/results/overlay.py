@@ -171,7 +171,6 @@ def farthest_points(points: Array, count: int) -> NDArray[np.intp]:
 
 
 def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
-    """Ring the epipoles that lie on the canvas."""
     for epipole in epipoles(F):
         if abs(epipole[2]) < 1e-12:
             continue  # at infinity
@@ -198,7 +197,6 @@ def _panel(
 
 
 def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
-    """Return how many smears were used and how long they are."""
     if len(matches) == 0:
         return "no smears used"
     length = f"median length {np.median(matches.length_px):.1f} px"

@@ -42,7 +42,6 @@ class Entry:
     content: str = ""  # JSON of `report_pack.photograph`; empty for a failed one
 
     def __post_init__(self) -> None:
-        """Check what is not escaped."""
         known = {(kind, config.name) for config, kind in KINDS.items()}
         known |= {("undecided", verdict) for kind, verdict in known if kind == "flat"} | {
             ("failed", "FAILED")
@@ -108,7 +107,6 @@ def report(entries: Sequence[Entry], version: str) -> bytes:
 
 
 def _part(name: str) -> str:
-    """Return the text of a file of the page."""
     return (files("blur2view.results") / "report_page" / name).read_text("utf-8")
 
 

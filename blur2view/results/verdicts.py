@@ -87,7 +87,6 @@ def _blur(geometry: TwoViewGeometry, matches: SmearMatches, width_px: int) -> tu
 
 
 def _nothing(geometry: TwoViewGeometry, matches: SmearMatches) -> str:
-    """Return why there is neither F nor H."""
     if geometry.config is Configuration.UNDEFINED:
         return "Blur that no one motion explains: cannot tell"
     if geometry.insufficient_data:
@@ -140,7 +139,6 @@ def angle_sigma_rad(vector: Array, covariance: Array) -> float:
 
 
 def _direction(geometry: TwoViewGeometry) -> str:
-    """Return which way a pose moves, with its standard deviation."""
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None or not pose.translation.any():
         return "(direction unknown)"
@@ -151,7 +149,6 @@ def _direction(geometry: TwoViewGeometry) -> str:
 
 
 def _way(x: float, y: float) -> str:
-    """Return in which direction of the picture a vector points."""
     short, long = sorted((abs(x), abs(y)))
     if short > DIAGONAL * long:
         return "diagonally"
@@ -159,7 +156,6 @@ def _way(x: float, y: float) -> str:
 
 
 def _share(length_px: float, width_px: int) -> str:
-    """Return a length as a share of the picture's width."""
     return f"{100 * length_px / width_px:.2g} % of the width"
 
 

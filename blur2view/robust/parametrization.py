@@ -137,7 +137,6 @@ class CameraPrior:
     principal: float = 0.03
 
     def __post_init__(self) -> None:
-        """Refuse what is no standard deviation."""
         if not (min(self.rotation) > 0 and self.log_focal >= 0 and self.principal >= 0):
             raise ValueError(f"standard deviations must be positive, got {self}")
 

@@ -56,7 +56,6 @@ class RansacOptions:
     batch: int = 16
 
     def __post_init__(self) -> None:
-        """Refuse options out of range."""
         if min(self.max_iterations, self.batch) < 1 or not 0 < self.confidence < 1:
             raise ValueError(f"counts must be positive, confidence must be in (0, 1), got {self}")
 

@@ -47,7 +47,6 @@ class RefineOptions:
         return 1 / (1 + (DEPTH_TRUST / self.data_weight) ** 3)
 
     def __post_init__(self) -> None:
-        """Refuse options out of range."""
         if self.max_iterations < 0 or not 0 < self.data_weight <= 1:
             raise ValueError(f"need max_iterations >= 0, 0 < data_weight <= 1, got {self}")
 

@@ -70,7 +70,6 @@ class Cluster:
                 self._client.close()
 
     def _outcome(self, job: Job[Target], future: Any) -> Outcome[Kept]:
-        """Return the outcome of a job that is done."""
         with self._in_touch():
             try:
                 outcome: Outcome[Kept] = future.result()

@@ -70,11 +70,9 @@ class Manifest:
             raise
 
     def __enter__(self) -> Self:
-        """Return the manifest."""
         return self
 
     def __exit__(self, *reason: object) -> None:
-        """Close the file."""
         self.close()
 
     def close(self) -> None:
@@ -119,7 +117,6 @@ class Manifest:
         return job.source + " ".join(f"{one.steps:+d}{self._digests[one.path]}" for one in job.neighbours)
 
     def _name(self, path: Path) -> str:
-        """Return a path from the manifest's folder."""
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
     def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
@@ -236,12 +233,10 @@ def _open_alone(path: Path) -> int:
 
 
 def _foreign(path: Path, more: str = "") -> OutputError:
-    """Return the line about a file that is not ours."""
     return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
 
 
 def _drop_cut_line(file: int) -> None:
-    """Cut a file after its last whole line."""
     size = end = os.fstat(file).st_size
     while end and os.pread(file, 1, end - 1) != b"\n":
         end -= 1

@@ -120,7 +120,6 @@ def _end_with_parent() -> None:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
-    """End the processes, also those at work."""
     processes = list((executor._processes or {}).values())
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:

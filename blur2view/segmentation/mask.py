@@ -144,12 +144,10 @@ def _log_odds(
 
 
 def _share(log_odds: Array) -> NDArray[np.float32]:
-    """Return probabilities."""
     return np.asarray(1 / (1 + np.exp(-np.clip(log_odds, -30, 30))), np.float32)
 
 
 def _reason(labels: NDArray[np.uint8], median_px: float, *, with_lines: bool) -> str:
-    """Say what motion was measured against."""
     if (labels == MotionLabel.UNOBSERVABLE).all():
         return "nothing to measure against: no smear of the camera's motion is read"
     still = median_px < STILL_PX

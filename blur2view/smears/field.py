@@ -35,7 +35,6 @@ class SmearField:
     sigma_rad: NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        """Convert to float32 and check shapes and values."""
         displacement = np.asarray(self.displacement, dtype=np.float32)
         object.__setattr__(self, "displacement", displacement)
         for name in ("sigma_px", "sigma_rad"):

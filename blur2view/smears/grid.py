@@ -42,7 +42,6 @@ class SmearGrid:
     window_px: int | None = WINDOW_PX
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         covered = tuple(-(-side // self.stride) for side in self.shape) if self.stride > 0 else ()
         if self.cells.ndim != 3 or self.cells.shape != (*covered, 4):
             got = f"{self.cells.shape}, stride {self.stride} and shape {self.shape}"
@@ -98,7 +97,6 @@ class SmearGrid:
 
 
 def _decoded(cells: NDArray[np.float32]) -> SmearField:
-    """Return the smears of cells (..., 4)."""
     sigma_px, sigma_rad = np.moveaxis(np.maximum(cells[..., 2:], 0), -1, 0)
     displacement = from_double_angle(cells[..., :2])
     return SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)

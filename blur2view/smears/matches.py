@@ -50,7 +50,6 @@ class SmearMatches:
     shared: SharedErrors = INDEPENDENT
 
     def __post_init__(self) -> None:
-        """Convert to float64 and check shapes and values."""
         ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)
         if ends.ndim != 3 or ends.shape[1:] != (2, 2) or sigma.shape != ends.shape[:1]:
             raise ValueError(f"expected ends (N, 2, 2) and sigma_px (N,), got {ends.shape} and {sigma.shape}")
@@ -88,7 +87,6 @@ class SmearMatches:
         return cls(ends=np.stack([points1, points2], axis=1), sigma_px=sigma, image_size=image_size)
 
     def __len__(self) -> int:
-        """Return the number of matches."""
         return len(self.ends)
 
     def subset(self, index: NDArray[Any]) -> SmearMatches:

@@ -50,7 +50,6 @@ class SharedErrors:
     least: float = 0.01
 
     def __post_init__(self) -> None:
-        """Refuse what is no share or no standard deviation."""
         if not (
             0 < self.independent_share <= 1 <= self.reach
             and min(self.length, self.direction_rad, self.least) >= 0

@@ -34,7 +34,6 @@ class SelectOptions:
     max_matches: int = 1000
 
     def __post_init__(self) -> None:
-        """Refuse options out of range."""
         if not 0 < self.beta <= 1:
             raise ValueError(f"beta must be in (0, 1], got {self.beta}")
         if self.max_matches < 1:

@@ -56,7 +56,6 @@ class StoredSmears:
     swapped: AnyArray
 
     def __post_init__(self) -> None:
-        """Check shapes and types."""
         count = self.ends.shape[:1]
         shapes = {"ends": (*count, 2, 2), "match_sigma_px": count, "inlier_mask": count, "swapped": count}
         kinds = dict(zip(USED, "ffbb", strict=True))
@@ -111,7 +110,6 @@ def load_smears(path: str | Path) -> StoredSmears:
 
 
 def _smears(arrays: dict[str, AnyArray]) -> SmearGrid | SmearField:
-    """Return the smears of a file's arrays, whichever kind it is."""
     if GRID not in arrays:
         sigmas = {name: arrays[name] for name in ("sigma_px", "sigma_rad")}
         return SmearField(displacement=arrays[FIELD], **sigmas)

@@ -27,7 +27,6 @@ class EstimatorOptions:
     confidence: float = 0.99
 
     def __post_init__(self) -> None:
-        """Refuse options out of range."""
         if not 0 < self.max_error_px <= MOST_PX:
             raise ValueError(f"max_error_px must be positive, at most {MOST_PX:g}, got {self.max_error_px}")
         self.search()
