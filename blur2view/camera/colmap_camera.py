@@ -3,7 +3,8 @@
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there. Every number that goes to or
 comes from COLMAP passes through this module; nothing else in the package adds or takes a half. Camera models
 are those that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane: another of COLMAP's
-works without a line here; `colmap.schema` names those that need no pycolmap.
+works without a line here; `colmap.schema` names those that need no pycolmap, `colmap.transforms` those that
+readers of transforms.json know.
 """
 
 from typing import Any

@@ -143,7 +143,7 @@ def matched(views: ExposureViews) -> NDArray[np.int_]:
 def inliers(views: ExposureViews) -> NDArray[np.int_]:
     """Return the indices of the matches from which COLMAP may build points: none without a translation.
 
-    A mapper takes the inliers and looks at no configuration: those of a pure turn become points at the
+    A mapper takes the inliers and looks at no configuration: those of a pure rotation become points at the
     reprojection error of noise, at a depth that nothing shows.
     """
     known = len(matched(views)) and translation_known(views.geometry)

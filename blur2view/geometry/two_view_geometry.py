@@ -33,9 +33,9 @@ class Parallax(StrEnum):
     """Whether smears show things at different depths, which F and a translation follow from."""
 
     PROVEN = "proven"
-    """No homography explains the smears, errors alike over neighbours allowed for."""
+    """No homography explains the smears, errors that neighbours share allowed for."""
     UNDECIDED = "undecided"
-    """Parallax and errors alike over neighbours look the same here, or too little is seen to tell."""
+    """Parallax and errors that neighbours share look the same here, or too little is seen."""
     ABSENT = "absent"
     """A homography leaves nothing to explain, or nothing moved."""
 
@@ -121,7 +121,7 @@ class TwoViewGeometry:
         Of the pose; without a translation it allows for one that is not seen, unless a rotation
         explains the smears as well as any homography.
     insufficient_data : bool
-        Whether too little is seen to tell anything, parallax neither.
+        Whether too little is seen for any conclusion, also on parallax.
     backward : TwoViewGeometry or None
         The other order in time, where a rolling shutter makes it another motion than the inverse.
     """

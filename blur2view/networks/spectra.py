@@ -42,7 +42,7 @@ PEAK_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (
 TREND_LAGS_PX = SHORTEST_PX / 2 * 2 ** (np.arange(18) / 4)
 """Lags of the second cepstrum, 1 to 19 px, which keeps the spectrum's trend."""
 LEAST_FREQUENCY = 4
-"""Least frequency, in bins, of those whose mean power is told beside the cepstra."""
+"""Least frequency, in bins, of those whose mean power is given beside the cepstra."""
 EIGHTH = DIRECTIONS // 4
 """Directions in 45 degrees."""
 LAGS = len(PEAK_LAGS_PX) + len(TREND_LAGS_PX)

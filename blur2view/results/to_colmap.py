@@ -33,7 +33,7 @@ class ViewsDocument(Document):
     """Matches that fit the two-view geometry."""
     translation_known: bool
     """Whether the camera is known to have moved: parallax is proven, or the direction known to 30 degrees.
-    Without --link COLMAP gets no inliers of the others, so that it makes no points of a turn."""
+    Without --link COLMAP gets no inliers of the others, so that it makes no points from a rotation."""
     time_known: bool
     """Whether neighbouring photographs decided which view came first; else open and close may be exchanged.
     """

@@ -50,7 +50,7 @@ def sentence(
 ) -> str:
     """Return the one sentence that matters: what the camera did, or why that cannot be told.
 
-    ``size`` is width and height of the photograph: without intrinsics a turn is given as a share of the
+    ``size`` is width and height of the photograph: without intrinsics a rotation is given as a share of the
     width. With an exposure time a rotation is given as an angular velocity.
     """
     config, undecided = geometry.config, geometry.parallax is Parallax.UNDECIDED

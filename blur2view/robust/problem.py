@@ -13,11 +13,11 @@ from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import denormalise
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.robust.residuals import WeightedEnds
-from blur2view.smears.noise import INDEPENDENT, SharedErrors
+from blur2view.smears.noise import INDEPENDENT, LENGTH_ERROR, SharedErrors
 
 # Focal length over the longer side of the image. Any value from 0.4 to 0.6 does as well on 35 rendered scenes
 # (focal lengths of 0.6 to 1.6) and 34 frames of RedKitchen (0.82); 0.85 and 1.2 raise the mean rho of both by
-# a sixth and by more than half. A short lens tells rotation from translation by curved fields, a long one
+# a sixth and by more than half. A short lens separates rotation and translation by curved fields, a long one
 # hardly, and then errors do; rolling shutters bend fields the same way. Not even the true focal length in its
 # place does better (mean rho 0.069, 0.057 and 0.105 on 60 and 40 rendered scenes and RedKitchen, with this
 # 0.067, 0.052 and 0.074), so that EXIF's is not asked.
@@ -27,7 +27,6 @@ ROTATION_SPREAD = np.array([1.0, 1.0, 3.0])
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from
 LEAST_INDEPENDENT = 100.0  # smears whose residuals measure the noise
-LENGTH_ERROR = 0.1  # standard deviation of a smear's length, over the length, beyond that of its direction
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -31,7 +31,7 @@ SURE = 0.6
 """Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
 (tools/results/training_log.md, 20 test photographs)."""
 LEAST_SIGMA_RAD, LEAST_SIGMA_PX = float(np.deg2rad(0.3)), 0.15
-"""Deviations below which the bins cannot tell."""
+"""Least deviations that the bins resolve."""
 
 
 def lengths_px(bins: int) -> Floats:
@@ -42,7 +42,7 @@ def lengths_px(bins: int) -> Floats:
 
 
 def read_smears(log_likelihood: Floats) -> Floats:
-    """Return the smears that a log likelihood tells, with their standard deviations, (h, w, 4), float32.
+    """Return the smears of a log likelihood, with their standard deviations, (h, w, 4), float32.
 
     Of cells' log likelihoods (h, w, 32, bins), up to a constant, directions by lengths: the double angle |d|
     (cos 2phi, sin 2phi), the standard deviation of the end-point error |d - d*|, pixels, and of the

@@ -6,7 +6,7 @@ plane (development seeds 30000 to 30011 of `tools.datasets.motion_kinds`):
 
 - stated deviations are root mean squares over all of a likelihood's peaks; the bulk of the errors is smaller,
   0.6 times along the smear and 0.65 across it (68 % points), and the rest is outliers;
-- errors of windows of 96 px every 32 px are alike: correlation 0.7, 0.5, 0.35, 0.3 and 0.15 at 1, 2, 3, 4
+- errors of windows of 96 px every 32 px are correlated: 0.7, 0.5, 0.35, 0.3 and 0.15 at 1, 2, 3, 4
   and 6 cells, which makes one cell in 46 independent, where overlap alone would make it one in 9;
 - the mean error of a picture is 4 % of the lengths and 1 degree of the directions.
 """
@@ -24,6 +24,8 @@ BULK_ALONG, BULK_ACROSS = 0.6, 0.65
 LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01
 """Of the length: no smear is believed better, for paths are bent and cells cover more than a point."""
 LEAST_PX = 0.1
+LENGTH_ERROR = 0.1
+"""Of the length, the deviation along a smear beyond that across it, where it is compared with lines."""
 WINDOW_PX = 96
 """Side of the window that a cell is read from, pixels."""
 CORRELATED_CELLS = 46.0 / 9.0

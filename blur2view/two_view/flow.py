@@ -4,8 +4,8 @@ At mid exposure a homography of generator A moves the point p by v(p) = (A p)_12
 in A; the chord of its path is v(p) + (A p)_3 / 4 v(v), to fifth order in the smear's length. Residuals are
 counted along and across each smear by the bulk of its errors, heavy tails by Student's distribution, and the
 errors that vary slowly over the whole picture are six parameters beside those of A, with a prior: lengths and
-directions wrong by a share, alike everywhere or in proportion to x or y. Without them a field of lengths that
-err by 4 % would speak against every rotation.
+directions wrong by a share, the same everywhere or in proportion to x or y. Without them a field of lengths
+that err by 4 % would speak against every rotation.
 """
 
 from __future__ import annotations

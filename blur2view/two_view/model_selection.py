@@ -119,10 +119,10 @@ def fit_roughly(
 ) -> Manifold:
     """Return the cheapest refinement of the starts, or that of one without rotation if it is clearly cheaper.
 
-    What a wrong start leaves is alike over the image, as errors of few independent smears are: then depths
-    and data count little against the prior, and the fit stays in a local minimum. So a start without rotation
-    is first refined as if every smear were independent. Without that, 7 of 160 scenes with exact smears and
-    an image size ended at a rho of 0.0009 to 0.0084; with it all end below 0.0003.
+    What a wrong start leaves is correlated over the image, as errors of few independent smears are: depths
+    and data then count little against the prior, and the fit stays in a local minimum. So a start without
+    rotation is first refined as if every smear were independent. Without that, 7 of 160 scenes with exact
+    smears and an image size ended at a rho of 0.0009 to 0.0084; with it all end below 0.0003.
     """
     free = replace(problem, shared=INDEPENDENT)
     far = fit_best(model, unrotated, free, FREE_TOLERANCE).point

@@ -27,7 +27,7 @@ from blur2view.two_view.parallax import mixture
 SMEARS = 700  # that the two are sought and fitted in
 SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
 ATTEMPTS = 3  # of finding two motions
-BLOCKS = 5  # along the longer side, in which errors are alike: about 100 px of a picture of 640x480
+BLOCKS = 5  # along the longer side, in which errors are correlated: about 100 px of a picture of 640x480
 PLACES = 8  # cells along the longer side, each of which goes to one motion
 ROUNDS = 4  # of sharing out the smears between the two F
 SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect

@@ -1,4 +1,4 @@
-"""One optimiser step and one checkpoint for all trainings."""
+"""One optimiser step and one checkpoint for the trainings that can be stopped and resumed."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -22,7 +22,7 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
     as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
     Where the translation is undecided (no parallax is proven, and known intrinsics leave its direction open)
     the matches are there, but no inliers of the two-view geometry: a mapper looks at no configuration, and
-    would make points of a turn. blur2view.triangulate_exposure refuses such, too
+    would make points from a rotation. blur2view.triangulate_exposure refuses such, too
 --link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
     d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
     px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run through all
