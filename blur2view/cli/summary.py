@@ -74,7 +74,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
         if document.rate_unit == PER_SECOND:
             parts.append(rate(document))
     elif geometry.F is not None and geometry.H is None:
-        epipole = f"moved to or from the epipole, {_point(epipoles(geometry.F)[0])}"
+        epipole = f"moved to or from the epipole at {_point(epipoles(geometry.F)[0])}"
         parts.append(epipole if document.readout_s else f"{epipole}, if the shutter is global")
     if document.camera is not None and "scaled" in document.camera.source:
         parts.append(document.camera.source)

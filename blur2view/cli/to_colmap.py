@@ -148,7 +148,7 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     total += f"; backup {printable(document.backup)}" if document.backup else ""
     undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
     if undecided and not linked:
-        total += f"; the translation of {undecided} is undecided, COLMAP makes no points of those"
+        total += f"; the translation of {undecided} is undecided, COLMAP makes no points from those"
     return "\n".join([*lines, total])
 
 

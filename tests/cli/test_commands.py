@@ -60,7 +60,7 @@ def test_summary_is_two_lines(run: Call, moving: Path, tmp_path: Path) -> None:
     assert first.startswith(f"{moving}: Camera moved")
     document = json.loads((out / "moving.json").read_text())
     assert f"{document['num_inliers']} of {document['num_matches']} smears fit" in second
-    assert "moved to or from the epipole, (" in second
+    assert "moved to or from the epipole at (" in second
     assert second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
 
 
