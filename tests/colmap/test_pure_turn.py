@@ -1,4 +1,4 @@
-"""A camera that only turned: to-colmap says so, and COLMAP makes no points of it."""
+"""A camera that only turned: to-colmap says so, and COLMAP makes no points from it."""
 
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def test_a_pure_turn_is_told_and_becomes_no_points(
         assert cli.main([*words, str(path)]) == 0
         line, total = capsys.readouterr().out.splitlines()
         assert "translation undecided" in line
-        assert total.endswith("the translation of 1 is undecided, COLMAP makes no points of those")
+        assert total.endswith("the translation of 1 is undecided, COLMAP makes no points from those")
         assert points_of(path, tmp_path) == 0
         with pytest.raises(DatabaseError, match="the translation of .* is undecided"):
             triangulate_exposure(path, turn.name)
