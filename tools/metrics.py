@@ -141,7 +141,6 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
 
 
 def _directed_error_deg(pose: RigidTransform, R_true: Array, t_true: Array) -> float:
-    """Return the larger error of rotation and directed translation, degrees."""
     t = pose.translation
     between = np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), t @ t_true))
     return max(rotation_error(pose.rotation @ R_true.T, np.eye(3))[0], float(between))

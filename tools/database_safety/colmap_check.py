@@ -60,7 +60,6 @@ def _images(database: sqlite3.Connection) -> Iterator[str]:
 
 
 def _keypoints(database: sqlite3.Connection) -> Iterator[str]:
-    """Find keypoints whose size contradicts their row, or that are not finite."""
     for image, rows, cols, data in database.execute("SELECT image_id, rows, cols, data FROM keypoints"):
         blob = data or b""
         if cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:

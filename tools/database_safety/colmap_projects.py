@@ -132,12 +132,10 @@ def user_rows(path: Path) -> Rows:
 
 
 def _table_rows(database: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
-    """Return all rows; columns are renamed, as names in a damaged schema may be no text."""
     count = database.execute("SELECT count(*) FROM pragma_table_xinfo(?)", (table,)).fetchone()[0]
     columns = ", ".join(f"c{index}" for index in range(count))
     return database.execute(f'WITH t({columns}) AS (SELECT * FROM "{table}") SELECT * FROM t').fetchall()
 
 
 def _touches(pair: object, ours: set[int]) -> bool:
-    """Return whether one image of a pair is a view."""
     return isinstance(pair, int) and bool({pair % MAX_IMAGES, pair // MAX_IMAGES} & ours)

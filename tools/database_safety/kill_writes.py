@@ -241,7 +241,6 @@ def _not_linkable(trial: Trial, path: Path) -> str:
 
 
 def _clear(folder: Path, path: Path) -> None:
-    """Remove a database and all that lies beside it."""
     for file in folder.iterdir():
         if file.name.lstrip(".").startswith(path.name):
             file.unlink()

@@ -35,7 +35,6 @@ class Scenes:
     labels: AnyArray
 
     def __len__(self) -> int:
-        """Return the number of scenes."""
         return len(self.labels)
 
     def save(self, path: Path) -> None:

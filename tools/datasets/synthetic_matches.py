@@ -56,7 +56,6 @@ class SyntheticOptions:
     second_motion: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse options out of range."""
         if self.count < 1 or not self.length_px > 0 or not self.noise_px >= 0:
             raise ValueError(f"need count >= 1, length_px > 0, noise_px >= 0, got {self}")
         if not (0 <= self.outliers <= 1 and 0 <= self.second_motion <= 1):

@@ -234,7 +234,6 @@ def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
 
 
 def _panel_row(one: Judged) -> AnyArray:
-    """Return photograph with the truth outlined, probability, mask."""
     height, width = one.image.shape[:2]
     photo = np.round(255 * one.image).astype(np.uint8)
     truth = cv2.resize((~one.scene.static).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)

@@ -44,7 +44,6 @@ class RenderOptions:
     detail: float = 1.5
 
     def __post_init__(self) -> None:
-        """Check the sizes."""
         if any(side <= 0 or side % GRID for side in self.size):
             raise ValueError(f"width and height must be positive multiples of {GRID}, got {self.size}")
         if not 0 < self.smear_px[0] <= self.smear_px[1]:

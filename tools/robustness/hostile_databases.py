@@ -72,7 +72,6 @@ def put_database(folder: Path, words: tuple[str, ...], *, seed: tuple[int, ...])
 
 
 def _run(path: Path, sql: str) -> None:
-    """Run statements as far as they can be."""
     with closing(sqlite3.connect(path)) as database, suppress(sqlite3.Error):
         database.execute("PRAGMA ignore_check_constraints = ON")
         database.executescript(sql)
@@ -80,14 +79,12 @@ def _run(path: Path, sql: str) -> None:
 
 
 def _columns(path: Path, rng: Rng) -> tuple[str, list[str]]:
-    """Return a table and its columns."""
     table = TABLES[int(rng.integers(len(TABLES)))]
     with closing(sqlite3.connect(path)) as database:
         return table, [row[1] for row in database.execute(f"PRAGMA table_info({table})")] or ["rowid"]
 
 
 def _odd_value(path: Path, rng: Rng) -> str:
-    """Return the change of a value, in one row or all."""
     table, columns = _columns(path, rng)
     value = VALUES[int(rng.integers(len(VALUES)))]
     row = "" if rng.random() < 0.3 else f" WHERE rowid = {int(rng.integers(1, 4))}"

@@ -209,7 +209,6 @@ def _call_earlier(place: Path) -> None:
 
 
 def _remove(folder: Path) -> None:
-    """Remove a folder, whatever modes its files have."""
     for path in folder.rglob("*"):
         if path.is_dir() and not path.is_symlink():
             path.chmod(stat.S_IRWXU)

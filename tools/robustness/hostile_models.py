@@ -106,7 +106,6 @@ def _odd_number(path: Path, rng: Rng) -> None:
 
 
 def _odd_word(path: Path, rng: Rng) -> None:
-    """Replace words of a text file."""
     lines = path.read_text().split("\n")
     for _ in range(int(rng.integers(1, 4))):
         at = int(rng.integers(len(lines)))

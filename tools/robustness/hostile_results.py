@@ -89,7 +89,6 @@ def _text(data: bytes, rng: Rng) -> bytes:
 
 
 def _place(path: Path, rng: Rng) -> None:
-    """Put there what is no regular file."""
     path.unlink()
     if rng.random() < 0.3:
         os.mkfifo(path)

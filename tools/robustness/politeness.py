@@ -63,7 +63,6 @@ def complaints(call: Call, *, full_disk: bool = False, prepared: bool = False) -
 
 
 def _ending(call: Call) -> Iterator[str]:
-    """Complain about how the process ended and what it took."""
     if call.code is None:
         yield "hangs, and had to be ended"
     elif call.code not in (0, 1, 2):

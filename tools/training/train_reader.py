@@ -91,7 +91,6 @@ class ReaderTraining:
     validate_every: int = 250
 
     def __post_init__(self) -> None:
-        """Check the choice."""
         if self.cepstra not in ("both", "comb", "trend"):
             raise ValueError(f"expected cepstra both, comb or trend, got {self.cepstra}")
 
