@@ -21,6 +21,7 @@ from blur2view.exposure.views import OPEN, ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.input_files import read_regular
 from blur2view.output_files import prepared
+from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
 
@@ -133,7 +134,7 @@ def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
 
 def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT) -> str:
     """Return a line for each photograph, and one that says what was written or would be."""
-    lines = [_line(one, verbosity) for one in document.photographs]
+    lines = [_line(one, verbosity, linked=linked) for one in document.photographs]
     if document.kept:
         some = ", ".join(printable(one.name) for one in document.kept[:3])
         some += ", ..." if len(document.kept) > 3 else ""
@@ -152,14 +153,17 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     return "\n".join([*lines, total])
 
 
-def _line(one: ViewsDocument, verbosity: int) -> str:
+def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
     name = printable(one.name)
     if not one.num_matches:
-        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
-    moved = "translation undecided"
+        unsure = linked and one.config not in NO_GEOMETRY
+        reason = "no feature of yours has a confident smear" if unsure else one.reason
+        return f"{name}: {one.action}, no matches: {reason} [{one.config}]"
+    moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
     if one.translation_known:
         moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
-    counts = f"{one.num_inliers} of {one.num_matches} matches fit"
+    elif not linked:
+        counts = f"none of {one.num_matches} matches is written as an inlier"
     order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

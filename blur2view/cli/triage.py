@@ -29,12 +29,11 @@ from blur2view.output_files import check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
-from blur2view.results.table import BLURRED, SHARP, UNCLEAR, UNUSABLE, Row
+from blur2view.results.table import BLURRED, NO_GEOMETRY, SHARP, UNCLEAR, UNUSABLE, Row
 from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Made
 from blur2view.runs.manifest import Manifest
 
-NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")
 NEAR = 1.1
 """About the limit by this factor a photograph is as sharp as the one before: compressed again, as Motion JPEG
 and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
@@ -56,9 +55,9 @@ class TriageWork(EstimatingWork[None, None]):
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
     work, keep = TriageWork.of(options), options.keep
-    first = options.csv or keep or options.extract
+    first = keep or options.extract or options.csv  # a list and a folder know the call that wrote them
     path = None if first is None else manifest_beside(first)
-    refuse_shared(options, keep, [path], "--keep")
+    refuse_shared(options, keep, (), "--keep")
     names = colmap_names(options.inputs)
     files = extracted_names(names)
     classifier = Classifier(options)

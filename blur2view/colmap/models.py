@@ -40,7 +40,7 @@ def read_model(folder: Path) -> Any:
                 _check_file(path)
         return pycolmap.Reconstruction(folder)
     except (OSError, struct.error, ValueError, RuntimeError, LookupError):  # of files that do not go together
-        reason = "is no model that can be read" if folder.is_dir() else "no such folder"
+        reason = "holds no model that can be read" if folder.is_dir() else "no such folder"
         remedy = "name the one with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
 

@@ -43,7 +43,8 @@ def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
     rims, _ = cv2.findContours(moving.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, rims, -1, (255, 255, 255), 1, cv2.LINE_AA)
     width = max(view.width, MIN_SIDE_PX)  # a narrow photograph leaves the picture narrower than its words
-    lines = wrap(mask.reason.partition(";")[0], width - 20, TEXT_SIZE)
+    words = f"pink moves, hatched is unobservable; {mask.reason.partition(';')[0]}"
+    lines = wrap(words, width - 20, TEXT_SIZE)
     picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
     write(picture, headline(mask), (10, view.height + 24), size=0.55)
     write(picture, lines, (10, view.height + 44), colour=FAINT)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
 
 SHARP, BLURRED, UNCLEAR, UNUSABLE = "sharp", "blurred", "unclear", "unusable"
+NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
 DIGITS = 6  # significant ones
 
 

@@ -167,11 +167,11 @@ def test_what_cannot_be_placed_is_one_line(
     )
     assert "holds no photograph" in complaint(database, linked / "model", linked / "model")
     assert "no such folder; name the one with cameras.bin" in complaint(database, tmp_path / "none", frames)
-    assert "is no model that can be read" in complaint(database, tmp_path, frames)
+    assert "holds no model that can be read" in complaint(database, tmp_path, frames)
     shutil.copytree(linked / "model" / "1", tmp_path / "torn")
     images = tmp_path / "torn" / "images.bin"
     images.write_bytes(images.read_bytes()[:5000])
-    assert "torn: is no model that can be read" in complaint(database, tmp_path / "torn", frames)
+    assert "torn: holds no model that can be read" in complaint(database, tmp_path / "torn", frames)
     shutil.rmtree(tmp_path / "torn")
     (tmp_path / "torn").mkdir()
     pycolmap.Reconstruction(linked / "model" / "1").write_text(tmp_path / "torn")

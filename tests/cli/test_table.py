@@ -84,7 +84,7 @@ def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) ->
         ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
         ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
         ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
-        ["triage", "--csv", "t.csv", "--keep", "t.csv.manifest.jsonl"],
+        ["triage", "--csv", "k.txt.manifest.jsonl", "--keep", "k.txt"],
         ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
         ["to-colmap", "--format", "hloc", "-o", "o2", "--csv", "o2/features.h5"],
         ["to-colmap", "--format", "matches", "-o", "o2", "--csv", "o2/matches.txt"],

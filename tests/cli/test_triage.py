@@ -113,11 +113,11 @@ def test_list_of_the_photographs_is_not_replaced(
 
 
 @pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
-def test_list_is_ours_after_a_photograph_was_deleted(
+def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
     frames: Path, call: Call, tmp_path: Path, again: list[str]
 ) -> None:
     words = (frames, "--recursive", "--keep", tmp_path / "keep.txt")
-    assert call("triage", *words) == 0
+    assert call("triage", *words, "--csv", tmp_path / "table.csv") == 0
     assert (tmp_path / "keep.txt").read_text() == "still.png\n"
     (frames / "still.png").unlink()
     assert call("triage", *words, *again) == 0

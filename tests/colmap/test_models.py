@@ -57,7 +57,7 @@ def test_a_count_that_no_file_holds_is_refused_before_memory_is_taken(
     data[at : at + 8] = count
     (model / name).write_bytes(data)
     monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
-    with pytest.raises(DatabaseError, match="is no model that can be read"):
+    with pytest.raises(DatabaseError, match="holds no model that can be read"):
         find_model(model)
 
 
@@ -74,12 +74,12 @@ def test_what_waits_for_ever_is_refused(
     else:
         pytest.skip("Linux alone has such files")
     monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
-    with pytest.raises(DatabaseError, match="is no model that can be read"):
+    with pytest.raises(DatabaseError, match="holds no model that can be read"):
         find_model(model)
 
 
 def test_a_name_without_an_end_is_refused(model: Path) -> None:
     data = (model / "images.bin").read_bytes()
     (model / "images.bin").write_bytes(data[:8] + data[8:72] + b"x" * 99)
-    with pytest.raises(DatabaseError, match="is no model that can be read"):
+    with pytest.raises(DatabaseError, match="holds no model that can be read"):
         find_model(model)

@@ -153,7 +153,7 @@ def test_what_cannot_be_placed_is_refused_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match=r"absent: no such folder; name .*images\.bin"):
         place_views(database, tmp_path / "absent")
     (model / "cameras.bin").write_bytes(b"no cameras")
-    with pytest.raises(DatabaseError, match="model: is no model that can be read; name"):
+    with pytest.raises(DatabaseError, match="model: holds no model that can be read; name"):
         place_views(database, model)
 
 
