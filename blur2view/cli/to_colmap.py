@@ -9,12 +9,7 @@ from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
 from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.connection import BESIDE
-from blur2view.colmap.database import (
-    holds_views_alone,
-    refuse_existing,
-    stored_photographs,
-    write_database,
-)
+from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
 from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import OPEN, ExposureViews

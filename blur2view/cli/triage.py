@@ -68,12 +68,7 @@ def run(options: TriageOptions) -> int:
         earlier = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
         _check_folder(options, files.values() if earlier in ("", choice) else (), path)
         finished = run_over(
-            options,
-            work,
-            jobs_of(options),
-            manifest,
-            classify=classifier,
-            line=classifier.line,
+            options, work, jobs_of(options), manifest, classify=classifier, line=classifier.line
         )
         if finished.end is End.BROKEN or not finished.rows:
             return finished.exit_code

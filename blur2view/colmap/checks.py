@@ -9,13 +9,7 @@ import sqlite3
 from collections.abc import Mapping
 from pathlib import Path
 
-from blur2view.colmap.schema import (
-    COLUMNS,
-    IMAGE_TABLES,
-    MAX_IMAGES,
-    NEWEST_KNOWN,
-    RIG_TABLES,
-)
+from blur2view.colmap.schema import COLUMNS, IMAGE_TABLES, MAX_IMAGES, NEWEST_KNOWN, RIG_TABLES
 from blur2view.errors import DatabaseError
 
 LONGEST_NAME = 4096  # bytes, of a path

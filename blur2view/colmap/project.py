@@ -21,13 +21,7 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.checks import check_schema
 from blur2view.colmap.connection import connect, database_errors, open_read_only
-from blur2view.colmap.schema import (
-    CAMERA_SENSOR,
-    MAX_IMAGES,
-    keypoints_from_blob,
-    matches_from_blob,
-    pair_id,
-)
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, keypoints_from_blob, matches_from_blob, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import NO_POINTS
 

@@ -95,12 +95,7 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
 
 
 def transforms(
-    model: Any,
-    folder: Path,
-    *,
-    dialect: str = INSTANT_NGP,
-    images: str = "images",
-    exposure_s: float = 1.0,
+    model: Any, folder: Path, *, dialect: str = INSTANT_NGP, images: str = "images", exposure_s: float = 1.0
 ) -> dict[str, Any]:
     """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 

@@ -60,9 +60,7 @@ def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | Non
         raise ValueError(f"expected points (M, 2) twice and steps, got {here.shape}, {there.shape}, {steps}")
     rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
     return NeighbourMotion(
-        points=here,
-        velocity=(there - here) / steps,
-        rotation=None if rotation is None else rotation / steps,
+        points=here, velocity=(there - here) / steps, rotation=None if rotation is None else rotation / steps
     )
 
 
@@ -166,9 +164,7 @@ def directed(
 
 
 def with_time_direction(
-    sequence: Sequence[ExposureViews],
-    runs: Sequence[Sequence[int]],
-    matched: Matched,
+    sequence: Sequence[ExposureViews], runs: Sequence[Sequence[int]], matched: Matched
 ) -> list[ExposureViews]:
     """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 

@@ -43,10 +43,7 @@ def meaning(one: FileEstimate) -> str:
 
 
 def sentence(
-    geometry: TwoViewGeometry,
-    matches: SmearMatches,
-    size: tuple[int, int],
-    exposure_s: float | None = None,
+    geometry: TwoViewGeometry, matches: SmearMatches, size: tuple[int, int], exposure_s: float | None = None
 ) -> str:
     """Return the one sentence that matters: what the camera did, or why that cannot be told.
 

@@ -34,10 +34,7 @@ ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6))) 
 DOUBLE_ROOT_SLACK = 1e-9  # a double root, rounded, must not count as a complex pair
 # The nine entries of S + [a]x, row by row, from (S11, S12, S13, S22, S23, S33, a1, a2, a3).
 ENTRIES: Array = np.concatenate(
-    [
-        symmetric_from_vector(np.eye(6)).reshape(6, 9),
-        cross_matrix(np.eye(3)).reshape(3, 9),
-    ]
+    [symmetric_from_vector(np.eye(6)).reshape(6, 9), cross_matrix(np.eye(3)).reshape(3, 9)]
 ).T  # (9, 9)
 THREE_SIGNS: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])
 

@@ -94,10 +94,7 @@ def constant_field(matches: SmearMatches, tolerance: float = CONSTANT) -> bool:
 
 
 def consensus(
-    fit: Fit,
-    problem: SmearProblem,
-    matches: SmearMatches,
-    rng: np.random.Generator,
+    fit: Fit, problem: SmearProblem, matches: SmearMatches, rng: np.random.Generator
 ) -> tuple[bool, str]:
     """Return whether there is no consensus on the F of a fit, and the figures behind it.
 
@@ -117,10 +114,7 @@ def consensus(
 
 
 def halves_agreement(
-    fit: Fit,
-    problem: SmearProblem,
-    matches: SmearMatches,
-    rng: np.random.Generator,
+    fit: Fit, problem: SmearProblem, matches: SmearMatches, rng: np.random.Generator
 ) -> float:
     """Return the mean agreement beyond chance of each half of the image with a fit to the other."""
     middle = matches.midpoint

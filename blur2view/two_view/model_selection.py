@@ -51,10 +51,7 @@ class Fit:
 
 
 def search_and_fit(
-    matches: SmearMatches,
-    options: EstimatorOptions,
-    rng: np.random.Generator,
-    camera: Camera | None = None,
+    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator, camera: Camera | None = None
 ) -> tuple[SmearProblem, list[Fit], int]:
     """Return the problem with measured sigmas, every model fitted after a robust search, samples drawn.
 
@@ -112,10 +109,7 @@ def fit_from(F: Array, problem: SmearProblem) -> Fit:
 
 
 def fit_roughly(
-    model: MotionModel,
-    starts: list[Manifold],
-    unrotated: list[Manifold],
-    problem: SmearProblem,
+    model: MotionModel, starts: list[Manifold], unrotated: list[Manifold], problem: SmearProblem
 ) -> Manifold:
     """Return the cheapest refinement of the starts, or that of one without rotation if it is clearly cheaper.
 
@@ -131,10 +125,7 @@ def fit_roughly(
 
 
 def fit_best(
-    model: MotionModel,
-    starts: list[Manifold],
-    problem: SmearProblem,
-    tolerance: float = TOLERANCE,
+    model: MotionModel, starts: list[Manifold], problem: SmearProblem, tolerance: float = TOLERANCE
 ) -> Fit:
     """Return the cheapest refinement of the starts. The score is Akaike's criterion.
 

@@ -113,11 +113,7 @@ def leaves_structure(
 
 
 def find_two_motions(
-    problem: SmearProblem,
-    F: Array,
-    backward: NDArray[np.bool_],
-    on_plane: float,
-    rng: np.random.Generator,
+    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], on_plane: float, rng: np.random.Generator
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 

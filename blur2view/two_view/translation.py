@@ -96,9 +96,7 @@ class DirectionLikelihood:
         *_, (order,) = self.at(pose.translation[None])
         sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
         return TranslationRegion(
-            directions=sign * directions,
-            rotations=sign * rotations,
-            weight=weight / weight.sum(),
+            directions=sign * directions, rotations=sign * rotations, weight=weight / weight.sum()
         )
 
 

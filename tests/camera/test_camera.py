@@ -14,12 +14,7 @@ from PIL import ExifTags, Image, PngImagePlugin
 from blur2view.arrays import Array
 from blur2view.camera import exif
 from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import (
-    from_colmap,
-    parse_camera,
-    rescaled_matrix,
-    to_colmap,
-)
+from blur2view.camera.colmap_camera import from_colmap, parse_camera, rescaled_matrix, to_colmap
 from blur2view.camera.exif import ExifValues, read_exif
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
 from blur2view.colmap.cameras import camera_of_database, stored_camera
@@ -184,10 +179,7 @@ def test_resolution_of_the_sensor_has_its_unit_and_size(tmp_path: Path, unit: in
 
 @pytest.mark.parametrize(
     "tags",
-    [
-        {"ExposureTime": 0.0, "FocalLengthIn35mmFilm": 0},
-        {"FocalLength": 4e6, "FocalPlaneXResolution": 4e6},
-    ],
+    [{"ExposureTime": 0.0, "FocalLengthIn35mmFilm": 0}, {"FocalLength": 4e6, "FocalPlaneXResolution": 4e6}],
 )
 def test_useless_exif_says_nothing(tmp_path: Path, tags: dict[str, float]) -> None:
     assert read_exif(photograph(tmp_path / "a.jpg", **tags)) == ExifValues()

@@ -18,12 +18,7 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import Scene, disturb, make_scene, with_outliers
-from tools.metrics import (
-    CHI_SQUARED_90,
-    rotation_error,
-    squared_distance,
-    translation_direction_error_deg,
-)
+from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
 
 SEEDS = range(5)
 

@@ -17,11 +17,7 @@ from blur2view.robust.parametrization import (
 )
 from blur2view.robust.problem import assumed_camera, build_problem
 from blur2view.robust.refinement import WeightedPoint, refine, refining
-from blur2view.robust.residuals import (
-    OrderedResiduals,
-    RefineOptions,
-    WeightedEnds,
-)
+from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 PRIOR = CameraPrior(rotation=(0.1, 0.1, 0.2))

@@ -20,14 +20,7 @@ from blur2view.two_view.acceptance import agreement
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.model_selection import PARAMETERS, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
-from tests.support.scenes import (
-    IMAGE_SIZE,
-    Scene,
-    disturb,
-    make_scene,
-    with_outliers,
-    with_second_motion,
-)
+from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
 from tools.estimators.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho
 
@@ -64,8 +57,7 @@ def opencv(points1: Array, points2: Array) -> Array | None:
 
 
 @pytest.mark.parametrize(
-    ("camera", "seeds", "least"),
-    [(True, SEEDS, 0.9), (False, SEEDS, 0.9), (True, LOCAL_MINIMA, 0.95)],
+    ("camera", "seeds", "least"), [(True, SEEDS, 0.9), (False, SEEDS, 0.9), (True, LOCAL_MINIMA, 0.95)]
 )
 def test_exact_smears_give_the_true_F_and_orders(camera: bool, seeds: Iterable[int], least: float) -> None:
     for seed in seeds:

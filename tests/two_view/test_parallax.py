@@ -7,11 +7,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.robust.homography import cayley
 from blur2view.robust.residuals import WeightedEnds
-from blur2view.two_view.parallax import (
-    chance_densities,
-    mixture,
-    parallax_evidence,
-)
+from blur2view.two_view.parallax import chance_densities, mixture, parallax_evidence
 
 UNIT_PX = 768.0
 NOISE = 0.6 / UNIT_PX

@@ -22,10 +22,7 @@ MAX_ITERATIONS = 10_000
 
 
 def opencv(
-    points1: AnyArray,
-    points2: AnyArray,
-    max_error_px: float = MAX_ERROR_PX,
-    method: int = cv2.USAC_MAGSAC,
+    points1: AnyArray, points2: AnyArray, max_error_px: float = MAX_ERROR_PX, method: int = cv2.USAC_MAGSAC
 ) -> AnyArray | None:
     """Return the F of OpenCV by a method of its USAC; None where it finds nothing."""
     F, _ = cv2.findFundamentalMat(points1, points2, method, max_error_px, CONFIDENCE, MAX_ITERATIONS)

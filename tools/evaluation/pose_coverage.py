@@ -28,12 +28,7 @@ from tools.datasets.synthetic_matches import (
     SyntheticSmears,
     synthetic_smears,
 )
-from tools.metrics import (
-    CHI_SQUARED_90,
-    rotation_error,
-    squared_distance,
-    translation_direction_error_deg,
-)
+from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
 from tools.pages import publish, table
 from tools.processes import single_threaded_pool
 

@@ -76,11 +76,7 @@ def make(recipe: Recipe, photos: list[Path], work: Path, models: Path) -> None:
     scenes, held = render_all(recipe, None, work)
     write_examples(recipe, photos, scenes, held, work)
     training = ReaderTraining(
-        train=work / "examples",
-        val=work / "held",
-        out=work / "run",
-        steps=recipe.steps,
-        shards=recipe.shards,
+        train=work / "examples", val=work / "held", out=work / "run", steps=recipe.steps, shards=recipe.shards
     )
     train(training)
     models.mkdir(parents=True, exist_ok=True)

@@ -10,15 +10,7 @@ import pytest
 
 from tools.benchmarks import benchmark_estimators as benchmark
 from tools.benchmarks import estimator_methods, estimator_report
-from tools.benchmarks.estimator_cells import (
-    CELLS,
-    HARD,
-    Instance,
-    Measured,
-    Plan,
-    Record,
-    synthetic_problem,
-)
+from tools.benchmarks.estimator_cells import CELLS, HARD, Instance, Measured, Plan, Record, synthetic_problem
 from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME
 from tools.pages import begun
 
