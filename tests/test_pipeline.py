@@ -95,6 +95,7 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwor
             found.angular_velocity(wrong)
 
 
+@pytest.mark.slow
 def test_four_threads_with_one_network_give_the_same_bytes(network: SmearNetwork) -> None:
     pictures = [colour_code((0.4 + 0.2 * k) * forward_motion(), 1.0) for k in range(8)]
     alone = [numbers(estimate(picture, network=network, camera=CAMERA)) for picture in pictures]

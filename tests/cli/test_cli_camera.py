@@ -78,6 +78,7 @@ def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
     assert document["F"] is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
 def test_what_exif_contradicts_is_believed_and_told_once(
     command: tuple[str, ...], here: Path, call: Call

@@ -161,6 +161,7 @@ def test_output_that_nobody_takes_is_no_traceback(
     assert done.stderr.startswith(words) and done.stderr.count("\n") == bool(words)
 
 
+@pytest.mark.slow
 def test_standard_input_that_is_no_list_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "t.png").write_bytes(b"\x89PNG\r\n")
     strict = environment() | {"PYTHONIOENCODING": "utf-8:strict"}

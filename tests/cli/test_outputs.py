@@ -16,6 +16,7 @@ from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 
 
+@pytest.mark.slow
 def test_second_call_replaces_what_the_first_wrote(
     run: Call, moving: Path, still: Path, tmp_path: Path
 ) -> None:

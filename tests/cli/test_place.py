@@ -77,6 +77,7 @@ def in_opengl(pose: Array) -> Array:
     return np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]])) @ np.diag([1.0, -1, -1, 1])
 
 
+@pytest.mark.slow
 def test_chain_ends_in_files_that_both_programs_read(
     linked: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,6 +20,7 @@ from tests.support.many_photographs import contents, write_photographs
 from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
 from tests.support.tables import table
 
+pytestmark = pytest.mark.slow
 CAMERA = ("--focal", FOCAL_PX, "--exposure", EXPOSURE_S)
 AXES = ("wx", "wy", "wz")
 FRAMES = 26

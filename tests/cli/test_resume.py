@@ -42,6 +42,7 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [["--seed", 3], ["--beta", 0.2], ["--focal", 160], ["--no-timings"]])
 def test_other_options_are_done_again(
     run: Call, folder: Path, tmp_path: Path, read: list[str], option: list[object]

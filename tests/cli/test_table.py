@@ -132,6 +132,7 @@ def test_table_that_cannot_be_written_costs_no_other_result(
     assert (tmp_path / "a.html").exists() and "t.csv" not in done.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
 def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
@@ -179,6 +180,7 @@ def test_what_was_done_before_the_run_could_not_go_on_is_printed(
     assert done == 1 and len(done.document["estimates"]) == 1
 
 
+@pytest.mark.slow
 def test_table_and_page_of_any_name_are_replaced_if_asked(frames: Path, call: Call, tmp_path: Path) -> None:
     odd = ["tab.json", "tab.html", "tab", "tab.png"]
     for name in odd:

@@ -80,6 +80,7 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     assert code == 1 and err.count("\n") == 1 and "(still.png) would be lost" in err
 
 
+@pytest.mark.slow
 def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
     run: Any, photos: list[Path], tmp_path: Path
 ) -> None:
@@ -147,6 +148,7 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     assert len(list(project.parent.glob("*.bak"))) == 1
 
 
+@pytest.mark.slow
 def test_features_on_movers_are_left_unmatched_on_demand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

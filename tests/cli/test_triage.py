@@ -18,6 +18,7 @@ from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.tables import table
 
 
+@pytest.mark.slow
 def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) -> None:
     sheet, keep = tmp_path / "deep" / "t.csv", tmp_path / "other" / "keep.txt"
     words = (frames, "--recursive", "--csv", sheet, "--keep", keep)
@@ -42,6 +43,7 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
 
 
+@pytest.mark.slow
 def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
     frames: Path, call: Call, tmp_path: Path
 ) -> None:
@@ -112,6 +114,7 @@ def test_list_of_the_photographs_is_not_replaced(
     assert Path("all.txt").read_text() == "chaos.png\nstill.png\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
 def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
     frames: Path, call: Call, tmp_path: Path, again: list[str]

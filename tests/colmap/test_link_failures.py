@@ -145,6 +145,7 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_killed_writes_leave_before_or_after() -> None:
     found = kill_many(12, seed=5)
     states = {state.split(",")[0] for counter in found.values() for state in counter}

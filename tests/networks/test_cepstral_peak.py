@@ -52,6 +52,7 @@ def errors(cells: Floats, length_px: float, angle_deg: float) -> tuple[float, fl
     return float(np.median(abs(ratio))), float(np.median(abs((angle + 90) % 180 - 90)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("length_px", "angle_deg", "count"),
     [(18, 20, 3), (22.3, 97, 3), (27, -40, 3), (44, 65, 3), (80, 178, 3), (34, 30, 1)],
@@ -68,6 +69,7 @@ def test_smears_are_moved_to_the_peak(length_px: float, angle_deg: float, count:
     assert np.median(moved[..., 3]) < 0.5 * given[0, 0, 3]
 
 
+@pytest.mark.slow
 def test_stated_deviations_hold_the_errors() -> None:
     """Of 10 pictures, networks err by what they state, and moved smears by a third of that, and state it."""
     turns, scales, shrunk = [], [], []

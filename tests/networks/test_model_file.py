@@ -148,6 +148,7 @@ def endless_network() -> onnx.ModelProto:
     return computing(loop, true=np.array(True), one=np.ones(1, np.float32))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", [long_network, endless_network])
 def test_a_network_that_computes_for_too_long_is_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: Callable[[], onnx.ModelProto]

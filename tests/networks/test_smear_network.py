@@ -63,6 +63,7 @@ def test_whole_gridare_centred_as_the_convention_says(tiny_model: Path) -> None:
     assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
 def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
     image = colour_code(turning_field(*size), 1.0)

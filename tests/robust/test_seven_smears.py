@@ -24,6 +24,7 @@ def distance(F: Array, truth: Array) -> Array:
     return least
 
 
+@pytest.mark.slow
 def test_truth_is_among_the_candidates_of_1000_exact_samples() -> None:
     error = []
     for sample, truth in zip(*samples(1000), strict=True):

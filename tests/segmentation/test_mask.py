@@ -71,6 +71,7 @@ def test_mover_is_found_with_the_cameras_F() -> None:
     assert overlap(mask) > 0.5 and "epipolar lines" in mask.reason
 
 
+@pytest.mark.slow
 def test_what_follows_the_lines_is_depth_where_parallax_is_proven() -> None:
     smears = sideways()
     smears[BOX] = (1.0, 0.0)  # along the lines, as of what is far away
@@ -83,6 +84,7 @@ def test_what_follows_the_lines_is_depth_where_parallax_is_proven() -> None:
     assert overlap(segment(proven, photo(with_mover()))) > 0.5
 
 
+@pytest.mark.slow
 def test_F_of_a_rolling_shutter_is_not_compared_with_smears_as_recorded() -> None:
     result = estimate_of(with_mover(), F=SIDEWAYS)
     shutter = RollingShutter(readout_s=0.01, exposure_s=0.02)
@@ -98,6 +100,7 @@ def test_mover_of_a_third_of_the_picture_is_not_the_camera() -> None:
     assert moving[120:380, 230:510].mean() > 0.7 and moving[:60].mean() < 0.05
 
 
+@pytest.mark.slow
 def test_nothing_moves_where_all_smears_are_the_cameras() -> None:
     for smears in (sideways(), np.zeros_like(sideways())):
         mask = segment(estimate_of(smears), photo(smears))

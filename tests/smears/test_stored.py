@@ -76,6 +76,7 @@ def test_what_was_used_is_read_exactly(tmp_path: Path) -> None:
         np.testing.assert_array_equal(getattr(found, name), getattr(true, name))
 
 
+@pytest.mark.slow
 def test_twenty_megapixels_take_less_than_two_megabytes(tmp_path: Path) -> None:
     path = written(tmp_path / "a.smear.npz", stored(grid((3648, 5472), 32)))
     assert path.stat().st_size < 0.3 * MEGABYTE

@@ -168,6 +168,7 @@ def test_inliers_are_within_the_cutoff_of_their_standard_deviations(
     assert not geometry.inlier_mask[squared > 3.0**2 * measured].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True], ids=["F", "E"])
 def test_H_runs_the_way_of_the_orders(known: bool) -> None:
     checked = 0

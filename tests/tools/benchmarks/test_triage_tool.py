@@ -37,6 +37,7 @@ def test_features_of_a_picture_match_itself_and_nothing_else() -> None:
     assert matched_share(texture(), np.zeros((360, 360, 3), np.float32)) == 0
 
 
+@pytest.mark.slow
 def test_features_get_lost_by_blur_and_the_limit_leaves_half(tmp_path: Path) -> None:
     sharp = texture()
     assert laplacian_variance(sharp) > 4 * laplacian_variance(cv2.blur(sharp, (9, 9)))

@@ -85,6 +85,7 @@ def test_each_kind_is_what_it_says(kind: str) -> None:
         assert share < 0.01 if kind != "general" else share >= LEAST_PARALLAX
 
 
+@pytest.mark.slow
 def test_command_writes_what_the_test_set_reads(tmp_path: Path, call_tool: Callable[[str], None]) -> None:
     call_tool(f"datasets.motion_kinds {tmp_path} --scenes 1 --size 96 72 --jobs 1")
     for kind in KINDS:

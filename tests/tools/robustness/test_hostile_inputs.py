@@ -111,6 +111,7 @@ def drawn(folder: Path, seed: int) -> list[Any]:
     return [named, arguments, photographs, projects, models]
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_inputs_of_every_kind(tmp_path: Path) -> None:
     parts = [drawn(tmp_path / name, seed) for name, seed in zip("abc", (3, 3, 4), strict=True)]
     for one, two, other in zip(*parts, strict=True):
@@ -210,6 +211,7 @@ def test_the_table_counts_what_was_mended() -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sleeps", "code"), [(True, None), (False, -signal.SIGXCPU)])
 def test_who_waits_or_works_for_ever_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sleeps: bool, code: int | None
