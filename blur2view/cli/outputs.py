@@ -214,7 +214,7 @@ def mask_contents(
     mask: MotionMask,
     further: Sequence[AnyArray],
 ) -> dict[Path, bytes]:
-    """Return what is written for a photograph: further pictures, masks, overlay and document."""
+    """Return what is written for a photograph: further pictures, mask, probabilities, overlay, document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)
     contents = (
         *map(png, (*further, GREY[mask.labels], levels, draw_motion(image, mask))),

@@ -225,6 +225,7 @@ def _print_end(run: Finished[Kept], count: int, manifest: Manifest | None, *, to
 
 
 def _total(count: int, run: Finished[Kept]) -> str:
+    """Return the closing line; a video may have fewer frames than it says."""
     skipped, failed = run.skipped, len(run.failures)
     done = len(run.outcomes) - skipped - failed
     parts = [f"{done} done"] if done or not (skipped or failed) else []

@@ -22,8 +22,8 @@ class SegmentWork(DocumentWork[MaskDocument]):
     """The work on one photograph."""
 
     kind = MaskDocument
-    masks: MaskFormat | None  # also for this program
-    ignore_unobservable: bool  # there
+    masks: MaskFormat | None  # write masks for this program, too
+    ignore_unobservable: bool  # in the masks for the program
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -45,7 +45,7 @@ def run(options: SegmentCommandOptions) -> int:
     work = SegmentWork.of(
         options,
         masks=masks,
-        ignore_unobservable=options.unobservable == "ignore",
+        ignore_unobservable=masks is not None and options.unobservable == "ignore",
         json=options.json or options.jsonl,
     )
     return run_with_files(

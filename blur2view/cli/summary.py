@@ -124,6 +124,7 @@ def _rotation(document: EstimateDocument) -> str:
 
 
 def _angle_sigma(document: EstimateDocument) -> float:
+    """Return the standard deviation of the rotation's angle, radians: that along its axis."""
     pose, covariance = document.cam2_from_cam1, document.pose_covariance
     if pose is None or covariance is None:
         return math.nan
@@ -154,6 +155,7 @@ def _missing_translation(document: EstimateDocument) -> str:
 
 
 def _pose_lines(document: EstimateDocument) -> list[str]:
+    """Return rotation and translation with their standard deviations, up to the flip of time."""
     pose, covariance = document.cam2_from_cam1, document.pose_covariance
     if pose is None:
         return []

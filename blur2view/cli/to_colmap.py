@@ -152,7 +152,7 @@ def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
     name = printable(one.name)
     if not one.num_matches:
         unsure = linked and one.config not in NO_GEOMETRY
-        reason = "no feature of yours has a confident smear" if unsure else one.reason
+        reason = "no feature of yours has a smear that can be used" if unsure else one.reason
         return f"{name}: {one.action}, no matches: {reason} [{one.config}]"
     moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
     if one.translation_known:

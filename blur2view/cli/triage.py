@@ -55,7 +55,7 @@ class TriageWork(EstimatingWork[None, None]):
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
     work, keep = TriageWork.of(options), options.keep
-    first = keep or options.extract or options.csv  # a list and a folder know the call that wrote them
+    first = keep or options.extract or options.csv  # a list knows the call that wrote it whatever the table
     path = None if first is None else manifest_beside(first)
     refuse_shared(options, keep, (), "--keep")
     names = colmap_names(options.inputs)
@@ -205,6 +205,7 @@ def use_of(row: Row, length: float | None, limit: float, before: str = "") -> st
 
 
 def _length(row: Row, limit_px: float) -> str:
+    """Return how long the blur is, near the limit with a digit more."""
     if row.smear_px is None:
         return "no texture"
     near = limit_px / NEAR < row.smear_px < limit_px * NEAR

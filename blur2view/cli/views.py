@@ -176,13 +176,13 @@ def _camera(
 
 
 def with_time(
-    options: ToColmapOptions, made: list[ExposureViews], paths: Mapping[str, Path]
+    options: ToColmapOptions, views: list[ExposureViews], paths: Mapping[str, Path]
 ) -> list[ExposureViews]:
     """Return the views with the direction of time that neighbouring frames decide; ``paths`` are by name."""
     if options.in_order is False:
-        return made
-    names = [one.name for one in made]
-    if options.link and made and not options.in_order:  # photographs that are not linked have a vote too
+        return views
+    names = [one.name for one in views]
+    if options.link and views and not options.in_order:  # photographs that are not linked have a vote too
         names += sorted(set(database_names(options.target)) - set(names))
     runs = consecutive_runs(names, in_order=bool(options.in_order))
     matcher: Callable[[int, int], Any]
@@ -190,4 +190,4 @@ def with_time(
         matcher = DatabaseMatcher(options.target, names)
     else:
         matcher = photograph_matcher([paths[name] for name in names])
-    return with_time_direction(made, runs, matcher)
+    return with_time_direction(views, runs, matcher)

@@ -131,6 +131,7 @@ Content = tuple[Path, bytes]  # of a photograph
 
 @lru_cache(maxsize=2)
 def _matched(earlier: Content, later: Content, max_memory_gib: float) -> tuple[Array, Array]:
+    """Return matched pixels of two photographs, which each of them asks for."""
     first, second = (_features(*one, max_memory_gib) for one in (earlier, later))
     return match_features(first, second)
 

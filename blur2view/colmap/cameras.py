@@ -90,6 +90,7 @@ def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int
 
 
 def _ids(database: sqlite3.Connection) -> list[int]:
+    """Return the first ids of cameras, one more than a message names."""
     sql = f"SELECT camera_id FROM cameras LIMIT {MOST_NAMED + 1}"
     return [camera_id for (camera_id,) in database.execute(sql)]
 

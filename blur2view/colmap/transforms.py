@@ -170,6 +170,7 @@ def _world_from_camera(image: Any) -> Array:
 
 
 def _halfway(first: Array, last: Array) -> Array:
+    """Return the pose (4, 4) halfway between two."""
     half = rotation_matrix(0.5 * rotation_vector(last[:3, :3] @ first[:3, :3].T))
     pose = np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])])
     return np.vstack([pose, LAST_ROW])

@@ -65,6 +65,7 @@ class OctaveReader:
         return logits[0], features[0]
 
     def _run(self, *inputs: Floats) -> list[Floats]:
+        """Return the network's outputs; ModelError if it cannot be run."""
         height, width = inputs[0].shape[2:]
         with patient(height * width // STEP**2) as options:
             try:

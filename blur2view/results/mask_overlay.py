@@ -27,8 +27,8 @@ def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
     """Return the picture of a motion mask over its photograph (H, W, 3), sRGB-coded in [0, 1], as uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
-    caption below counts the regions and says what was measured. The photograph's longer side becomes 640 to
-    1280 pixels.
+    caption below says how much moves, what the colours mean and what was measured. The photograph's longer
+    side becomes 640 to 1280 pixels.
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")

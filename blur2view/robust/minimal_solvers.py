@@ -182,6 +182,7 @@ def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> A
 
 
 def _cross(a: Array, b: Array) -> Array:
+    """Return cross products along the first axis."""
     x = a[1] * b[2] - a[2] * b[1]
     return np.stack([x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 

@@ -100,6 +100,7 @@ def moving_regions(moving: Mask, probability: NDArray[np.float32]) -> tuple[Movi
 
 
 def _region(stats: NDArray[np.int32], centre: AnyArray, total: float) -> MovingRegion:
+    """Describe a part by OpenCV's statistics, its centre and the sum of its probabilities."""
     left, top, width, height, area = (int(value) for value in stats)
     return MovingRegion(
         area_px=area,

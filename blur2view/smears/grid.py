@@ -97,6 +97,7 @@ class SmearGrid:
 
 
 def _decoded(cells: NDArray[np.float32]) -> SmearField:
+    """Return the smears of cells (..., 4)."""
     sigma_px, sigma_rad = np.moveaxis(np.maximum(cells[..., 2:], 0), -1, 0)
     displacement = from_double_angle(cells[..., :2])
     return SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
