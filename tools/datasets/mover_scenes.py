@@ -69,8 +69,9 @@ def write_shaken(out: Path, photos: Path, scenes: int, series: int, options: Sha
         rng = np.random.default_rng([series, index])
         sources = [_reduced(files[k], SOURCE_PX) for k in rng.integers(len(files), size=3)]
         paths = sample_paths(deepcopy(rng), options)  # which shake draws first
-        linear, displacement, valid = shake(rng, sources, options)
-        picture = np.clip(processed(rng, linear, options), 0, 255).astype(np.uint8)
+        shaken = shake(rng, sources, options)
+        displacement, valid = shaken.displacement, shaken.valid
+        picture = np.clip(processed(rng, shaken.linear, options)[0], 0, 255).astype(np.uint8)
         cv2.imwrite(str(out / f"{index:04d}.png"), picture[..., ::-1])
         ground = paths[0].smears(cell_centres(options.size))
         static = np.isclose(displacement, ground, atol=1e-3).all(axis=-1)

@@ -25,7 +25,13 @@ SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; those of the visible pixels are shorter."""
 MOVER_SEED = 13
 MOVER = ShakeOptions(
-    size=(720, 480), smear_px=(8.0, 20.0), short_share=0.0, still_share=0.0, mover_share=1.0, oval_share=0.0
+    size=(720, 480),
+    smear_px=(8.0, 20.0),
+    short_share=0.0,
+    still_share=0.0,
+    mover_share=1.0,
+    rest_share=0.0,
+    focus_share=0.0,
 )
 QUALITY = 92
 
@@ -39,8 +45,7 @@ def moving_camera(photos: Path | None) -> Array:
 def mover(photos: Path) -> Array:
     """Return the radiance (H, W, 3) of one of a folder's photographs and of a piece of another before it."""
     surfaces = [read_photograph(path) for path in sorted(photos.rglob("*.png"))]
-    linear, _, _ = shake(np.random.default_rng(MOVER_SEED), surfaces, MOVER)
-    return linear
+    return shake(np.random.default_rng(MOVER_SEED), surfaces, MOVER).linear
 
 
 def main() -> None:

@@ -2,7 +2,8 @@
 
 A picture is one surface, with up to four movers before it, whose points move by a field of smears that is
 affine in the picture (a rotation, a zoom, a slanted plane, a rolling shutter are, locally), along paths that
-may be curved and accelerated; sub-frames are averaged in linear light.
+may be curved and accelerated; sub-frames are averaged in linear light. Surfaces may be out of focus, each by
+a radius of its own.
 """
 
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import SensorOptions, compress, expose, log_uniform, photograph, soften, tone
 
@@ -25,8 +27,11 @@ class ShakeOptions:
     ``smear_px`` and ``short_px`` are ranges of the smear at the middle, log-uniform; a ``short_share`` of
     moving pictures takes the second. Further shares are of pictures without motion, with one to four surfaces
     that move otherwise (each of ``mover_area`` of the picture, log-uniform), scaled up after the sensor,
-    smoothed with edges kept, compressed twice, photographed larger as the smaller octaves are, and out of
-    focus by an ellipse, as off the axis of a lens: no motion.
+    smoothed with edges kept, compressed twice, photographed larger as the smaller octaves are. A
+    ``rest_share`` shows one to four movers before a camera at rest, half of them before the smoothest part of
+    a surface. A ``focus_share`` is out of focus by ``radius_px``, log-uniform: as a whole, or, a
+    ``layered_share`` of it, in layers, a sharp one before others or behind; a ``focus_still_share`` of these
+    pictures does not move.
     """
 
     size: tuple[int, int] = (640, 512)
@@ -40,11 +45,40 @@ class ShakeOptions:
     denoised_share: float = 0.12
     twice_share: float = 0.15
     reduced_share: float = 0.25
-    oval_share: float = 0.08
+    rest_share: float = 0.17
+    focus_share: float = 0.5
+    focus_still_share: float = 0.5
+    layered_share: float = 0.4
+    radius_px: tuple[float, float] = (0.7, 20.0)
 
-    def sensor(self) -> SensorOptions:
-        """Return the cameras: mosaics as unbalanced as on a sensor, halos of sharpening, grain."""
-        return SensorOptions(unbalanced_share=0.6, sharpening=(0.2, 2.0), grain_share=0.3)
+    def sensor(self, softness_px: float) -> SensorOptions:
+        """Return the cameras: mosaics as unbalanced as on a sensor, halos of sharpening, grain.
+
+        Their point spread has this standard deviation, and their lenses are in focus: what is not is known.
+        """
+        softness = (softness_px, softness_px)
+        return SensorOptions(
+            softness_px=softness,
+            defocus_share=0.0,
+            unbalanced_share=0.6,
+            sharpening=(0.2, 2.0),
+            grain_share=0.3,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shaken:
+    """A picture and what is true of it.
+
+    Mean radiance ``linear`` (H, W, 3); on the grid of 4 x 4 pixels (H/4, W/4): ``displacement`` (..., 2) and
+    the radius out of focus ``radius_px`` of what is seen most there, and where they are ``valid``: smears
+    that stay within the picture on one surface.
+    """
+
+    linear: Array
+    displacement: Array
+    radius_px: Array
+    valid: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,14 +123,22 @@ def sample_path(rng: np.random.Generator, length: float, side: int) -> Path:
     )
 
 
-def surface(rng: np.random.Generator, source: Array, width: int, height: int, margin: int) -> Array:
-    """Cut a piece of a photograph (H, W, 3) uint8, only ever scaled down: linear light, with a margin."""
+def surface(
+    rng: np.random.Generator, source: Array, width: int, height: int, margin: int, tries: int = 1
+) -> Array:
+    """Cut a piece of a photograph (H, W, 3) uint8, only ever scaled down: linear light, with a margin.
+
+    The smoothest of so many.
+    """
     need_w, need_h = width + 2 * margin, height + 2 * margin
     largest = min(source.shape[1] / need_w, source.shape[0] / need_h)
     zoom = float(np.exp(rng.uniform(0, np.log(max(1.0, min(largest, 2.5)))))) if rng.random() < 0.6 else 1.0
     w, h = int(min(zoom * need_w, source.shape[1])), int(min(zoom * need_h, source.shape[0]))
-    x, y = int(rng.integers(0, source.shape[1] - w + 1)), int(rng.integers(0, source.shape[0] - h + 1))
-    cut = source[y : y + h, x : x + w]
+    pieces = []
+    for _ in range(tries):
+        x, y = int(rng.integers(0, source.shape[1] - w + 1)), int(rng.integers(0, source.shape[0] - h + 1))
+        pieces.append(source[y : y + h, x : x + w])
+    cut = pieces[0] if tries == 1 else min(pieces, key=roughness)
     if rng.random() < 0.5:
         cut = cut[:, ::-1]
     if rng.random() < 0.3:
@@ -106,6 +148,11 @@ def surface(rng: np.random.Generator, source: Array, width: int, height: int, ma
         size = (max(8, round(w / zoom)), max(8, round(h / zoom)))
         linear = np.asarray(cv2.resize(linear, size, interpolation=cv2.INTER_AREA))
     return np.ascontiguousarray(linear)
+
+
+def roughness(piece: Array) -> float:
+    """Return the mean size of the second derivatives of a picture (H, W, 3) uint8."""
+    return float(np.abs(cv2.Laplacian(piece[::2, ::2, 1].astype(np.float32), cv2.CV_32F)).mean())
 
 
 DECODE = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
@@ -142,6 +189,9 @@ def warp(image: Array, path: Path, tau: float, size: tuple[int, int], border: in
 
 def sample_paths(rng: np.random.Generator, options: ShakeOptions) -> list[Path]:
     """Draw the path of the picture's surface and, in some, those of movers before it."""
+    if options.rest_share and rng.random() < options.rest_share:
+        lengths = [0.0, *(log_uniform(rng, options.smear_px) for _ in range(rng.integers(1, 5)))]
+        return [sample_path(rng, length, options.size[1]) for length in lengths]
     still = rng.random() < options.still_share
     bounds = options.short_px if rng.random() < options.short_share else options.smear_px
     length = 0.0 if still else log_uniform(rng, bounds)
@@ -195,77 +245,100 @@ def averaged(
     return total / np.float32(steps), seen
 
 
-def shake(
-    rng: np.random.Generator, sources: list[Array], options: ShakeOptions
-) -> tuple[Array, Array, Array]:
-    """Make one picture: its mean radiance (H, W, 3), smears (H/4, W/4, 2) in px, and where they are valid.
+def sample_radii(rng: np.random.Generator, paths: list[Path], options: ShakeOptions) -> list[float]:
+    """Draw the radii out of focus of surfaces; append a path like the first's where a layer is wanted."""
+    if not options.focus_share or rng.random() >= options.focus_share:
+        return [0.0] * len(paths)
+    radius = log_uniform(rng, options.radius_px)
+    if rng.random() >= options.layered_share:
+        return [radius] * len(paths)
+    if len(paths) == 1:
+        paths.append(paths[0])
+    sharp = int(rng.integers(len(paths))) if rng.random() < 0.5 else 0
+    return [0.0 if k == sharp else radius * rng.uniform(0.5, 1) for k in range(len(paths))]
 
-    Valid (H/4, W/4) are smears that stay within the picture on one surface.
-    """
+
+def shake(rng: np.random.Generator, sources: list[Array], options: ShakeOptions) -> Shaken:
+    """Make one picture of photographs (H, W, 3) uint8."""
     width, height = options.size
     paths = sample_paths(rng, options)
+    radii = sample_radii(rng, paths, options)
+    if any(radii) and rng.random() < options.focus_still_share:
+        paths = [sample_path(rng, 0.0, height)] * len(paths)
     fields = np.stack([path.smears(cell_centres(options.size)) for path in paths])
     longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
     steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
-    margin = int(0.75 * longest) + 8
-    layers = [surface(rng, sources[int(rng.integers(len(sources)))], width, height, margin) for _ in paths]
-    layers[1:] = [cut_out(rng, layer, options) for layer in layers[1:]]
+    margin = int(0.75 * longest + max(radii)) + 8
+    at_rest = options.rest_share > 0 and len(paths) > 1 and not paths[0].shift.any()
+    tries = 8 if at_rest and rng.random() < 0.5 else 1
+    layers = []
+    for k, radius in enumerate(radii):
+        source = sources[int(rng.integers(len(sources)))]
+        layer = surface(rng, source, width, height, margin, 1 if k else tries)
+        layers.append(defocused(rng, cut_out(rng, layer, options) if k else layer, radius))
     linear, seen = averaged(layers, paths, options.size, steps)
     cells = (width // GRID, height // GRID)
     shares = np.stack([cv2.resize(share, cells, interpolation=cv2.INTER_AREA) for share in seen])
     most = shares.argmax(0)
     displacement = np.take_along_axis(fields, most[None, ..., None], 0)[0]
-    return linear, displacement.astype(np.float32), shares.max(0) > 0.9
+    return Shaken(
+        linear=linear,
+        displacement=displacement.astype(np.float32),
+        radius_px=np.array(radii, np.float32)[most],
+        valid=shares.max(0) > 0.9,
+    )
 
 
-def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> Array:
-    """Photograph radiance (H, W, 3) and process it as phones, videos and web sites do: uint8 RGB."""
+def processed(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> tuple[Array, float]:
+    """Photograph radiance (H, W, 3) and process it as phones, videos and web sites do.
+
+    Return the picture, uint8 RGB or float32 on its scale, and the radius of the disc that spreads as widely
+    as the camera does, pixels.
+    """
     height, width = linear.shape[:2]
-    if rng.random() < options.oval_share:
-        linear = oval(rng, linear)
+    softness = rng.uniform(0.0, 1.2)
     if rng.random() < options.reduced_share:
-        return reduced(rng, linear, options)
+        return reduced(rng, linear, options, softness)
+    spread = 2 * softness
     if rng.random() < options.upscaled_share:
         factor = rng.uniform(1.15, 2.5)
         size = (round(width / factor), round(height / factor))
         small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
-        image = photograph(rng, np.asarray(small), options.sensor())
+        image = photograph(rng, np.asarray(small), options.sensor(softness))
         how = cv2.INTER_CUBIC if rng.random() < 0.6 else cv2.INTER_LINEAR
         image = np.asarray(cv2.resize(image, (width, height), interpolation=how))
+        spread = float(np.hypot(spread * factor, UPSCALED * np.sqrt(factor**2 - 1)))
     else:
-        image = photograph(rng, linear, options.sensor())
+        image = photograph(rng, linear, options.sensor(softness))
     if rng.random() < options.denoised_share:
         image = np.asarray(cv2.bilateralFilter(image, 5, rng.uniform(8, 40), rng.uniform(1, 3)))
     if rng.random() < options.twice_share:
         image = compress(rng, image)
-    return image
+    return image, spread
 
 
-def oval(rng: np.random.Generator, linear: Array) -> Array:
-    """Return radiance (H, W, 3) spread evenly over an ellipse, its longer half axis 1 to 7 px."""
-    longer = np.exp(rng.uniform(0, np.log(7)))
-    axes, angle = longer * np.array([1, rng.uniform(0.5, 0.9)]), rng.uniform(0, np.pi)
-    reach = int(np.ceil(longer)) + 1
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    along, across = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
-    inside = np.clip((1 - np.hypot(along / axes[0], across / axes[1])) * axes[1] + 0.5, 0, 1)
-    kernel = (inside / inside.sum()).astype(np.float32)
-    return np.asarray(cv2.filter2D(linear.astype(np.float32), -1, kernel, borderType=cv2.BORDER_REFLECT))
+UPSCALED = 0.8
+"""Radius of the disc that spreads as widely as pixels that were far larger, over their side."""
 
 
-def reduced(rng: np.random.Generator, linear: Array, options: ShakeOptions) -> Array:
+def reduced(
+    rng: np.random.Generator, linear: Array, options: ShakeOptions, softness: float
+) -> tuple[Array, float]:
     """Photograph as a larger picture and reduce that, as octaves are: float32 on the scale of uint8.
 
-    Half of the time by two; else by much more, which leaves hardly any noise.
+    Half of the time by two; else by much more, which leaves hardly any noise. Also return the radius of the
+    camera's spread, as `processed` does.
     """
     height, width = linear.shape[:2]
     if rng.random() < 0.5:
         large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
-        image = photograph(rng, np.maximum(np.asarray(large), 0), options.sensor())
-        return np.asarray(cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA))
-    lens = SensorOptions(softness_px=(0.0, 0.7), defocus_share=0.1)
+        image = photograph(rng, np.maximum(np.asarray(large), 0), options.sensor(softness))
+        small = cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(small), softness
+    softness /= 2
+    lens = SensorOptions(softness_px=(softness, softness), defocus_share=0.0)
     signal = soften(rng, expose(rng, linear.astype(np.float32)), lens)
     coded = np.clip(tone(rng, np.clip(signal, 0, 1)), 0, 1)
     noise = rng.standard_normal(coded.shape, dtype=np.float32)
     noise *= np.float32(np.exp(rng.uniform(np.log(1e-4), np.log(2e-3))))
-    return np.asarray((np.clip(coded + noise, 0, 1) * 255).astype(np.float32))
+    return np.asarray((np.clip(coded + noise, 0, 1) * 255).astype(np.float32)), 2 * softness

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tools.rendering import shaken
 from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, cell_centres, processed, shake
 
-STILL = ShakeOptions(size=(96, 64), still_share=1.0, mover_share=0.0)
+STILL = ShakeOptions(size=(96, 64), still_share=1.0, mover_share=0.0, rest_share=0.0, focus_share=0.0)
 
 
 def photo(size: tuple[int, int] = (300, 400)) -> NDArray[np.uint8]:
@@ -30,10 +30,10 @@ def straight(shift: list[float], linear: Any = None) -> Path:
 def test_still_picture_is_a_piece_of_its_source() -> None:
     source = photo((64 + 16, 96 + 16))  # no larger than the picture and its margin: only mirrored
     for seed in range(5):
-        linear, displacement, valid = shake(np.random.default_rng(seed), [source], STILL)
-        assert not displacement.any() and valid.all()
+        made = shake(np.random.default_rng(seed), [source], STILL)
+        assert not made.displacement.any() and not made.radius_px.any() and made.valid.all()
         mirrors = [DECODE[source][8:-8, 8:-8][::a, ::b] for a in (1, -1) for b in (1, -1)]
-        assert min(np.abs(linear - mirror).max() for mirror in mirrors) < 1e-4
+        assert min(np.abs(made.linear - mirror).max() for mirror in mirrors) < 1e-4
 
 
 @pytest.mark.parametrize("length", [9, 15])
@@ -64,8 +64,8 @@ def test_smear_at_the_centre_has_the_length_that_was_drawn() -> None:
     np.testing.assert_allclose(centres.mean((0, 1)), 0, atol=1e-12)
     moving = replace(STILL, smear_px=(20.0, 20.001), short_share=0.0, still_share=0.0)
     for seed in range(5):
-        _, displacement, _ = shake(np.random.default_rng(seed), [photo()], moving)
-        centre = displacement[7:9, 11:13].mean((0, 1))  # the four cells about the middle
+        made = shake(np.random.default_rng(seed), [photo()], moving)
+        centre = made.displacement[7:9, 11:13].mean((0, 1))  # the four cells about the middle
         assert np.hypot(*centre) == pytest.approx(20, rel=1e-3)
 
 
@@ -76,7 +76,8 @@ def test_two_layers_are_labelled_by_what_is_seen(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(shaken, "sample_paths", lambda *_: paths)
     monkeypatch.setattr(shaken, "blob", lambda *_: outline)
     sources = [np.full((300, 400, 3), 255, np.uint8)]
-    linear, displacement, valid = shake(np.random.default_rng(0), sources, STILL)
+    made = shake(np.random.default_rng(0), sources, STILL)
+    linear, displacement, valid = made.linear, made.displacement, made.valid
     np.testing.assert_array_equal(displacement[8, :12], np.zeros((12, 2)))
     np.testing.assert_array_equal(displacement[8, 12:], np.tile([0.0, 12.0], (12, 1)))
     assert valid[8].all() and not valid[0, 12:].any()  # above, the second layer comes and goes
@@ -94,7 +95,7 @@ def test_a_mover_is_seen_where_no_other_is_before_it() -> None:
 
 
 def test_a_third_of_the_pictures_stands_still_and_half_of_the_others_moves_little() -> None:
-    rng, options = np.random.default_rng(0), ShakeOptions(mover_share=0.0)
+    rng, options = np.random.default_rng(0), ShakeOptions(mover_share=0.0, rest_share=0.0)
     lengths = np.array([np.hypot(*shaken.sample_paths(rng, options)[0].shift) for _ in range(600)])
     assert np.mean(lengths == 0) == pytest.approx(0.33, abs=0.05)
     assert np.mean(lengths[lengths > 0] < 14) > 0.6
@@ -105,5 +106,27 @@ def test_processed_pictures_are_pictures() -> None:
     for share in ("reduced_share", "upscaled_share", "denoised_share", "twice_share"):
         options = replace(ShakeOptions(size=(96, 64), reduced_share=0.0), **{share: 1.0})  # type: ignore[arg-type]
         for seed in range(4):
-            image = processed(np.random.default_rng(seed), linear, options)
-            assert image.shape == (64, 96, 3) and image.min() >= 0 and 30 < image.max() <= 255
+            image, spread = processed(np.random.default_rng(seed), linear, options)
+            assert (
+                0 <= spread < 8
+                and image.shape == (64, 96, 3)
+                and image.min() >= 0
+                and 30 < image.max() <= 255
+            )
+
+
+def test_before_a_camera_at_rest_only_what_is_cut_out_moves() -> None:
+    options = replace(STILL, rest_share=1.0, smear_px=(10.0, 20.0))
+    for seed in range(6):
+        made = shake(np.random.default_rng(seed), [photo()], options)
+        length = np.hypot(*np.moveaxis(made.displacement, -1, 0))
+        assert (length == 0).mean() > 0.2 and length.max() > 5
+
+
+def test_layers_out_of_focus_have_their_radius_and_one_is_sharp() -> None:
+    options = replace(STILL, focus_share=1.0, layered_share=1.0, radius_px=(5.0, 5.001))
+    radii = [shake(np.random.default_rng(seed), [photo()], options).radius_px for seed in range(12)]
+    assert all(((r == 0) | ((r > 2.4) & (r < 5.01))).all() for r in radii)
+    assert any((r == 0).any() and (r > 0).any() for r in radii)
+    whole = replace(options, layered_share=0.0)
+    assert (shake(np.random.default_rng(0), [photo()], whole).radius_px > 4.99).all()
