@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 
 from blur2view.errors import ModelError
+from blur2view.networks.brightness import BRIGHT
 from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
 from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra
 from blur2view.smears.likelihood import DIRECTIONS
@@ -35,7 +36,8 @@ CONVENTION = (
     "of 96 px as blur2view.networks.spectra gives them; "
     "coarser (1,H/32,W/32,32,C): features of the octave half the size, each cell repeated 2 x 2, or zeros; "
     "outputs: logits (1,H/32,W/32,32,20) over direction (180 k / 32 degrees) and length (shorter, 2 px "
-    "and up, four an octave, longer), "
+    "and up, four an octave, longer), radii (1,H/32,W/32,20) over radius out of focus (smaller, 0.7 px and "
+    "up, four an octave, larger), kinds (1,H/32,W/32,5): sharp, out of focus, smeared, both, cannot tell; "
     "features (1,H/32,W/32,32,C); cell j is centred at pixel 32*j + 15.5"
 )
 
@@ -47,8 +49,8 @@ class ExportedOctave(nn.Module):
         super().__init__()
         self.network = network
 
-    def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the outputs ``logits`` and ``features``."""
+    def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Compute the outputs ``logits``, ``radii``, ``kinds`` and ``features``."""
         cepstra, scales, coarser = inputs
         scalars = torch.cat([scales, clipped_shares(padded_picture(grey))], -1)
         return self.network.octave(self.network.windows(cepstra, scalars), coarser)
@@ -67,6 +69,7 @@ def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
         "model_id": f"smear-{digest[:12]}",
         "stride": str(STEP),
         "multiple_of": str(STEP),
+        "brightness": str(BRIGHT),
         "convention": CONVENTION,
         "license": "Apache-2.0",
         "training": json.dumps(training),
@@ -138,12 +141,13 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
     shape = (1, grey.shape[2] // STEP, grey.shape[3] // STEP, 32, network.options.region)
     coarser = torch.rand(shape, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
-        expected, _ = network.octave(network.windows(*Spectra()(grey)), coarser)
+        expected = network.octave(network.windows(*Spectra()(grey)), coarser)
     session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
     cepstra, scales = polar_cepstra(power_spectra(grey[0, 0].numpy()))
     inputs = grey.numpy(), cepstra[None], scales[None], coarser.numpy()
-    actual, _ = session.run(None, dict(zip(INPUTS, inputs, strict=True)))
-    return float(np.abs(actual - expected.numpy()).max())
+    actual = session.run(None, dict(zip(INPUTS, inputs, strict=True)))
+    pairs = zip(actual[:3], expected[:3], strict=True)
+    return max(float(np.abs(one - other.numpy()).max()) for one, other in pairs)
 
 
 def main() -> None:

@@ -1,9 +1,10 @@
-"""The spectral reader: likelihoods of the smear in every window of a picture, octave by octave (torch).
+"""The spectral reader: likelihoods of the blur in every window of a picture, octave by octave (torch).
 
-It turns the polar cepstra of :mod:`tools.training.spectra` into logits over 32 directions and 20 lengths.
+It turns the polar cepstra of :mod:`tools.training.spectra` into logits over 32 directions and 20 lengths of
+smears, over 20 radii out of focus, and over five kinds of blur.
 Layers are convolutions along the circle of directions, dense in everything else, so that all directions are
 treated alike but for two channels that know the pixel lattice; cells look at their neighbours, and at the
-smaller octave's features.
+smaller octave's features. What has no direction is read off means, extremes and deviations over all.
 """
 
 import math
@@ -15,10 +16,13 @@ from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from blur2view.networks.spectra import LAGS
+from blur2view.smears.blur_kinds import KINDS, SMALLEST_RADIUS_PX
 from blur2view.smears.likelihood import BINS, DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
 from tools.training.spectra import SCALARS
 
 HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it is known, but shows less
+MOVED_PX, DEFOCUSED_PX = (1.5, 2.5), (1.6, 2.4)
+"""Lengths of smears, and radii, between which a cell comes to count as smeared, and as out of focus."""
 
 
 class Circular(nn.Module):
@@ -105,13 +109,37 @@ class Context(nn.Module):
         return y
 
 
+class Isotropic(nn.Module):
+    """Add to a window's features what all directions together say; at first nothing."""
+
+    def __init__(self, inputs: int, hidden: int, channels: int) -> None:
+        super().__init__()
+        self.seen = nn.Linear(4 * inputs + SCALARS, hidden)
+        self.mixed = nn.Linear(hidden, channels)
+        nn.init.zeros_(self.mixed.weight)
+        nn.init.zeros_(self.mixed.bias)
+
+    def forward(self, cepstra: Tensor, scalars: Tensor) -> Tensor:
+        """Turn cepstra (N, h, w, D, L) and scalars (N, h, w, S) into features (N, h, w, 1, C)."""
+        mean = cepstra.mean(-2)
+        spread = torch.sqrt((cepstra * cepstra).mean(-2) - mean * mean + 1e-2)
+        parts = mean, cepstra.amin(-2), cepstra.amax(-2), spread, scalars.to(cepstra.dtype)
+        features: Tensor = self.mixed(torch.relu(self.seen(torch.cat(parts, -1))))
+        return features[..., None, :]
+
+
 @dataclass(frozen=True, kw_only=True)
 class ReaderOptions:
-    """Channels of the layers that see one window, of those that see its region, and of what is told afar."""
+    """Channels of the layers that see one window, of those that see its region, and of what is told afar.
+
+    And of the layers that see no direction: of a window, and of the kind of its blur.
+    """
 
     window: int = 64
     region: int = 64
     said: int = 16
+    round: int = 64
+    kind: int = 96
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for checkpoints."""
@@ -139,6 +167,10 @@ class Reader(nn.Module):
         self.context = Context(o.region, o.said, (2, 4, 8))
         self.further = Context(o.region, o.said, (1, 3, 6, 12))
         self.last = nn.Linear(o.region, BINS)
+        self.isotropic = Isotropic(LAGS, o.round, o.region)
+        self.blur = nn.Sequential(
+            nn.Linear(2 * o.region, o.kind), nn.ReLU(), nn.Linear(o.kind, BINS + len(KINDS))
+        )
         self.norms = nn.ModuleList([nn.LayerNorm(c) for c in (o.window, o.region)])
 
     def windows(self, cepstra: Tensor, scalars: Tensor) -> Tensor:
@@ -151,28 +183,41 @@ class Reader(nn.Module):
         x = self.norms[0](x + torch.relu(self.second(x)))
         x = torch.relu(self.third(self.gather1(x)))
         y: Tensor = self.norms[1](x + torch.relu(self.fourth(x)))
-        return y
+        return y + self.isotropic(cepstra, scalars)
 
-    def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute logits (N, h, w, 32, 20) and features of an octave, given those of the smaller one."""
+    def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Compute logits and features of an octave, given those of the smaller one.
+
+        Of smears (N, h, w, 32, 20), radii (N, h, w, 20) and kinds (N, h, w, 5).
+        """
         x = self.context(own + torch.relu(self.fifth(torch.cat([self.gather2(own), coarser], -1))))
         x = self.further(x)
-        return self.last(x).float(), x
+        blur = self.blur(torch.cat([x.mean(-2), x.amax(-2)], -1)).float()
+        return self.last(x).float(), blur[..., :BINS], blur[..., BINS:], x
 
-    def forward(self, octaves: list[tuple[Tensor, Tensor]]) -> list[Tensor]:
-        """Compute joint logits (N, h, w, 32, 20 + 4 k), where k smaller octaves follow, of every octave."""
-        joint: list[Tensor] = []
+    def forward(self, octaves: list[tuple[Tensor, Tensor]]) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Compute joint logits of every octave where k smaller ones follow.
+
+        Of smears (N, h, w, 32, 20 + 4 k), radii (N, h, w, 20 + 4 k) and kinds (N, h, w, 5).
+        """
+        joint: list[tuple[Tensor, Tensor, Tensor]] = []
         features: Tensor | None = None
         for cepstra, scalars in reversed(octaves):
             own = self.windows(cepstra, scalars)
-            above = torch.zeros_like(own) if features is None else doubled(features, own.shape[1:3])
-            logits, features = self.octave(own, above)
-            joint.insert(0, joined(logits, doubled(joint[0], logits.shape[1:3])) if joint else logits)
+            shape = own.shape[1:3]
+            above = torch.zeros_like(own) if features is None else doubled(features, shape)
+            smears, radii, kinds, features = self.octave(own, above)
+            if joint:
+                smears, radii = (
+                    joined(fine, doubled(coarse, shape))
+                    for fine, coarse in zip((smears, radii), joint[0][:2], strict=True)
+                )
+            joint.insert(0, (smears, radii, kinds))
         return joint
 
 
 def doubled(x: Tensor, shape: torch.Size) -> Tensor:
-    """Repeat cells (N, h, w, D, C) of the smaller octave on the grid (rows, columns) of the larger."""
+    """Repeat cells (N, h, w, ...) of the smaller octave on the grid (rows, columns) of the larger."""
     return x.repeat_interleave(2, 1).repeat_interleave(2, 2)[:, : shape[0], : shape[1]]
 
 
@@ -205,6 +250,36 @@ def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, T
     mixed = torch.matmul((along * weight[..., None]).transpose(-1, -2), across)
     total = weight.sum(-1)
     return mixed / total[..., None, None], total / weight.shape[-1]
+
+
+def radius_target(radius: Tensor, bins: int) -> Tensor:
+    """Return the distribution (..., bins) of a cell's radii out of focus (..., S), pixels."""
+    place = 1 + PER_OCTAVE * torch.log2(radius.clamp(min=1e-3) / SMALLEST_RADIUS_PX)
+    apart = torch.arange(bins) - place[..., None].clamp(0, bins - 1)
+    target: Tensor = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1).mean(-2)
+    return target
+
+
+def kind_target(displacement: Tensor, radius: Tensor, shows: Tensor) -> Tensor:
+    """Return the distribution (..., 5) of a cell's kind of blur, of its samples (..., S).
+
+    ``shows`` (...) is whether it can be told at all.
+    """
+    length = torch.linalg.norm(displacement, dim=-1)
+    moved, defocused = (
+        ((value - low) / (high - low)).clamp(0, 1)
+        for value, (low, high) in ((length, MOVED_PX), (radius, DEFOCUSED_PX))
+    )
+    still, focused = 1 - moved, 1 - defocused
+    kinds = torch.stack([still * focused, still * defocused, moved * focused, moved * defocused], -1).mean(-2)
+    target: Tensor = torch.cat([kinds * shows[..., None], 1 - shows[..., None]], -1)
+    return target
+
+
+def cross_entropy(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Return the mean cross-entropy of logits (N, h, w, B), weighed per cell (N, h, w)."""
+    loss = -(target * torch.log_softmax(logits, -1)).sum(-1)
+    return (weight * loss).sum() / weight.sum().clamp(min=1e-3)
 
 
 def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ Shard k depends on k and the sources only. Run again it goes on; several process
 from __future__ import annotations
 
 import argparse
+import copy
 import math
 import time
 from collections.abc import Iterator
@@ -23,13 +24,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from blur2view.networks.brightness import gain_of
 from blur2view.networks.spectra import STEP
 from tools.arguments import existing
 from tools.datasets.shards import Scenes, decode_linear, require_shards
 from tools.rendering import textures
+from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
-from tools.rendering.shaken import ShakeOptions, processed, shake
+from tools.rendering.sensor import log_uniform
+from tools.rendering.shaken import Shaken, ShakeOptions, processed, shake
 from tools.training.spectra import Spectra, halved
+from tools.training.visible import shows_blur
 
 Array = NDArray[Any]
 Example = dict[str, Array]
@@ -43,13 +48,19 @@ SMALLEST = 320
 SMALL = ShakeOptions(size=(320, 256), smear_px=(1.2, 60.0))
 WIDE = ShakeOptions(size=(1280, 1024), smear_px=(2.0, 320.0))
 """Smaller and larger pictures; the others are as :class:`ShakeOptions` has them."""
+SMOOTH_PX = 20.0
+"""Deviation of the Gaussian that leaves no detail of a picture, for what noise alone looks like."""
+SCENE_FOCUS_SHARE = 0.25
+"""Share of rendered scenes that are out of focus."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
 """Smears from here on, and those that overflowed when stored, become hidden zeros."""
 LARGEST_PX = 3000
 """Photographs are halved until their longer side is at most this: few are sharper."""
-LUMA = np.array([0.299, 0.587, 0.114], np.float32) / 255
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+DIM_SHARE, DIMMEST = 0.15, 20.0
+"""Share of pictures that were coded this many times darker at most, log-uniform, and so in fewer levels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,8 +123,8 @@ def slanted(rng: np.random.Generator, linear: Array, side: int = 640) -> Array:
     )
 
 
-def scene_picture(rng: np.random.Generator, scenes: Scenes, index: int) -> tuple[Array, Array, Array]:
-    """Return radiance, smears and validity of a rendered scene, mirrored at random."""
+def scene_picture(rng: np.random.Generator, scenes: Scenes, index: int) -> Shaken:
+    """Return a rendered scene, mirrored at random; some are out of focus as a whole."""
     linear = decode_linear(scenes.linear[index])
     smears, labels = scenes.displacement[index].astype(np.float32), scenes.labels[index]
     if rng.random() < 0.5:
@@ -122,36 +133,75 @@ def scene_picture(rng: np.random.Generator, scenes: Scenes, index: int) -> tuple
     if rng.random() < 0.5:
         linear, labels = linear[::-1], labels[::-1]
         smears = smears[::-1] * np.array([1, -1], np.float32)
+    radius = log_uniform(rng, SMALL.radius_px) if rng.random() < SCENE_FOCUS_SHARE else 0.0
     usable = np.all(np.abs(smears) < LONGEST_PX, axis=-1)  # false for NaN, too
-    return np.ascontiguousarray(linear), np.where(usable[..., None], smears, 0), (labels & 1 > 0) & usable
+    return Shaken(
+        linear=defocused(rng, np.ascontiguousarray(linear), radius),
+        displacement=np.where(usable[..., None], smears, 0),
+        radius_px=np.full(labels.shape, radius, np.float32),
+        valid=(labels & 1 > 0) & usable,
+    )
 
 
-def cells_of(smears: Array, valid: Array, side: int) -> tuple[Array, Array]:
-    """Return samples (h, w, 16, 2), (h, w, 16) of the truth in cells of `side` x `side` of its own cells."""
-    h, w = (n // side for n in valid.shape)
+def cells_of(values: Array, side: int) -> Array:
+    """Return samples (h, w, 16, ...) of the truth in cells of `side` x `side` of its own cells."""
+    h, w = (n // side for n in values.shape[:2])
     every = side // SAMPLES
     pick = slice(every // 2, None, every)
-    d = smears[: h * side, : w * side].reshape(h, side, w, side, 2)[:, pick, :, pick]
-    v = valid[: h * side, : w * side].reshape(h, side, w, side)[:, pick, :, pick]
-    return d.transpose(0, 2, 1, 3, 4).reshape(h, w, -1, 2), v.transpose(0, 2, 1, 3).reshape(h, w, -1)
+    cells = values[: h * side, : w * side].reshape(h, side, w, side, *values.shape[2:])
+    cells = cells[:, pick, :, pick].swapaxes(1, 2)
+    return cells.reshape(h, w, -1, *values.shape[2:])
 
 
-def example_of(spectra: Spectra, image: Array, smears: Array, valid: Array, count: int) -> Example:
-    """Return features C (h, w, 32, 45), s (h, w, 5), truth d (h, w, 16, 2), v (h, w, 16) of each octave."""
-    grey = torch.from_numpy(image.astype(np.float32) @ LUMA)[None, None]
+def photographed(
+    rng: np.random.Generator, linear: Array, options: ShakeOptions
+) -> tuple[Array, Array, float]:
+    """Return the luma of a photograph, that of the same camera's of what has no detail, and its spread.
+
+    The spread is the radius of a disc, pixels.
+    """
+    same = copy.deepcopy(rng)
+    image, spread = processed(rng, linear, options)
+    smooth, _ = processed(same, np.asarray(cv2.GaussianBlur(linear, (0, 0), SMOOTH_PX)), options)
+    levels = 255 / math.exp(rng.uniform(math.log(2), math.log(DIMMEST))) if rng.random() < DIM_SHARE else 255
+    image, smooth = (np.round(each * (levels / 255)) / np.float32(255) for each in (image, smooth))
+    gain = gain_of(np.asarray(image, np.float32))
+    shown = np.minimum(np.asarray(image, np.float32) * np.float32(gain), 1)
+    noise = np.asarray(smooth @ LUMA * np.float32(gain), np.float32)
+    noise += np.float32(gain / 255 / 12**0.5) * rng.standard_normal(noise.shape, dtype=np.float32)
+    return shown @ LUMA, noise, spread
+
+
+def example_of(
+    rng: np.random.Generator, spectra: Spectra, picture: Shaken, options: ShakeOptions, count: int
+) -> Example:
+    """Return what an example holds of each of so many octaves.
+
+    Features C (h, w, 32, 45), s (h, w, 5); samples of the truth d (h, w, 16, 2), v, r (h, w, 16): smears,
+    whether they are valid, radii out of focus with the camera's own spread; t (h, w): whether a cell shows
+    its blur at all.
+    """
+    grey, noise, spread = photographed(rng, picture.linear, options)
+    total = np.hypot(picture.radius_px, spread)
+    shown, noisy = (torch.from_numpy(each)[None, None] for each in (grey, noise))
     row: Example = {}
     for k in range(count):
-        cepstra, scalars = (part[0].half().numpy() for part in spectra(grey))
-        d, v = cells_of(smears / 2**k, valid, STEP // GRID * 2**k)
+        cepstra, scalars = (part[0].half().numpy() for part in spectra(shown))
+        side = STEP // GRID * 2**k
+        truth = (picture.displacement / 2**k, picture.valid, total / 2**k)
+        d, v, r = (cells_of(each, side) for each in truth)
+        extent = np.maximum(np.hypot(d[..., 0], d[..., 1]), 2 * r).mean(-1)
+        t = shows_blur(shown[0, 0].numpy(), noisy[0, 0].numpy(), extent)
         row |= {f"C{k}": cepstra, f"s{k}": scalars, f"d{k}": d.astype(np.float16), f"v{k}": v}
-        grey = halved(grey)
+        row |= {f"r{k}": r.astype(np.float16), f"t{k}": t}
+        shown, noisy = halved(shown), halved(noisy)
     return row
 
 
 def shaken_picture(
     rng: np.random.Generator, sources: Sources, made: list[Array], options: ShakeOptions
-) -> tuple[Array, Array, Array]:
-    """Return radiance, smears and validity of a photograph or texture under a moving camera."""
+) -> Shaken:
+    """Return a photograph or texture under a moving camera."""
     width, height = options.size
     fitting = [p for p in sources.photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
     photos = fitting or sources.photos
@@ -159,13 +209,10 @@ def shaken_picture(
     surfaces = made if textured else photos
     if made and rng.random() < 0.1:  # a photograph before a texture, or the reverse
         surfaces = [*made, *[photos[int(rng.integers(len(photos)))]] * len(made)]
-    linear, smears, valid = shake(rng, surfaces, options)
-    if rng.random() < 0.5:
-        linear, smears, valid = (np.rot90(a, 2) for a in (linear, smears, valid))
-    return np.ascontiguousarray(linear), smears, valid
+    return shake(rng, surfaces, options)
 
 
-def scene_pictures(rng: np.random.Generator, sources: Sources) -> Iterator[tuple[Array, Array, Array]]:
+def scene_pictures(rng: np.random.Generator, sources: Sources) -> Iterator[Shaken]:
     """Yield pictures of rendered scenes, without end; all of one size."""
     with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
         scenes = Scenes(**{key: file[key] for key in file.files})
@@ -173,9 +220,7 @@ def scene_pictures(rng: np.random.Generator, sources: Sources) -> Iterator[tuple
         yield scene_picture(rng, scenes, int(rng.integers(len(scenes))))
 
 
-def shaken_pictures(
-    rng: np.random.Generator, sources: Sources, options: ShakeOptions
-) -> Iterator[tuple[Array, Array, Array]]:
+def shaken_pictures(rng: np.random.Generator, sources: Sources, options: ShakeOptions) -> Iterator[Shaken]:
     """Yield photographs and textures under a moving camera, without end."""
     made = [] if options is WIDE else procedural(rng, TEXTURES)
     while True:
@@ -193,10 +238,10 @@ def make_shard(number: int, sources: Sources) -> Example:
         options = SMALL if kind > 1 - sources.small_share else options
         pictures = shaken_pictures(rng, sources, options)
     rows: list[Example] = []
-    for linear, smears, valid in pictures:
-        height, width = linear.shape[:2]
+    for picture in pictures:
+        height, width = picture.linear.shape[:2]
         octaves = 2 + round(math.log2(width / SMALLEST))
-        rows.append(example_of(spectra, processed(rng, linear, options), smears, valid, octaves))
+        rows.append(example_of(rng, spectra, picture, options, octaves))
         if len(rows) * width * height >= SHARD_PX:
             break
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}

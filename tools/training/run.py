@@ -22,7 +22,7 @@ class TrainingRun:
     def descend(self, loss: Tensor, rate: float, largest_gradient: float) -> float:
         """Make one step down a loss at a learning rate, the gradient's norm bounded; return the loss."""
         for group in self.optimiser.param_groups:
-            group["lr"] = rate
+            group["lr"] = rate * group.get("factor", 1.0)
         self.optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), largest_gradient)

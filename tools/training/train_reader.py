@@ -6,7 +6,7 @@
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest of the first ``36 + k / 95`` shards and waits until they are made: the two may
+Step k draws from the newest of the first ``12 + k / 40`` shards and waits until they are made: the two may
 run beside each other, and what is learned depends on the seed alone.
 """
 
@@ -24,12 +24,22 @@ import numpy as np
 import onnx
 import torch
 from torch import Tensor
+from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
 from blur2view.networks.spectra import PEAK_LAGS_PX
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.metrics import DIRECTION_MIN_PX
-from tools.training.reader import Reader, ReaderOptions, box_sum, loss_of, target_of
+from tools.training.reader import (
+    Reader,
+    ReaderOptions,
+    box_sum,
+    cross_entropy,
+    kind_target,
+    loss_of,
+    radius_target,
+    target_of,
+)
 from tools.training.reader_data import Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
@@ -38,7 +48,7 @@ Batch = dict[str, Tensor]
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
-FIRST_SHARDS, STEPS_PER_SHARD = 36, 95
+FIRST_SHARDS, STEPS_PER_SHARD = 12, 40
 PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
 WARM_UP_STEPS = 200
@@ -47,6 +57,10 @@ COARSE_WEIGHT = 0.3
 """Weight of the smaller octaves' own losses."""
 DIFFERING_WEIGHT, LEAST_DIFFERENCE_PX = 2.0, 2.0
 """Further weight of cells that differ wholly from those about them; and what of a difference is too small."""
+BLUR_WEIGHT = 0.4
+"""Weight of the losses of radii and of kinds."""
+NEW_RATE = 8.0
+"""Learning rate of what a file to start from does not hold, over that of the rest."""
 LONGEST_PX = 60.0
 """Smears up to this length count in the figures: two octaves, which scenes have, read up to 76 px."""
 
@@ -172,16 +186,22 @@ def showing(cepstra: str, row: Mapping[str, Any]) -> dict[str, Any]:
     return shown
 
 
-def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], Tensor]:
-    """Return the losses of the octaves, finest first, and the joint logits of the finest."""
+def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], tuple[Tensor, ...]]:
+    """Return the losses of the octaves, finest first, and the joint logits of the finest.
+
+    In order: smears, radii, kinds. Losses of one octave are summed by their weights.
+    """
     count = range(octaves_of(batch))
     with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
         joint = network([(batch[f"C{k}"], batch[f"s{k}"]) for k in count])
-    targets = [target_of(batch[f"d{k}"], batch[f"v{k}"], joint[k].shape[-1]) for k in count]
     losses = []
-    for k, (target, weight) in enumerate(targets):
-        differing = 1 + DIFFERING_WEIGHT * difference_of(batch[f"d{k}"])
-        losses.append(loss_of(joint[k], target, weight * differing))
+    for k, (smears, radii, kinds) in enumerate(joint):
+        d, r, shows = (batch[f"{key}{k}"] for key in "drt")
+        target, weight = target_of(d, batch[f"v{k}"], smears.shape[-1])
+        differing = 1 + DIFFERING_WEIGHT * difference_of(d)
+        blur = cross_entropy(radii, radius_target(r, radii.shape[-1]), shows)
+        blur = blur + cross_entropy(kinds, kind_target(d, r, shows), differing)
+        losses.append(loss_of(smears, target, weight * differing) + BLUR_WEIGHT * blur)
     return losses, joint[0]
 
 
@@ -199,11 +219,16 @@ def difference_of(displacement: Tensor) -> Tensor:
 def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     """Return loss and errors, of all cells and of the certain half, on a shard's pictures."""
     network.eval()
-    losses, smears = [], []
+    losses, smears, kinds, radii = [], [], [], []
     for first in range(0, len(shard["v0"]), 32):
         batch = {key: torch.from_numpy(array[first : first + 32]).float() for key, array in shard.items()}
-        (loss, *_), logits = losses_of(network, batch, half=False)
+        (loss, *_), (logits, sizes, kind) = losses_of(network, batch, half=False)
         losses.append(float(loss))
+        right = kind_target(batch["d0"], batch["r0"], batch["t0"])
+        kinds.append((right * nnf.one_hot(kind.argmax(-1), right.shape[-1])).sum(-1))
+        out_of_focus = (right[..., 1] > 0.9) & (kind.argmax(-1) == 1)
+        truth_bin = radius_target(batch["r0"], sizes.shape[-1]).argmax(-1)
+        radii.append((sizes.argmax(-1) - truth_bin).abs()[out_of_focus].float())
         rows = read_smears(logits.flatten(0, 1).numpy())
         smears.append(rows.reshape(*logits.shape[:3], 4))
     network.train()
@@ -221,6 +246,8 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
         "direction_deg_top50": float(np.median(error_deg[certain])),
         "length_ratio": float(np.exp(np.median(ratio))),
         "length_spread": float(np.median(np.abs(ratio - np.median(ratio)))),
+        "kinds_right": float(torch.cat(kinds).mean()),
+        "radius_bins": float(torch.cat(radii).mean()),
     }
 
 
@@ -234,10 +261,16 @@ class Run(TrainingRun):
         torch.manual_seed(options.seed)
         self.options = options
         network, average = Reader(), Reader()
-        if options.weights:
-            network.load_state_dict(exported_weights(options.weights))
+        held = exported_weights(options.weights) if options.weights else network.state_dict()
+        missing = network.load_state_dict(held, strict=False).missing_keys
         average.load_state_dict(network.state_dict())
-        optimiser = torch.optim.AdamW(network.parameters(), lr=options.learning_rate, weight_decay=1e-4)
+        named = dict(network.named_parameters())
+        groups = [
+            {"params": [each for name, each in named.items() if (name in missing) == new], "factor": factor}
+            for new, factor in ((False, 1.0), (True, NEW_RATE))
+        ]
+        groups = [group for group in groups if group["params"]]
+        optimiser = torch.optim.AdamW(groups, lr=options.learning_rate, weight_decay=1e-4)
         super().__init__(network=network, average=average, optimiser=optimiser)
         self.figures: dict[str, dict[str, float]] = {}
         if self.path.exists():

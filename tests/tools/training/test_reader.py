@@ -14,7 +14,9 @@ from tools.training.reader import (
     Reader,
     ReaderOptions,
     box_sum,
+    kind_target,
     loss_of,
+    radius_target,
     target_of,
 )
 from tools.training.spectra import SCALARS
@@ -41,12 +43,15 @@ def test_without_the_lattice_directions_are_treated_alike(network: Reader, shift
     given = some_octaves()
     turned = [(torch.roll(cepstra, shift, -2), scalars) for cepstra, scalars in given]
     with torch.no_grad():
-        assert (network(turned)[0] - torch.roll(network(given)[0], shift, -2)).abs().max() > 1e-3
+        assert (network(turned)[0][0] - torch.roll(network(given)[0][0], shift, -2)).abs().max() > 1e-3
         network.lattice.zero_()
         fine, coarse = network(given)
-        assert fine.shape == (1, 4, 5, DIRECTIONS, BINS + 4) and coarse.shape == (1, 2, 3, DIRECTIONS, BINS)
-        for one, other in zip(network(turned), (fine, coarse), strict=True):
-            torch.testing.assert_close(one, torch.roll(other, shift, -2), atol=1e-4, rtol=1e-4)
+        assert [part.shape[3:] for part in fine] == [(DIRECTIONS, BINS + 4), (BINS + 4,), (5,)]
+        assert [part.shape[3:] for part in coarse] == [(DIRECTIONS, BINS), (BINS,), (5,)]
+        for octave, other in zip(network(turned), (fine, coarse), strict=True):
+            torch.testing.assert_close(octave[0], torch.roll(other[0], shift, -2), atol=1e-4, rtol=1e-4)
+            for one, same in zip(octave[1:], other[1:], strict=True):
+                torch.testing.assert_close(one, same, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("reach", [1, 2])
@@ -120,3 +125,31 @@ def test_loss_is_least_at_the_target() -> None:
     for _ in range(5):
         assert loss_of(best + 0.3 * torch.randn_like(best), target, weight) > least
     torch.testing.assert_close(loss_of(best + 5, target, weight), least)
+
+
+def test_what_all_directions_say_changes_nothing_before_it_is_trained() -> None:
+    network, (octave, *_) = Reader(SMALL).eval(), some_octaves()
+    with torch.no_grad():
+        assert not network.isotropic(*octave).any()
+        torch.nn.init.ones_(network.isotropic.mixed.weight)
+        assert network.isotropic(*octave).shape == (1, 4, 5, 1, 12) and network.isotropic(*octave).any()
+
+
+@pytest.mark.parametrize(("radius", "place"), [(0.1, 0), (0.7, 1), (2.8, 9), (500.0, 19)])
+def test_target_of_a_radius_has_its_maximum_there(radius: float, place: int) -> None:
+    target = radius_target(torch.full((3, 16), radius), BINS)
+    assert target.shape == (3, BINS) and (target.argmax(-1) == place).all()
+    torch.testing.assert_close(target.sum(-1), torch.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("length", "radius", "shows", "kind"),
+    [(0, 1, 1, 0), (0, 5, 1, 1), (9, 1, 1, 2), (9, 5, 1, 3), (0, 1, 0, 4), (9, 5, 0, 4)],
+)
+def test_target_of_a_kind_is_what_is_true_where_it_shows(
+    length: float, radius: float, shows: float, kind: int
+) -> None:
+    d = torch.zeros(16, 2)
+    d[:, 1] = length
+    target = kind_target(d, torch.full((16,), float(radius)), torch.tensor(float(shows)))
+    assert target.argmax() == kind and target[kind] == 1

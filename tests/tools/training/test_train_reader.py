@@ -56,7 +56,7 @@ def test_shard_depends_on_its_number_alone_and_is_kept(
     write_shards(shards, range(2), sources)
     assert capfd.readouterr().out == ""
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
-    assert set(again) == {f"{kind}{k}" for kind in "Csdv" for k in range(3)}
+    assert set(again) == {f"{kind}{k}" for kind in "Csdvrt" for k in range(3)}
     for key in again:
         assert once[key].dtype == again[key].dtype and once[key].tobytes() == again[key].tobytes()
         assert np.isfinite(once[key]).all()
@@ -64,12 +64,13 @@ def test_shard_depends_on_its_number_alone_and_is_kept(
     for k, (h, w) in enumerate([(16, 20), (8, 10), (4, 5)]):
         assert once[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and once[f"s{k}"].shape == (2, h, w, 5)
         assert once[f"d{k}"].shape == (2, h, w, 16, 2) and once[f"v{k}"].shape == (2, h, w, 16)
+        assert once[f"r{k}"].shape == (2, h, w, 16) and once[f"t{k}"].shape == (2, h, w)
 
 
 def test_samples_of_the_truth_lie_in_their_cell() -> None:
     y, x = np.mgrid[:16, :24]
     smears = np.stack([x, y], -1).astype(np.float32)
-    d, v = cells_of(smears, x < 12, 8)
+    d, v = cells_of(smears, 8), cells_of(x < 12, 8)
     assert d.shape == (2, 3, 16, 2) and v.shape == (2, 3, 16)
     np.testing.assert_array_equal(d.mean(2)[1, 2], [20, 12])
     np.testing.assert_array_equal(v.mean(2)[0], [1, 0.5, 0])
@@ -117,7 +118,7 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     line = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert line["step"] == 2 and line == json.loads((options.out / "log.jsonl").read_text())
     figures = [line["loss"], *line["000000"].values(), *line["000001"].values()]
-    assert len(figures) == 11 and np.isfinite(figures).all()
+    assert len(figures) == 15 and np.isfinite(figures).all()
 
     save = Run.save
 
