@@ -37,6 +37,9 @@ from blur2view.segmentation.mask import MotionLabel as MotionLabel
 from blur2view.segmentation.mask import MotionMask as MotionMask
 from blur2view.segmentation.mask import segment as segment
 from blur2view.segmentation.pixels import MovingRegion as MovingRegion
+from blur2view.smears.blur import Blur as Blur
+from blur2view.smears.blur import BlurKind as BlurKind
+from blur2view.smears.blur import blur_of as blur_of
 from blur2view.smears.field import SmearField as SmearField
 from blur2view.smears.grid import SmearGrid as SmearGrid
 from blur2view.smears.matches import SmearMatches as SmearMatches

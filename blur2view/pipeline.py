@@ -1,4 +1,4 @@
-"""The whole path in one call: photograph -> smears -> ambiguous matches -> two-view geometry."""
+"""The whole path in one call: photograph -> smears and blur -> ambiguous matches -> two-view geometry."""
 
 import time
 from collections.abc import Callable
@@ -20,10 +20,11 @@ from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.photographs.video import frame_of, rows_towards
+from blur2view.smears.blur import Blur, blur_of
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
-from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.estimate import estimate_two_view, without_motion
 from blur2view.two_view.options import EstimatorOptions
 
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]
@@ -63,7 +64,9 @@ class Estimate:
     Parameters
     ----------
     grid : SmearGrid
-        The smears and their standard deviations at the network's cells.
+        The smears and their standard deviations at the network's cells, and their kinds of blur.
+    blur : Blur
+        What blurred the photograph: a geometry is looked for only where the camera moved.
     matches : SmearMatches
         The N smears that were used.
     geometry : TwoViewGeometry
@@ -81,6 +84,7 @@ class Estimate:
     """
 
     grid: SmearGrid
+    blur: Blur
     matches: SmearMatches
     geometry: TwoViewGeometry
     model_id: str
@@ -158,14 +162,19 @@ def estimate(
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
     grid = network.predict(image)
+    blur = blur_of(grid, image)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())
-    geometry = estimate_two_view(matches, options, rng, camera, shutter)
+    if blur.kind.of_camera:
+        geometry = estimate_two_view(matches, options, rng, camera, shutter)
+    else:
+        geometry = without_motion(matches, blur)
     clock.append(time.perf_counter())
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
         grid=grid,
+        blur=blur,
         matches=matches,
         geometry=geometry,
         model_id=network.info.model_id,

@@ -118,6 +118,7 @@ class TriageOptions(PhotographOptions):
     keep: Path | None
     extract: Path | None
     max_smear: Amount
+    max_defocus: float
     blurred: bool
     best: Amount | None
     every_best: int | None

@@ -29,10 +29,11 @@ from blur2view.output_files import check_file, prepared, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
-from blur2view.results.table import BLURRED, NO_GEOMETRY, SHARP, UNCLEAR, UNUSABLE, Row
+from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
 from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Made
 from blur2view.runs.manifest import Manifest
+from blur2view.smears.blur import BlurKind
 
 NEAR = 1.1
 """About the limit by this factor a photograph is as sharp as the one before: compressed again, as Motion JPEG
@@ -93,7 +94,7 @@ def run(options: TriageOptions) -> int:
 def selected(options: TriageOptions, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
     """Return the indices of the photographs to keep."""
     read = [index for index, row in enumerate(rows) if not row.error]
-    lengths = [rows[index].smear_px for index in read]
+    lengths = [rows[index].width_px for index in read]
     if options.best is not None:
         number = options.best.number
         count = max(round(len(read) * number / 100), 1) if options.best.percent else int(number)
@@ -142,7 +143,14 @@ def _check_list(options: TriageOptions, names: Collection[str], manifest: Manife
 
 def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifest | None) -> str:
     """Return a digest of what decides which photographs are extracted."""
-    kinds = options.max_smear, options.blurred, options.best, options.every_best, options.in_order
+    kinds = (
+        options.max_smear,
+        options.max_defocus,
+        options.blurred,
+        options.best,
+        options.every_best,
+        options.in_order,
+    )
     settings = "" if manifest is None else manifest.settings.digest
     return hashlib.sha256(json.dumps([settings, *map(str, kinds), *files.values()]).encode()).hexdigest()
 
@@ -164,7 +172,8 @@ class Classifier:
         """Return the row of the next photograph with its use."""
         limit = self._options.max_smear
         length = row.smear_percent if limit.percent else row.smear_px
-        use = use_of(row, length, limit.number, self._last.use if self._follows(row) else "")
+        before = self._last.use if self._follows(row) else ""
+        use = use_of(row, length, limit.number, self._options.max_defocus, before)
         classified = replace(row, use=use)
         if use:
             self._last = classified
@@ -187,31 +196,35 @@ class Classifier:
         return f"{text}: {row.meaning}" if self._options.verbosity > SHORT else text
 
 
-def use_of(row: Row, length: float | None, limit: float, before: str = "") -> str:
+def use_of(row: Row, length: float | None, limit: float, max_defocus: float, before: str = "") -> str:
     """Return what a photograph is of use for, empty if it failed.
 
-    Sharp if its median smear is at most the limit; within `NEAR` of it if the frame before is. A longer one
-    is of use, as views of its exposure, if F or H explains its smears. Else it is unusable, or unclear where
-    there may be no smear: without texture, smooth or out of focus.
+    Unclear if its blur cannot be told; out of focus, and never sharp, if its radius is above that limit.
+    Sharp if its median smear is at most the other limit; within `NEAR` of it if the frame before is. A longer
+    one is of use, as views of its exposure, if F or H explains its smears; else it is unusable.
     """
     if row.error:
         return ""
+    if row.blur == BlurKind.CANNOT_TELL or length is None:
+        return UNCLEAR
+    defocused = row.blur == BlurKind.OUT_OF_FOCUS or (row.defocus_px or 0) > max_defocus
     factor = 1.0 if not before else NEAR if before == SHARP else 1 / NEAR
-    if length is not None and length <= limit * factor:
-        return SHARP
-    if row.smear_px is not None and row.verdict not in NO_GEOMETRY:
+    if length <= limit * factor:
+        return OUT_OF_FOCUS if defocused else SHARP
+    if row.verdict not in NO_GEOMETRY:
         return BLURRED
-    return UNCLEAR if row.smear_px is None or row.smear_px < (row.smear_sigma_px or 0) else UNUSABLE
+    return OUT_OF_FOCUS if defocused else UNUSABLE
 
 
 def _length(row: Row, limit_px: float) -> str:
     """Return how long the blur is, near the limit with a digit more."""
-    if row.smear_px is None:
+    if row.smear_px is None or row.blur == BlurKind.CANNOT_TELL:
         return "no texture"
+    if row.use == OUT_OF_FOCUS:
+        return f"by a radius of {row.defocus_px:.1f} px"
     near = limit_px / NEAR < row.smear_px < limit_px * NEAR
     digits = 2 if near else 1 if row.smear_px < 9.95 else 0
-    unsure = f" +/- {row.smear_sigma_px:.0f}" if row.use == UNCLEAR else ""
-    return f"smears of {row.smear_px:.{digits}f}{unsure} px"
+    return f"smears of {row.smear_px:.{digits}f} px"
 
 
 def hint(rows: Sequence[Row], options: TriageOptions) -> str:
@@ -235,7 +248,8 @@ def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> 
     counts = Counter(row.use for row in rows)
     done_before = f" ({finished.skipped} done before)" * bool(finished.skipped)
     uses = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
-    uses += f", {counts[UNCLEAR]} unclear: smooth or out of focus" * bool(counts[UNCLEAR])
+    uses += f", {counts[OUT_OF_FOCUS]} out of focus" * bool(counts[OUT_OF_FOCUS])
+    uses += f", {counts[UNCLEAR]} unclear: smooth or dark" * bool(counts[UNCLEAR])
     parts = [uses + f", {counts['']} failed" * bool(counts[""])]
     if options.keep is not None or options.extract is not None:
         parts.append(f"{kept} kept" if kept else f"none is kept: {hint(rows, options)}")

@@ -17,7 +17,7 @@ frame goes from ``transform_matrix_start`` to ``transform_matrix_end``; ``transf
 tools look from. ``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as
 a + b u + c v + d r, r random in [0, 1]; [0, 0, 0, 1] is a global shutter, open from start to end.
 ``sharpness`` is relative: a frame goes if its own is not above ``sharpness_discard_threshold`` (0 unless
-written) times its neighbours' mean. Ours is that of `blur2view.smears.sharpness`. A position p becomes
+written) times its neighbours' mean. Ours is that of `blur2view triage`. A position p becomes
 ``scale`` p + ``offset`` and should lie near the unit cube; ours puts the cameras as far from the median of
 the points as ``colmap2nerf.py`` does (mean 4, times NERF_SCALE 0.33), in its box of ``aabb_scale`` 16.
 
@@ -46,7 +46,6 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.output_files import SIGNED_BY
-from blur2view.smears.sharpness import sharpness
 
 LAST_ROW = [0, 0, 0, 1]  # of a pose (4, 4)
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
@@ -198,7 +197,7 @@ def _start_and_end(one: ExposedPhotograph) -> dict[str, Any]:
     if one.ends is None:
         return {}
     start, end = (pose.tolist() for pose in one.ends)
-    sharp = {} if one.smear_px is None else {"sharpness": sharpness(one.smear_px)}
+    sharp = {} if one.smear_px is None else {"sharpness": 1 / (1 + one.smear_px)}
     return {**sharp, "transform_matrix_start": start, "transform_matrix_end": end}
 
 

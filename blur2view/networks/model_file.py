@@ -14,12 +14,13 @@ from blur2view.errors import ModelError
 from blur2view.input_files import read_regular
 from blur2view.networks.spectra import STEP
 
-FORMAT = "3"
-OLDER_FORMATS = ("1", "2")
-INPUTS, OUTPUTS = ("grey", "cepstra", "scales", "coarser"), ("logits", "features")
-AXES = {"grey": 4, "cepstra": 5, "scales": 4, "coarser": 5, "logits": 5, "features": 5}
+FORMAT = "4"
+OLDER_FORMATS = ("1", "2", "3")
+INPUTS = "grey", "cepstra", "scales", "coarser"
+OUTPUTS = "logits", "radii", "kinds", "features"
+AXES = dict(zip((*INPUTS, *OUTPUTS), (4, 5, 4, 5, 5, 4, 4, 5), strict=True))
 """Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
-logits (1, h, w, 32, 20) and features (1, h, w, 32, C)."""
+logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
 SHIPPED = "smear.onnx"
 MAX_FILE_BYTES = 1 << 28  # the shipped network has 850 kB
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
@@ -37,6 +38,9 @@ class ModelInfo:
         Name of the weights.
     features : int
         Numbers per cell and direction that one octave hands to the next larger one.
+    brightness : float
+        What darker photographs are brightened to before they are read, as in training (see
+        :mod:`blur2view.networks.brightness`); 0: they are read as they are.
     license : str
         Licence of the weights.
     training : dict
@@ -45,6 +49,7 @@ class ModelInfo:
 
     model_id: str
     features: int
+    brightness: float = 0.0
     license: str = ""
     training: dict[str, Any] = field(default_factory=dict)
 
@@ -172,6 +177,7 @@ def read_info(path: Path, session: Any) -> ModelInfo:
         return ModelInfo(
             model_id=metadata["model_id"],
             features=features,
+            brightness=float(metadata.get("brightness", "0")),
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )

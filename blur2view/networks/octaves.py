@@ -36,10 +36,10 @@ def doubled(cells: Floats, shape: tuple[int, int]) -> Floats:
 
 
 def joined(fine: Floats, coarse: Floats) -> Floats:
-    """Return one octave's logits (h, w, 32, B) plus those of all smaller ones (h, w, 32, C), on one axis.
+    """Return one octave's logits (h, w, ..., B) plus those of all smaller ones (h, w, ..., C), on one axis.
 
-    A length of the smaller copy is twice as long here, one octave up the axis; what is shorter or longer than
-    an octave can read has one logit for all such lengths.
+    A length, or a radius, of the smaller copy is twice as long here, one octave up the axis; what is shorter
+    or longer than an octave can read has one logit for all such lengths.
     """
     bins = coarse.shape[-1] + PER_OCTAVE
     own = np.minimum(np.arange(bins), fine.shape[-1] - 1)

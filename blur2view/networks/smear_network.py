@@ -12,11 +12,13 @@ from threadpoolctl import threadpool_limits
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
+from blur2view.networks.brightness import brightened
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
 from blur2view.networks.octaves import LEVELS, octave_count
 from blur2view.networks.spectra import STEP
 from blur2view.networks.tiles import cells, ramps, reflected, spans
+from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
 
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
@@ -66,8 +68,9 @@ class SmearNetwork:
         Returns
         -------
         SmearGrid
-            In the image's pixels. Where the image shows no texture at all the smear is zero and the sigmas
-            are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``.
+            In the image's pixels. Where the image shows no texture at all the smear is zero, the sigmas
+            are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind of blur cannot be told. The result
+            does not depend on how bright the image is, but for its noise.
 
         Raises
         ------
@@ -76,18 +79,19 @@ class SmearNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        image = rgb_of(image)
+        image = brightened(rgb_of(image), self.info.brightness)
         flat = _flat(image, STEP)
         with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
             grid = self._cells(image, flat, levels)
         if not np.isfinite(grid).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD)
+        grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
         height, width = image.shape[:2]
-        return SmearGrid(cells=grid, stride=STEP, shape=(height, width))
+        cells, blur = np.split(grid, [4], axis=-1)
+        return SmearGrid(cells=cells, blur=blur, stride=STEP, shape=(height, width))
 
     def _cells(self, image: NDArray[np.float32], flat: NDArray[np.bool_], levels: int) -> NDArray[np.float32]:
-        """Return double angle and sigmas on the network's grid, (h, w, 4), tiles blended.
+        """Return smears and kinds of blur on the network's grid, (h, w, 10), tiles blended.
 
         Tiles that are flat all over are not read.
         """
@@ -99,7 +103,7 @@ class SmearNetwork:
         *sides, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
         rows, columns = (spans(side, step, tile_px, self.overlap_px) for side in sides)
         shape = rows[-1].stop // STEP, columns[-1].stop // STEP
-        total = np.zeros((*shape, 4), np.float32)
+        total = np.zeros((*shape, 5 + len(KINDS)), np.float32)
         weight = np.zeros((*shape, 1), np.float32)
         tiles = list(product(ramps(rows, STEP), ramps(columns, STEP)))
 

@@ -36,6 +36,18 @@ class EstimateDocument(Document):
     """The configuration, a name of COLMAP's TwoViewGeometryConfiguration."""
     meaning: str
     """What it says of the camera, in words: the line that is printed."""
+    blur: str
+    """What blurred the photograph: sharp, out of focus, camera moved, camera at rest (and something moves),
+    out of focus and moved, cannot tell. Only where the camera moved a geometry is looked for."""
+    smear_px: float | None
+    """Median length of all smears of the picture, pixels; null where it shows no texture."""
+    defocus_px: float | None
+    """Radius of the disc that spreads as widely as the lens does, pixels: about 1 in focus. Of what is in
+    focus, if anything is."""
+    defocus_sigma_px: float | None
+    """Its standard deviation over the picture, pixels."""
+    moving_share: float
+    """Share of the picture that moves before a camera at rest; 0 where the camera moved, too."""
     parallax: str
     """Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F may
     be of errors only, or too little is seen) or absent (H alone, or nothing moved)."""
@@ -122,6 +134,11 @@ class EstimateDocument(Document):
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
             meaning=meaning(one),
+            blur=str(estimate.blur.kind),
+            smear_px=estimate.blur.smear_px,
+            defocus_px=estimate.blur.defocus_px,
+            defocus_sigma_px=estimate.blur.defocus_sigma_px,
+            moving_share=estimate.blur.moving_share,
             parallax=str(geometry.parallax),
             reason=geometry.reason,
             motion_model=str(geometry.model),

@@ -22,11 +22,15 @@ from blur2view.results.drawing import (
     write,
 )
 from blur2view.results.verdicts import sentence
+from blur2view.smears.blur import blur_of
+from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 
 SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
 EPIPOLAR_LINES = 14
+CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
+SURE = 0.5  # deviation over length up to which a smear is drawn where no geometry explains it
 _AIDS_HEIGHT_PX = 132
 HEAD_SIZE, HEAD_LEADING_PX = 0.55, 22  # of the verdict
 
@@ -42,8 +46,8 @@ def draw_overlay(
 
     Inlier smears are vivid, coloured by orientation; outliers are grey. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and a ring marks an epipole that lies in
-    the picture. The panel below holds the configuration and what it means, the key of the orientation colours
-    and a map of sigma.
+    the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
+    what blurred the photograph, the configuration, the key of the orientation colours and a map of sigma.
 
     Parameters
     ----------
@@ -72,17 +76,22 @@ def draw_overlay(
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    canvas = draw_smears(rgb_of(image), matches, geometry)
-    panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, exposure_s)
+    canvas = draw_smears(rgb_of(image), grid, matches, geometry)
+    words = sentence(blur_of(grid, image), geometry, matches, grid.size, exposure_s)
+    panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
     return picture
 
 
 def draw_smears(
-    image: NDArray[np.float32], matches: SmearMatches, geometry: TwoViewGeometry, longest: int | None = None
+    image: NDArray[np.float32],
+    grid: SmearGrid,
+    matches: SmearMatches,
+    geometry: TwoViewGeometry,
+    longest: int | None = None,
 ) -> Picture:
-    """Return the photograph with smears, epipolar lines and epipoles, without the panel.
+    """Return the photograph with smears, circles, epipolar lines and epipoles, without the panel.
 
     As `draw_overlay`; ``longest`` is the longer side of the picture, pixels, by default that of the overlay.
     """
@@ -92,9 +101,12 @@ def draw_smears(
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
     certainty = matches.length_px / (matches.sigma_px + 0.1)
     shown = spread_subset(view.to_canvas(matches.midpoint), certainty, spacing)
+    if geometry.F is None and geometry.H is None:
+        shown = shown[certainty[shown] > 1 / SURE]
     F = None if geometry.H is not None else geometry.F  # beside H its lines would tell what nothing shows
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
+    _draw_circles(canvas, view, grid)
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown])
     if F is not None:
         _draw_epipoles(canvas, view, F)
@@ -135,6 +147,29 @@ def _draw_smears(canvas: Picture, view: View, ends: Array, inlier_mask: NDArray[
     for index in np.flatnonzero(inlier_mask):
         draw_line(canvas, drawn[index], (0, 0, 0), thickness=4)
         draw_line(canvas, drawn[index], colours[index], thickness=2)
+
+
+def circles(grid: SmearGrid) -> Array:
+    """Return centres and radii (N, 3) of the cells that are rather out of focus than not, pixels."""
+    if grid.kinds is None or grid.radius_px is None:
+        return np.empty((0, 3))
+    out = grid.kinds[..., [OUT_OF_FOCUS, BOTH]].sum(-1) > 0.5
+    points = grid.points()[out]
+    inside = (points < grid.size).all(axis=1)
+    return np.asarray(np.c_[points, grid.radius_px[out]][inside], float)
+
+
+def _draw_circles(canvas: Picture, view: View, grid: SmearGrid) -> None:
+    """Draw circles of the radius out of focus, as many as leave room for each other."""
+    found = circles(grid)
+    if not len(found):
+        return
+    spacing = max(SMEAR_SPACING_PX, 2.4 * float(np.median(found[:, 2])) * view.scale)
+    for index in spread_subset(view.to_canvas(found[:, :2]), np.zeros(len(found)), spacing):
+        x, y = view.to_canvas(found[index, :2])
+        radius = max(round(found[index, 2] * view.scale), 1)
+        for colour, thickness in (((0, 0, 0), 3), (CIRCLE, 1)):
+            cv2.circle(canvas, (round(x), round(y)), radius, colour, thickness, cv2.LINE_AA)
 
 
 def _draw_epipolar_lines(
@@ -181,13 +216,15 @@ def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
 
 
 def _panel(
-    width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry, exposure_s: float | None
+    width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry, words: str
 ) -> Picture:
     """Return the panel: the caption on the left, the orientation key and the uncertainties on the right."""
     aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
     room = width - aids.shape[1] - 24
-    verdict = wrap(sentence(geometry, matches, grid.size, exposure_s), room, HEAD_SIZE)
-    small = wrap(f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})", room, TEXT_SIZE)
+    verdict = wrap(words, room, HEAD_SIZE)
+    counts = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
+    counts += "; circles: out of focus, by their radius" * bool(len(circles(grid)))
+    small = wrap(counts, room, TEXT_SIZE)
     height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small))
     panel = np.full((height, width, 3), PAPER, np.uint8)
     panel[: aids.shape[0], width - aids.shape[1] :] = aids

@@ -56,14 +56,14 @@ class Entry:
         """Return the entry of a photograph that was estimated; see `report_pack.photograph`."""
         shown = photograph(one, mask, mask_s)
         matches, geometry = one.estimate.matches, one.estimate.geometry
-        drawn = draw_smears(one.image, matches, geometry, THUMBNAIL_SIDE_PX).astype(np.float32)
+        drawn = draw_smears(one.image, one.estimate.grid, matches, geometry, THUMBNAIL_SIDE_PX)
         return cls(
             name=shown["name"],
             kind=shown["kind"],
             verdict=geometry.config.name,
             text=shown["meaning"],
             median_px=shown["median_px"],
-            thumbnail=picture(drawn / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            thumbnail=picture(drawn.astype(np.float32) / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
 

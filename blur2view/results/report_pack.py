@@ -17,6 +17,7 @@ from blur2view.camera.camera import Camera
 from blur2view.pipeline import FileEstimate
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import headline
+from blur2view.results.overlay import circles
 from blur2view.results.verdicts import kind, meaning
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.grid import SmearGrid
@@ -28,6 +29,7 @@ THUMBNAIL_SIDE_PX = 400
 NODE_PX = 4  # distance of the nodes at which smears are shown, at least
 MAX_NODES = 150_000  # of the grid of smears
 SMEAR_STEP_PX = 1 / 64
+CIRCLE_STEP_PX = 1 / 16
 DIRECTION_STEP_RAD = 2**-12  # 0.014 degrees
 LENS_NODE_PX = 16  # bilinear between nodes: a few hundredths of a pixel for ordinary lenses
 LENS_STEP_PX = 2**-10
@@ -56,6 +58,7 @@ def photograph(one: FileEstimate, mask: MotionMask | None = None, mask_s: float 
         "median_px": float(np.median(used.length_px)) if len(used) else None,
         "document": EstimateDocument.of(one).to_json(),
         "grid": nodes(estimate.grid),
+        "circles": packed(circles(estimate.grid).T, "uint16", CIRCLE_STEP_PX),
         "matches": {
             "spacing_px": estimate.grid.stride * cells_apart(estimate.grid, one.run.select),
             "ends": packed(used.ends.reshape(-1, 4).T, "int32", SMEAR_STEP_PX),

@@ -15,7 +15,7 @@ from blur2view.results.pose import rate_of
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
 
-SHARP, BLURRED, UNCLEAR, UNUSABLE = "sharp", "blurred", "unclear", "unusable"
+SHARP, BLURRED, OUT_OF_FOCUS, UNCLEAR, UNUSABLE = "sharp", "blurred", "out of focus", "unclear", "unusable"
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
 DIGITS = 6  # significant ones
 
@@ -31,6 +31,9 @@ class Row(Document):
     """The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed."""
     parallax: str = ""
     """proven, undecided or absent."""
+    blur: str = ""
+    """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of focus
+    and moved, cannot tell."""
     smear_px: float | None = None
     """Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
     smears that were used is another: blur2view estimate -v and the report have it.)"""
@@ -38,10 +41,17 @@ class Row(Document):
     """Median standard deviation of their lengths, pixels."""
     smear_percent: float | None = None
     """That over the diagonal of the picture, per cent: the same whatever its size."""
+    defocus_px: float | None = None
+    """Radius of the disc that spreads as widely as the lens does, pixels: about 1 in focus. Of what is in
+    focus, if anything is."""
+    defocus_sigma_px: float | None = None
+    """Its standard deviation over the picture, pixels."""
+    width_px: float | None = None
+    """Width of all of the blur, as the length of a smear, pixels: what photographs are ranked by."""
     direction_deg: float | None = None
     """Direction of the mean smear, 0 to 180 degrees, from the x axis towards y, which points down."""
     sharpness: float | None = None
-    """1 / (1 + smear_px): higher is sharper, whatever the texture."""
+    """1 / (1 + width_px): higher is sharper, whatever the texture."""
     rotation_deg: float | None = None
     """Angle of the rotation during the exposure, degrees, with known intrinsics; with --readout that of one
     of both orders in time."""
@@ -70,7 +80,7 @@ class Row(Document):
     elapsed_s: float | None = None
     """Seconds that the estimate took, without --no-timings."""
     use: str = ""
-    """Of blur2view triage: sharp, blurred (geometry can use it), unclear or unusable."""
+    """Of blur2view triage: sharp, blurred (geometry can use it), out of focus, unclear or unusable."""
     error: str = ""
     """Why a photograph failed."""
     meaning: str = ""
@@ -80,17 +90,21 @@ class Row(Document):
     def of(cls, one: FileEstimate) -> Row:
         """Return the row of a photograph, without a name."""
         from blur2view.results.verdicts import meaning
-        from blur2view.smears.sharpness import median_smear
 
-        estimate, geometry, smear = one.estimate, one.estimate.geometry, median_smear(one.estimate.grid)
+        estimate, geometry, blur = one.estimate, one.estimate.geometry, one.estimate.blur
+        diagonal = math.hypot(*estimate.grid.size)
         return cls(
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
-            smear_px=None if smear is None else smear.length_px,
-            smear_sigma_px=None if smear is None else smear.sigma_px,
-            smear_percent=None if smear is None else 100 * smear.length_px / math.hypot(*estimate.grid.size),
-            direction_deg=None if smear is None else smear.direction_deg,
-            sharpness=None if smear is None else smear.sharpness,
+            blur=str(blur.kind),
+            smear_px=blur.smear_px,
+            smear_sigma_px=blur.smear_sigma_px,
+            smear_percent=None if blur.smear_px is None else 100 * blur.smear_px / diagonal,
+            defocus_px=blur.defocus_px,
+            defocus_sigma_px=blur.defocus_sigma_px,
+            width_px=blur.width_px,
+            direction_deg=blur.direction_deg,
+            sharpness=blur.sharpness,
             rotation_deg=None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg,
             frame=one.frame,
             timestamp_s=one.timestamp_s,

@@ -8,8 +8,9 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import MAX_STILL, MIN_DIRECTED, MIN_LENGTH_PX, constant_field
+from blur2view.two_view.acceptance import MIN_LENGTH_PX, constant_field
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
@@ -39,13 +40,42 @@ def kind(geometry: TwoViewGeometry) -> str:
 def meaning(one: FileEstimate) -> str:
     """Return the `sentence` of a photograph; how fast it turned, if --exposure says how long."""
     estimate = one.estimate
-    return sentence(estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s)
+    return sentence(
+        estimate.blur, estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s
+    )
 
 
 def sentence(
-    geometry: TwoViewGeometry, matches: SmearMatches, size: tuple[int, int], exposure_s: float | None = None
+    blur: Blur,
+    geometry: TwoViewGeometry,
+    matches: SmearMatches,
+    size: tuple[int, int],
+    exposure_s: float | None = None,
 ) -> str:
-    """Return the one sentence that matters: what the camera did, or why that cannot be told.
+    """Return the one sentence that matters: what blurred the photograph, and what the camera did."""
+    match blur.kind:
+        case BlurKind.SHARP:
+            return "Sharp"
+        case BlurKind.OUT_OF_FOCUS:
+            return f"Out of focus ({_radius(blur)})"
+        case BlurKind.CAMERA_AT_REST:
+            return f"Camera at rest, something moves ({blur.moving_share:.0%} of the picture)"
+        case BlurKind.CANNOT_TELL:
+            return f"{blur.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
+        case BlurKind.OUT_OF_FOCUS_AND_MOVED:
+            return f"Out of focus and moved ({_radius(blur)}): {_motion(geometry, matches, size, exposure_s)}"
+        case _:
+            return _motion(geometry, matches, size, exposure_s)
+
+
+def _radius(blur: Blur) -> str:
+    return f"radius {blur.defocus_px or 0.0:.1f} px"
+
+
+def _motion(
+    geometry: TwoViewGeometry, matches: SmearMatches, size: tuple[int, int], exposure_s: float | None
+) -> str:
+    """Return what a camera that moved did, or why that cannot be told.
 
     ``size`` is width and height of the photograph: without intrinsics a rotation is given as a share of the
     width. With an exposure time a rotation is given as an angular velocity.
@@ -87,13 +117,10 @@ def _nothing(geometry: TwoViewGeometry, matches: SmearMatches) -> str:
     if geometry.config is Configuration.UNDEFINED:
         return "Blur that no one motion explains: cannot tell"
     if geometry.insufficient_data:
-        smooth = matches.directed_share < MIN_DIRECTED
-        return f"{'Out of focus or smooth' if smooth else 'Too few places show blur'}: cannot tell"
-    if matches.still_share > MAX_STILL:
-        return "Sharp, but for what may move by itself: the camera hardly moved"
+        return "Too few places show blur: cannot tell"
     if len(matches) and np.median(matches.length_px) >= MIN_LENGTH_PX and constant_field(matches):
         return "Turned or moved, the same blur everywhere: cannot tell"
-    return "Sharp, or too little blur to tell"
+    return "Too little blur to tell"
 
 
 def _turned(geometry: TwoViewGeometry, size: tuple[int, int], exposure_s: float | None) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
+from blur2view.smears.blur_kinds import KINDS
 from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
 from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, SharedErrors
 
@@ -29,6 +30,9 @@ class SmearGrid:
         Height and width of the photograph, whose last cells its border may cut.
     window_px : int or None
         Side of the window that a cell is read from, pixels; None for smears that err each for itself.
+    blur : ndarray of shape (h, w, 6), float32, optional
+        Radius out of focus, pixels, and the probabilities of the kinds of blur of
+        `blur2view.smears.blur_kinds.KINDS`; None where only smears are known.
 
     Raises
     ------
@@ -40,12 +44,25 @@ class SmearGrid:
     stride: int
     shape: tuple[int, int]
     window_px: int | None = WINDOW_PX
+    blur: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         covered = tuple(-(-side // self.stride) for side in self.shape) if self.stride > 0 else ()
         if self.cells.ndim != 3 or self.cells.shape != (*covered, 4):
             got = f"{self.cells.shape}, stride {self.stride} and shape {self.shape}"
             raise ValueError(f"expected cells (h, w, 4) that cover a photograph, got {got}")
+        if self.blur is not None and self.blur.shape != (*covered, 1 + len(KINDS)):
+            raise ValueError(f"expected blur (h, w, {1 + len(KINDS)}) of the cells, got {self.blur.shape}")
+
+    @property
+    def radius_px(self) -> NDArray[np.float32] | None:
+        """Radii out of focus of the cells, (h, w), pixels."""
+        return None if self.blur is None else self.blur[..., 0]
+
+    @property
+    def kinds(self) -> NDArray[np.float32] | None:
+        """Probabilities of the kinds of blur of the cells, (h, w, 5)."""
+        return None if self.blur is None else self.blur[..., 1:]
 
     @property
     def size(self) -> tuple[int, int]:

@@ -30,6 +30,8 @@ REACH = 2
 SURE = 0.6
 """Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
 (tools/results/training_log.md, 20 test photographs)."""
+ANY_PX = 16.0
+"""Root mean square of lengths of 2 to 38 px, as frequent in every octave: of a smear that is not seen."""
 LEAST_SIGMA_RAD, LEAST_SIGMA_PX = float(np.deg2rad(0.3)), 0.15
 """Least deviations that the bins resolve."""
 
@@ -66,6 +68,20 @@ def read_smears(log_likelihood: Floats) -> Floats:
     return np.stack(
         [length * np.cos(2 * direction), length * np.sin(2 * direction), sigma_px, sigma_rad], -1
     ).astype(np.float32)
+
+
+def with_unseen(cells: Floats, unseen: Floats) -> Floats:
+    """Return smears (h, w, 4) with the deviations of mixtures of what is read and what may be any smear.
+
+    ``unseen`` (h, w) is the probability of the latter.
+    """
+    x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
+    any_px = x**2 + y**2 + ANY_PX**2
+    sigmas = [
+        np.sqrt((1 - unseen) * sigma_px**2 + unseen * any_px),
+        np.sqrt((1 - unseen) * sigma_rad**2 + unseen * np.float32(np.pi**2 / 12)),
+    ]
+    return np.stack([x, y, *sigmas], -1).astype(np.float32)
 
 
 def _smears(likelihood: Floats) -> tuple[Floats, Floats]:

@@ -25,10 +25,6 @@ class SmearMatches:
         Standard deviation of the end-point error |d - d*| of every smear; positive.
     image_size : (int, int), optional
         Width and height of the image. With it the estimator may assume an ordinary camera.
-    still_share : float
-        Share of the measurable image that shows no motion, in [0, 1].
-    directed_share : float
-        Share of the image in which the direction of blur is known, in [0, 1].
     across_px : ndarray of shape (N,), float64, optional
         Standard deviation of the part of the error across every smear, positive; by default that of errors
         which are alike in all directions.
@@ -44,8 +40,6 @@ class SmearMatches:
     ends: Array
     sigma_px: Array
     image_size: tuple[int, int] | None = None
-    still_share: float = 0.0
-    directed_share: float = 1.0
     across_px: Array = None  # type: ignore[assignment]  # set below
     shared: SharedErrors = INDEPENDENT
 
@@ -57,9 +51,6 @@ class SmearMatches:
             raise ValueError("ends must be finite, sigma_px finite and positive")
         if self.image_size is not None and min(self.image_size) < 1:
             raise ValueError(f"image_size must be positive, got {self.image_size}")
-        for name in ("still_share", "directed_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         across = 0.5**0.5 * sigma if self.across_px is None else np.array(self.across_px, np.float64)
         if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
             raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blur2view.arrays import Array
-from blur2view.smears.field import SmearField, smear_ends
+from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import across_px
 
 SHORTEST_PX = 1.5
 """Shorter smears have no direction worth the name."""
-DIRECTED_RAD, STILL_SIGMA_PX = 0.35, 3.0
-"""Deviations up to which a direction counts as known, and a short smear shows that nothing moves there."""
 LEAST_SIGMA_PX = 1e-3
 
 
@@ -58,8 +55,6 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
         ends=smear_ends(points[kept], smears.displacement[kept]),
         sigma_px=sigma[kept],
         image_size=grid.size,
-        still_share=still_share(length, sigma),
-        directed_share=directed_share(smears),
         across_px=across_px(length, smears.sigma_rad.astype(np.float64))[kept],
         shared=grid.shared_errors(step * grid.stride),
     )
@@ -68,16 +63,3 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
 def cells_apart(grid: SmearGrid, options: SelectOptions) -> int:
     """Return how many cells lie from one match to the next in a row or column: 1 if all may be matches."""
     return max(1, int(np.ceil((options.beta * grid.cells[..., 0].size / options.max_matches) ** 0.5)))
-
-
-def still_share(length: Array, sigma: Array) -> float:
-    """Return the share of the measurable smears (certain to half their length, or a sigma) that are short."""
-    measurable = sigma <= np.maximum(0.5 * length, STILL_SIGMA_PX)
-    still = measurable & (length < SHORTEST_PX)
-    return float(still.sum() / max(measurable.sum(), 1))
-
-
-def directed_share(smears: SmearField) -> float:
-    """Return the share of the smears whose direction is known."""
-    known = (smears.length_px >= SHORTEST_PX) & (smears.sigma_rad <= DIRECTED_RAD)
-    return float(known.mean()) if known.size else 0.0

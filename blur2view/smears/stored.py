@@ -20,6 +20,7 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.noise import WINDOW_PX
 
 GRID, FIELD = "smear_grid", "displacement"  # the first array of either kind of file
+BLUR = "blur_grid"
 USED = ("ends", "match_sigma_px", "inlier_mask", "swapped")
 DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
           RuntimeError, MemoryError, zipfile.BadZipFile)  # fmt: skip
@@ -75,7 +76,8 @@ class StoredSmears:
             grid = self.smears
             place = {"stride": np.array(grid.stride), "shape": np.array(grid.shape)}
             place["window_px"] = np.array(grid.window_px or 0)
-            return {GRID: grid.cells.astype(np.float16), **place, **used}
+            blur = {} if grid.blur is None else {BLUR: grid.blur.astype(np.float16)}
+            return {GRID: grid.cells.astype(np.float16), **blur, **place, **used}
         field = self.smears
         return {FIELD: field.displacement, "sigma_px": field.sigma_px, "sigma_rad": field.sigma_rad, **used}
 
@@ -115,9 +117,15 @@ def _smears(arrays: dict[str, AnyArray]) -> SmearGrid | SmearField:
         return SmearField(displacement=arrays[FIELD], **sigmas)
     height, width = map(int, arrays["shape"])
     cells = arrays[GRID].astype(np.float32)
-    if not np.isfinite(cells).all() or height * width > MAX_PIXELS:
+    blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
+    finite = np.isfinite(cells).all() and (blur is None or np.isfinite(blur).all())
+    if not finite or height * width > MAX_PIXELS:
         raise ValueError("a smear grid must be finite, and of a photograph")
     window_px = int(arrays.get("window_px", WINDOW_PX))
     return SmearGrid(
-        cells=cells, stride=int(arrays["stride"]), shape=(height, width), window_px=window_px or None
+        cells=cells,
+        blur=blur,
+        stride=int(arrays["stride"]),
+        shape=(height, width),
+        window_px=window_px or None,
     )

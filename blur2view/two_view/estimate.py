@@ -14,6 +14,7 @@ from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.robust.homography import pixel_homography, transfer_orders
 from blur2view.robust.problem import SmearProblem
+from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.acceptance import consensus, insufficient_data, still
 from blur2view.two_view.degeneracy import Assessment, assess
@@ -86,6 +87,27 @@ def estimate_two_view(
     return replace(first, backward=second)
 
 
+def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
+    """Return the geometry of a photograph whose camera did not move, or does not show whether it did."""
+    return no_geometry(
+        matches,
+        f"no motion of the camera: {blur.reason}",
+        insufficient_data=blur.kind in (BlurKind.OUT_OF_FOCUS, BlurKind.CANNOT_TELL),
+    )
+
+
+def no_geometry(matches: SmearMatches, reason: str, *, insufficient_data: bool) -> TwoViewGeometry:
+    """Return a degenerate geometry."""
+    return TwoViewGeometry(
+        F=None,
+        config=Configuration.DEGENERATE,
+        reason=reason,
+        inlier_mask=np.zeros(len(matches), bool),
+        swapped=np.zeros(len(matches), bool),
+        insufficient_data=insufficient_data,
+    )
+
+
 def to_global_shutter(
     matches: SmearMatches, swapped: NDArray[np.bool_], shutter: RollingShutter, image_size: tuple[int, int]
 ) -> SmearMatches | None:
@@ -117,14 +139,7 @@ def as_recorded(
     nothing_moved = still(matches)
     refusal = nothing_moved or insufficient_data(matches)
     if refusal is not None:
-        return TwoViewGeometry(
-            F=None,
-            config=Configuration.DEGENERATE,
-            reason=refusal,
-            inlier_mask=np.zeros(len(matches), bool),
-            swapped=np.zeros(len(matches), bool),
-            insufficient_data=nothing_moved is None,
-        )
+        return no_geometry(matches, refusal, insufficient_data=nothing_moved is None)
     if camera is not None:
         matches = undistorted(matches, camera)
     problem, fits, iterations = search_and_fit(matches, options, rng, camera)

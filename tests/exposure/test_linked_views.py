@@ -10,6 +10,7 @@ from blur2view.camera.camera import Camera
 from blur2view.exposure.linked_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.blur import blur_of
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.grids import grid_of
@@ -42,7 +43,13 @@ def result() -> Result:
     assert geometry.cam2_from_cam1 is not None
     timings = Timings(predict_s=0, select_s=0, solve_s=0)
     estimate = Estimate(
-        grid=grid, matches=matches, geometry=geometry, model_id="", timings=timings, camera=camera
+        grid=grid,
+        blur=blur_of(grid),
+        matches=matches,
+        geometry=geometry,
+        model_id="",
+        timings=timings,
+        camera=camera,
     )
     return estimate, displacement
 

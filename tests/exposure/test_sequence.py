@@ -10,6 +10,7 @@ from blur2view.exposure.time_direction import NeighbourMotion
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_flow
 from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.grids import grid_of
@@ -31,6 +32,7 @@ def estimate_of(shutter: RollingShutter | None) -> Estimate:
     matches = SmearMatches(ends=ends, sigma_px=np.full(len(ends), 0.3), image_size=SIZE)
     return Estimate(
         grid=grid_of(np.zeros((SIZE[1], SIZE[0], 2)), 1.0),
+        blur=Blur(kind=BlurKind.CAMERA_MOVED),
         matches=matches,
         geometry=estimate_two_view(matches, camera=CAMERA, shutter=shutter),
         model_id="test",

@@ -13,6 +13,7 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.blur import Blur, BlurKind
 from tests.support.grids import grid_of
 from tests.support.scenes import Scene, disturb, make_scene
 from tools.metrics import squared_distance
@@ -25,6 +26,7 @@ def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
     geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
     return Estimate(
         grid=grid_of(np.zeros((-(-height // 32), -(-width // 32), 2)), stride=32, shape=(height, width)),
+        blur=Blur(kind=BlurKind.CAMERA_MOVED),
         matches=matches,
         geometry=geometry,
         model_id="none",

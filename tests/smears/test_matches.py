@@ -36,8 +36,6 @@ def test_matches_know_midpoints_displacements_and_lengths() -> None:
         *({"ends": np.full((3, 2, 2), value)} for value in (np.nan, np.inf)),
         *({"sigma_px": np.full(3, value)} for value in (0.0, -1.0, np.nan, np.inf)),
         {"image_size": (0, 5)},
-        {"still_share": 2.0},
-        {"directed_share": -0.1},
         {"across_px": np.zeros(3)},
     ],
 )
@@ -64,7 +62,6 @@ def test_cells_become_matches_with_their_ends_half_a_smear_away() -> None:
     assert (matches.midpoint % 32 == 15.5).all()
     assert np.allclose(matches.displacement, [10, 0], atol=1e-5)
     assert matches.image_size == (512, 384)
-    assert matches.still_share == 0
 
 
 def test_the_most_certain_share_is_kept() -> None:
@@ -96,10 +93,8 @@ def test_no_cell_is_believed_better_than_3_percent_of_its_length() -> None:
     assert (sampson_px(long, sure, INDEPENDENT) < 3).all()
 
 
-def test_a_still_image_gives_no_matches_and_says_so() -> None:
-    matches = select_matches(grid(length_px=0.2, sigma_px=0.3))
-    assert len(matches) == 0
-    assert matches.still_share == 1
+def test_a_still_image_gives_no_matches() -> None:
+    assert len(select_matches(grid(length_px=0.2, sigma_px=0.3))) == 0
 
 
 def test_tiny_images_and_repeats() -> None:
@@ -114,20 +109,14 @@ def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
         SelectOptions(**wrong)
 
 
-def test_share_of_known_directions_and_errors_across_are_told() -> None:
+def test_errors_across_are_told() -> None:
     cells = grid().cells.copy()
     cells[..., 3] = 0.8
     cells[:, :4, 3] = 0.2
     matches = select_matches(SmearGrid(cells=cells, stride=32, shape=(384, 512)), SelectOptions(beta=1.0))
-    assert matches.directed_share == 0.25
     expected = np.where(matches.midpoint[:, 0] < 128, 0.2, 0.8) * matches.length_px
     np.testing.assert_allclose(matches.across_px, expected, rtol=1e-5)
     np.testing.assert_array_equal(matches.subset(np.arange(3)).across_px, matches.across_px[:3])
-
-
-@pytest.mark.parametrize(("sigma_px", "still"), [(2.9, 1.0), (3.1, 0.0)])
-def test_short_smears_show_stillness_only_if_they_are_certain(sigma_px: float, still: float) -> None:
-    assert select_matches(grid(length_px=1.0, sigma_px=sigma_px)).still_share == still
 
 
 @pytest.mark.parametrize("shape", [(98 * 32, 101 * 32), (3 * 32, 400 * 32), (32, 2000 * 32)])

@@ -3,8 +3,8 @@
 A picture is grey with three fine patterns, columns, rows and squares of one pixel that alternate, whose
 strengths tell the smear: the network reads, as means over each cell of 32 px, the double-angle vector
 ``CODE_RANGE_PX * (columns, rows)`` and sigma, ``SIGMA_RANGE_PX * squares``, and gives the likelihood of such
-a smear. Smaller octaves, where the patterns average out, say nothing. So a test that paints a picture knows
-what the network will see in it.
+a smear, all of it in focus. Smaller octaves, where the patterns average out, say nothing. So a test that
+paints a picture knows what the network will see in it.
 """
 
 from pathlib import Path
@@ -17,6 +17,7 @@ from onnx import TensorProto, helper
 
 from blur2view.networks.model_file import FORMAT, INPUTS
 from blur2view.networks.spectra import LAGS, SCALES
+from blur2view.smears.blur_kinds import KINDS, SHARP, SMEARED
 from blur2view.smears.field import to_double_angle
 from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, STILL_PX, lengths_px
 
@@ -29,6 +30,8 @@ BIN_WIDTH = 0.6 * np.log(2) / PER_OCTAVE
 LEAST_SHARE = 0.01
 """Strength of the squares, of its range, from which on a cell says something."""
 CHANNELS = 2
+SURE = 10.0
+"""Logit of the kind of blur, and of the smallest radius, of which the network is sure."""
 HEIGHT, WIDTH = 240, 320
 EPIPOLE = np.array([150.0, 100.0])
 
@@ -79,6 +82,8 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
     x, y = (length * (np.arange(BINS) > 0) * f(doubled) for f in (np.cos, np.sin))
     apart = np.stack([-2 * x, -2 * y, np.ones_like(x), np.ones_like(x)])  # |v - e|^2 = (v - 2 e) v + e^2
     spread = np.where(np.arange(BINS), BIN_WIDTH * length, 2 * STILL_PX) ** 2
+    kinds = np.full((DIRECTIONS, BINS, len(KINDS)), -SURE)
+    kinds[:, 0, SHARP], kinds[:, 1:, SMEARED] = SURE, SURE
     constants = {
         "read": read,
         "apart": apart.reshape(4, -1),
@@ -87,6 +92,8 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         "scale": np.array([-0.5]),
         "least": np.array([LEAST_SHARE * SIGMA_RANGE_PX]),
         "none": np.zeros((BINS, CHANNELS)),
+        "smallest": np.tile([SURE, *[0] * (BINS - 1)], (DIRECTIONS * BINS, 1)),
+        "kind": kinds.reshape(-1, len(KINDS)),
         "xy": np.array([0, 1]),
         "last": np.array([2]),
         "bins": np.array([0, 0, 0, DIRECTIONS, BINS]),
@@ -117,6 +124,9 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         make("Mul", ["gate", "scale"], ["weight"]),
         make("Mul", ["ratio", "weight"], ["flat"]),
         make("Reshape", ["flat", "bins"], ["logits"]),
+        make("Softmax", ["flat"], ["likelihood"], axis=-1),
+        make("MatMul", ["likelihood", "kind"], ["kinds"]),
+        make("MatMul", ["likelihood", "smallest"], ["radii"]),
         make("MatMul", ["logits", "none"], ["features"]),
     ]
     ends: dict[str, list[str | int | None]] = {
@@ -125,6 +135,8 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         "scales": [1, "h", "w", SCALES],
         "coarser": [1, "h", "w", DIRECTIONS, CHANNELS],
         "logits": [1, "h2", "w2", "d", "b"],
+        "radii": [1, "h2", "w2", "b"],
+        "kinds": [1, "h2", "w2", "k"],
         "features": [1, "h2", "w2", "d", "c"],
     }
     infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.items()]

@@ -8,6 +8,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate, Timings
+from blur2view.smears.blur import blur_of
 from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of
 
@@ -63,6 +64,7 @@ def estimate_of(
     )
     return Estimate(
         grid=grid,
+        blur=blur_of(grid),
         matches=SmearMatches(ends=np.zeros((0, 2, 2)), sigma_px=np.zeros(0)),
         geometry=geometry,
         model_id="test",

@@ -12,6 +12,7 @@ from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
 from blur2view.segmentation.mask import MotionLabel, MotionMask
+from blur2view.smears.blur import blur_of
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.grids import grid_of
@@ -63,7 +64,13 @@ def made_up(
     )
     timings = Timings(predict_s=0.3, select_s=0.01, solve_s=0.2)
     estimate = Estimate(
-        grid=grid, matches=used, geometry=geometry, model_id="made-up", timings=timings, camera=camera
+        grid=grid,
+        blur=blur_of(grid),
+        matches=used,
+        geometry=geometry,
+        model_id="made-up",
+        timings=timings,
+        camera=camera,
     )
     image = np.zeros((height, width, 3), np.float32)
     for column, row in DOTS:

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from blur2view.smears.blur import median_smear
 from scipy.stats import spearmanr
 
 import blur2view
 from blur2view.arrays import AnyArray, Array
-from blur2view.smears.sharpness import median_smear
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import read_test_set
 from tools.evaluation.even_blur import blurred, middles
@@ -48,9 +48,8 @@ def laplacian_variance(image: AnyArray) -> float:
 
 def ordered(image: AnyArray, true_px: float, network: blur2view.SmearNetwork) -> Ordered:
     """Return what is said of a picture; one without texture counts as sharp."""
-    smear = median_smear(network.predict(image))
-    ours_px = 0.0 if smear is None else smear.length_px
-    return Ordered(true_px=true_px, ours_px=ours_px, laplacian=laplacian_variance(image))
+    ours_px, _, _ = median_smear(network.predict(image))
+    return Ordered(true_px=true_px, ours_px=ours_px or 0.0, laplacian=laplacian_variance(image))
 
 
 def evenly_blurred(folder: Path, network: blur2view.SmearNetwork, seed: int = 0) -> list[Ordered]:

@@ -2,7 +2,7 @@
 
 from blur2view.cli.arguments import help_text, shared
 from blur2view.cli.arguments.parser import CommandParser
-from blur2view.cli.arguments.values import amount, best
+from blur2view.cli.arguments.values import amount, best, radius
 from blur2view.cli.options import Amount
 from blur2view.results.table import Row
 
@@ -12,20 +12,25 @@ that a photograph shares with itself under fresh noise are still matched (``pyth
 tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
 others)."""
 
-ABOUT = "sort photographs by their smears: sharp, blurred but of use, unclear, unusable"
+MAX_DEFOCUS = 2.0
+"""Largest radius out of focus, pixels, of a photograph that is called sharp."""
+
+ABOUT = "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable"
 DESCRIPTION = """
-Look at every photograph and say how long its smears are: a table of all, and a list, or a folder, of those to
-use for structure from motion: the sharp ones, the sharpest ones, or the sharpest of every few neighbours.
-Smears, unlike the variance of the Laplacian, do not confuse a lack of texture with blur.
+Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table of
+all, and a list, or a folder, of those to use for structure from motion: the sharp ones, the sharpest ones, or
+the sharpest of every few neighbours. Unlike the variance of the Laplacian this does not confuse a lack of
+texture with blur.
 """
 USES = """
-sharp: the median of all smears of the picture is at most --max-smear; kept
+sharp: the median of all smears of the picture is at most --max-smear, and the radius out of focus of what
+    is in focus, if anything is, at most --max-defocus; kept
 blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
     to-colmap); kept with --blurred only
 unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kept by --best and --every-best
     only
-unclear: the median is below its own standard deviation, or nothing shows texture: smooth or out of focus,
-    perhaps sharp; kept as unusable ones
+out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
+unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
 near the limit: within a tenth of it a frame is sharp if the one before it in its video is
 the same photographs of another size: give the limit in per cent of the diagonal. Frames that were compressed
     much again have shorter smears than those of their video; --extract compresses nothing
@@ -55,10 +60,11 @@ OUTPUT = """
 --extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
 --max-smear PX: the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal
     (default: %(default)s, up to which half of its SIFT features are still matched)
+--max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
 """
 CHOICE = """
 --blurred: keep the blurred ones, too, that geometry can use
---best N: keep the N sharpest, or as 50%% of all
+--best N: keep the N sharpest, by the width of all of the blur, or as 50%% of all
 --every-best N: keep the sharpest of every N neighbours, and of each view among them
 """
 FRAMES = """
@@ -74,7 +80,8 @@ def describe(parser: CommandParser) -> None:
     shared.add_photographs(parser)
     output = parser.add_argument_group("output")
     limit = {"type": amount, "default": MAX_SMEAR}
-    help_text.add_options(output, shared.TABLE + OUTPUT, max_smear=limit)
+    defocus = {"type": radius, "default": MAX_DEFOCUS}
+    help_text.add_options(output, shared.TABLE + OUTPUT, max_smear=limit, max_defocus=defocus)
     help_text.add_options(output.add_mutually_exclusive_group(), CHOICE, best={"type": best})
     in_order = {"action": "store_true", "dest": "in_order"}
     help_text.add_options(output, FRAMES + shared.TIMINGS, sequence=in_order)

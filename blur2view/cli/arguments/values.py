@@ -49,6 +49,17 @@ def pixels(text: str) -> float:
     return value
 
 
+def radius(text: str) -> float:
+    """Return a positive number of pixels."""
+    try:
+        value = float(text.removesuffix("px"))
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected pixels above 0, as 2, got {text}")
+    return value
+
+
 def frame_or_seconds(text: str) -> int | float:
     """Return a frame's number, or a time in seconds as a float."""
     try:

@@ -29,6 +29,7 @@ function drawLayers(context, view, photo, on, ratio) {
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.lineCap = "round";
   if (on.has("lines")) drawFan(context, view, photo);
+  if (on.has("circles")) drawCircles(context, view, photo);
   if (on.has("smears")) drawSmears(context, view, gridPieces(view, photo));
   if (on.has("inliers")) drawUsed(context, view, photo);
 }
@@ -139,6 +140,22 @@ function strokePieces(context, view, pieces, width, colour) {
     context.lineTo(...view.toScreen(ends[1]));
   }
   context.stroke();
+}
+
+/** Circles of the radius by which the photograph is out of focus. */
+function drawCircles(context, view, { circles }) {
+  for (const [width, colour] of [[3, "rgb(0 0 0 / 0.6)"], [1.3, "rgb(120 235 255)"]]) {
+    context.lineWidth = width;
+    context.strokeStyle = colour;
+    context.beginPath();
+    for (const { x, y, radius } of circles) {
+      if (!view.shows([x, y])) continue;
+      const [left, top] = view.toScreen([x, y]);
+      context.moveTo(left + radius * view.scale, top);
+      context.arc(left, top, radius * view.scale, 0, 2 * Math.PI);
+    }
+    context.stroke();
+  }
 }
 
 /** The smears that were used: outliers grey, inliers in the colour of their orientation, dots at their middles. */

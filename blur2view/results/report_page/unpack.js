@@ -53,10 +53,10 @@ async function imageOf(uri) {
 async function photographOf(index) {
   const record = JSON.parse(document.getElementById(`photo-data-${index}`).textContent);
   const { grid, matches, mask, lens } = record;
-  const [picture, displacement, sigmaPx, sigmaRad, ends, flags, labels, probability, shift] = await Promise.all([
+  const [picture, displacement, sigmaPx, sigmaRad, ends, flags, labels, probability, shift, circles] = await Promise.all([
     imageOf(record.picture),
     ...[grid.displacement, grid.sigma_px, grid.sigma_rad, matches.ends, matches.flags].map(unpacked),
-    ...[mask && mask.labels, mask && mask.probability, lens && lens.shift].map(unpacked),
+    ...[mask && mask.labels, mask && mask.probability, lens && lens.shift, record.circles].map(unpacked),
   ]);
   return {
     name: record.name,
@@ -79,6 +79,10 @@ async function photographOf(index) {
       sigmaPx,
       sigmaRad,
     },
+    circles: Array.from({ length: circles.shape[1] }, (_, k) => {
+      const [x, y, radius] = [0, 1, 2].map((row) => circles.at(row * circles.shape[1] + k));
+      return { x, y, radius };
+    }),
     matches: { count: flags.values.length, spacing: matches.spacing_px, ends, flags },
     lens: lens && new Lens(lens.step_px, shift),
     mask: mask && { labels, every: mask.every_px, probability, headline: mask.headline, reason: mask.reason },

@@ -40,7 +40,7 @@ class Viewer {
     const { mask } = photo;
     const { F, H } = photo.estimate;
     const lines = Boolean(F) && !H; // beside H they would tell what nothing shows
-    const has = { inliers: photo.used.length > 0, lines, mask, probability: mask };
+    const has = { inliers: photo.used.length > 0, circles: photo.circles.length > 0, lines, mask, probability: mask };
     for (const box of this.boxes) {
       box.disabled = box.dataset.layer in has && !has[box.dataset.layer];
       box.parentElement.classList.toggle("layer-absent", box.disabled);

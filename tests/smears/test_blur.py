@@ -1,0 +1,91 @@
+"""What blurred a photograph: kinds of its cells, averaged where they tell, and more so near the border."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from blur2view.smears.blur import Blur, BlurKind, blur_of
+from blur2view.smears.blur_kinds import KINDS, radii_px, read_kinds, read_radii
+from blur2view.smears.grid import SmearGrid
+from tests.support.grids import grid_of
+
+ROWS, COLUMNS = 12, 16
+
+
+def grid(kinds: NDArray[np.int_], radius: float = 4.0, length: float = 0.3) -> SmearGrid:
+    """Return a grid whose cells are surely of these kinds, (h, w) of indices."""
+    one = grid_of(np.full((*kinds.shape, 2), [length, 0]), stride=32)
+    told = 0.002 + 0.99 * np.eye(len(KINDS))[kinds]
+    blur = np.concatenate([np.full((*kinds.shape, 1), radius), told], -1).astype(np.float32)
+    return SmearGrid(cells=one.cells, blur=blur, stride=32, shape=one.shape)
+
+
+def within(inside: int, around: int, share: float = 0.5) -> NDArray[np.int_]:
+    """Return kinds of a picture with a middle part, of this share of each side."""
+    kinds = np.full((ROWS, COLUMNS), around)
+    height, width = round(share * ROWS), round(share * COLUMNS)
+    top, left = (ROWS - height) // 2, (COLUMNS - width) // 2
+    kinds[top : top + height, left : left + width] = inside
+    return kinds
+
+
+@pytest.mark.parametrize(
+    ("kinds", "expected"),
+    [
+        (within(0, 0), "sharp"),
+        (within(1, 1), "out of focus"),
+        (within(2, 2), "camera moved"),
+        (within(3, 3), "out of focus and moved"),
+        (within(4, 4), "cannot tell"),
+        (within(0, 1, 0.6), "sharp"),  # a subject before what is out of focus
+        (within(0, 4, 0.3), "sharp"),  # smooth areas have no say
+        (within(2, 0), "camera at rest"),
+        (within(2, 4, 0.3), "camera moved"),  # nothing else tells
+        (within(0, 2, 0.75), "camera moved"),  # a subject that the camera followed
+    ],
+)
+def test_a_photograph_has_the_name_of_what_blurred_it(kinds: NDArray[np.int_], expected: str) -> None:
+    assert blur_of(grid(kinds)).kind == expected
+
+
+def test_radius_is_of_what_is_sharpest_and_the_width_of_all_blur() -> None:
+    mixed = grid(within(0, 1, 0.6))
+    assert mixed.blur is not None
+    mixed.blur[..., 0] = np.where(within(0, 1, 0.6) == 0, 1.1, 6.0)
+    assert blur_of(mixed).defocus_px == pytest.approx(1.1)
+    blur = Blur(kind=BlurKind.CAMERA_MOVED, smear_px=3.0, defocus_px=4 / 3**0.5)
+    assert blur.width_px == pytest.approx(5) and blur.sharpness == pytest.approx(1 / 6)
+    assert Blur(kind=BlurKind.CANNOT_TELL).width_px is None
+
+
+def test_share_that_moves_is_told_before_a_camera_at_rest_alone() -> None:
+    assert blur_of(grid(within(2, 0))).moving_share == pytest.approx(0.25)
+    assert blur_of(grid(within(2, 2))).moving_share == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "words"), [(0.0, "too dark"), (1.0, "overexposed"), (0.5, "one colour all over")]
+)
+def test_a_photograph_that_shows_nothing_says_why(value: float, words: str) -> None:
+    shown = blur_of(grid(within(4, 4)), np.full((384, 512, 3), value, np.float32))
+    assert shown.nothing_seen.startswith(words) and shown.reason.startswith(words)
+
+
+def test_smears_have_one_direction_whatever_their_signs_and_smooth_cells_no_say() -> None:
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (40, 60, 1))
+    for angle in (1.0, 90.0, 179.0):
+        phi = np.radians(angle)
+        found = blur_of(grid_of(signs * 7 * np.array([np.cos(phi), np.sin(phi)]), 1.0))
+        assert found.smear_px == pytest.approx(7, rel=1e-4)
+        assert found.direction_deg == pytest.approx(angle, abs=1e-3)
+    displacement, sigma = np.zeros((64, 64, 2)), np.full((64, 64), 1000.0)
+    assert blur_of(grid_of(displacement, sigma)).kind == "cannot tell"
+    displacement[:, :16], sigma[:, :16] = (9.0, 0.0), 2.0
+    assert blur_of(grid_of(displacement, sigma)).smear_px == pytest.approx(9)
+
+
+def test_logits_are_read_as_probabilities_and_radii() -> None:
+    assert read_kinds(np.zeros((2, 3, 5), np.float32)).sum(-1) == pytest.approx(1)
+    logits = np.full((1, 1, 24), -30, np.float32)
+    logits[..., 9] = 0
+    assert read_radii(logits)[0, 0] == pytest.approx(radii_px(24)[9]) == pytest.approx(2.8, rel=1e-3)
