@@ -57,13 +57,14 @@ class Entry:
         shown = photograph(one, mask, mask_s)
         matches, geometry = one.estimate.matches, one.estimate.geometry
         drawn = draw_smears(one.image, one.estimate.grid, matches, geometry, THUMBNAIL_SIDE_PX)
+        shown_small = drawn.astype(np.float32) / np.float32(255)
         return cls(
             name=shown["name"],
             kind=shown["kind"],
             verdict=geometry.config.name,
             text=shown["meaning"],
             median_px=shown["median_px"],
-            thumbnail=picture(drawn.astype(np.float32) / np.float32(255), THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            thumbnail=picture(shown_small, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
 

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from blur2view.smears.blur import median_smear
 from scipy.stats import spearmanr
 
 import blur2view
 from blur2view.arrays import AnyArray, Array
+from blur2view.smears.blur import median_smear
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import read_test_set
 from tools.evaluation.even_blur import blurred, middles
