@@ -26,7 +26,8 @@ First calls
   of time. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which threads may share.
 - ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
   ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
-- ``load_smears("out/a.smear.npz").at_pixels()``: the smears that `blur2view estimate -o` has written.
+- ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written, as ``predict``
+  returns them: ``at(points)``, ``at_pixels()``.
 - ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
 
 The method follows "Robust Fundamental Matrix Estimation from Single Image Motion Blur" (Tran, Forssen,

@@ -45,7 +45,6 @@ from blur2view.smears.grid import SmearGrid as SmearGrid
 from blur2view.smears.matches import SmearMatches as SmearMatches
 from blur2view.smears.selection import SelectOptions as SelectOptions
 from blur2view.smears.selection import select_matches as select_matches
-from blur2view.smears.stored import StoredSmears as StoredSmears
 from blur2view.smears.stored import load_smears as load_smears
 from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
 from blur2view.two_view.options import EstimatorOptions as EstimatorOptions

@@ -37,7 +37,7 @@ from blur2view.runs.job import Work
 from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY
 from blur2view.segmentation.mask import MotionMask
-from blur2view.smears.stored import StoredSmears
+from blur2view.smears.stored import stored_smears
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
@@ -194,15 +194,10 @@ def result_contents(
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
     picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
-    stored = StoredSmears(
-        smears=grid.at_pixels() if full_field else grid,
-        ends=matches.ends,
-        match_sigma_px=matches.sampson_px,
-        inlier_mask=geometry.inlier_mask,
-        swapped=geometry.swapped,
-    )
+    used = {"ends": matches.ends, "match_sigma_px": matches.sampson_px}
+    used |= {"inlier_mask": geometry.inlier_mask, "swapped": geometry.swapped}
     arrays = io.BytesIO()
-    np.savez(arrays, **stored.arrays())  # type: ignore[arg-type]
+    np.savez(arrays, **stored_smears(grid, full_field=full_field), **used)  # type: ignore[arg-type]
     contents = arrays.getvalue(), png(picture), (document.to_json() + "\n").encode()
     return dict(zip(files.paths, contents, strict=True))
 

@@ -25,8 +25,9 @@ FILES = """
 <stem>.json: the JSON document of the photograph; written last
 <stem>.smear.npz: smear_grid (h, w, 4), float16: the network's own grid, stride pixels a cell, cell j's
     centre at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d|
-    sin 2phi of its smear d in pixels, sigma_px and sigma_rad, the standard
-    deviations of the whole (pixels) and of its direction (radians). blur2view.load_smears(FILE).at_pixels()
+    sin 2phi of its smear d in pixels, sigma_px and sigma_rad, the standard deviations of the whole (pixels)
+    and of its direction (radians). blur_grid (h, w, 6), float16: the radius out of focus, pixels, and the
+    probabilities of sharp, out of focus, smeared, both, cannot tell. blur2view.load_smears(FILE).at_pixels()
     has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so has the file with
     --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, their
     sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
