@@ -23,6 +23,8 @@ from tools.training.spectra import SCALARS
 HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it is known, but shows less
 MOVED_PX, DEFOCUSED_PX = (1.5, 2.5), (1.6, 2.4)
 """Lengths of smears, and radii, between which a cell comes to count as smeared, and as out of focus."""
+PREVAILS = 0.7, 1.1
+"""Length of a smear over the radius out of focus between which it comes to show: a disc hides shorter ones."""
 
 
 class Circular(nn.Module):
@@ -266,10 +268,12 @@ def kind_target(displacement: Tensor, radius: Tensor, shows: Tensor) -> Tensor:
     ``shows`` (...) is whether it can be told at all.
     """
     length = torch.linalg.norm(displacement, dim=-1)
-    moved, defocused = (
+    prevails = length / radius.clamp(min=1e-3)
+    moved, defocused, shown = (
         ((value - low) / (high - low)).clamp(0, 1)
-        for value, (low, high) in ((length, MOVED_PX), (radius, DEFOCUSED_PX))
+        for value, (low, high) in ((length, MOVED_PX), (radius, DEFOCUSED_PX), (prevails, PREVAILS))
     )
+    moved = moved * torch.maximum(shown, 1 - defocused)
     still, focused = 1 - moved, 1 - defocused
     kinds = torch.stack([still * focused, still * defocused, moved * focused, moved * defocused], -1).mean(-2)
     target: Tensor = torch.cat([kinds * shows[..., None], 1 - shows[..., None]], -1)

@@ -144,7 +144,7 @@ def test_target_of_a_radius_has_its_maximum_there(radius: float, place: int) -> 
 
 @pytest.mark.parametrize(
     ("length", "radius", "shows", "kind"),
-    [(0, 1, 1, 0), (0, 5, 1, 1), (9, 1, 1, 2), (9, 5, 1, 3), (0, 1, 0, 4), (9, 5, 0, 4)],
+    [(0, 1, 1, 0), (0, 5, 1, 1), (3, 5, 1, 1), (9, 1, 1, 2), (9, 5, 1, 3), (0, 1, 0, 4), (9, 5, 0, 4)],
 )
 def test_target_of_a_kind_is_what_is_true_where_it_shows(
     length: float, radius: float, shows: float, kind: int
