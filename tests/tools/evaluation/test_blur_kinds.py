@@ -1,0 +1,240 @@
+"""Photographs blurred in every way that has a name: their truth, and the figures of what is said of them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import blur2view
+from blur2view.arrays import AnyArray
+from blur2view.errors import ImageError
+from tools.datasets import blurred_photographs as made
+from tools.datasets.blurred_photographs import BlurKind, Picture
+from tools.evaluation import blur_kinds
+from tools.evaluation.blur_kinds import Named, Seen
+from tools.evaluation.even_blur import GAMMA
+from tools.evaluation.sharp_or_not import BASELINES, auc, best_accuracy
+
+STRIDE = 32
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of three small photographs of random grain, each tinted."""
+    folder, rng = tmp_path_factory.mktemp("photographs"), np.random.default_rng(0)
+    for k in range(3):
+        grain = cv2.GaussianBlur(rng.uniform(0, 1, (224, 320)), (0, 0), 0.8)[..., None]
+        pixels = 255 * np.clip(0.5 + (grain - 0.5) * 1.5 + 0.1 * np.eye(3)[k], 0, 1)
+        assert cv2.imwrite(str(folder / f"{k}.png"), pixels.round().astype(np.uint8))
+    return folder
+
+
+def pictures(folder: Path, seed: int = 0, polygons: bool = False, composites: int = 2) -> list[Picture]:
+    """Return all pictures of the first photograph of a folder."""
+    paths, rng = sorted(folder.iterdir()), np.random.default_rng(seed)
+    return list(made.pictures_of(rng, made.radiance_of(paths[0]), paths[1:], polygons, composites))
+
+
+def pixels_of(picture: Picture) -> AnyArray:
+    """Return the values of a picture's file as they are stored."""
+    return np.asarray(cv2.imdecode(np.frombuffer(picture.file, np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+def said_of(picture: Picture) -> Named:
+    """Return the truth as what is said of a picture, without any cell that is sure of a smear."""
+    height, width = pixels_of(picture).shape[:2]
+    return Named(
+        kind=picture.kind,
+        defocus_px=picture.radius_px,
+        smear_px=picture.smear_px,
+        width_px=float(np.hypot(2 * picture.radius_px, picture.smear_px)),
+        moving_share=0.0 if picture.moving is None else float((picture.moving > 0).mean()),
+        sure=np.zeros((height // STRIDE, width // STRIDE), bool),
+        stride=STRIDE,
+        window_px=STRIDE,
+    )
+
+
+def told(folder: Path, change: Callable[[Picture, Named], Named] = lambda _, said: said) -> list[Seen]:
+    """Return all pictures of the first photograph, seen by one who knows the truth but for a change."""
+    rows = []
+    for picture in pictures(folder):
+        said = change(picture, said_of(picture))
+        rows.append(blur_kinds.seen(0, picture, lambda _, said=said: said))  # type: ignore[misc]
+    return rows
+
+
+@pytest.mark.parametrize("radius_px", made.RADII_PX)
+@pytest.mark.parametrize("blades", [0, 5, 6, 7, 8, 9])
+def test_an_aperture_has_the_second_moment_of_its_disc_along_every_axis(radius_px: int, blades: int) -> None:
+    weights = made.aperture(radius_px, blades, turn=0.3).astype(float)
+    reach = len(weights) // 2
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    assert weights.sum() == pytest.approx(1, abs=1e-6) and not weights[0].any() and not weights[:, -1].any()
+    assert [(weights * x).sum(), (weights * y).sum()] == pytest.approx([0, 0], abs=0.01)
+    moments = [(weights * one).sum() for one in (x * x, y * y, x * y)]
+    moment = radius_px**2 / 4 + 1 / 12  # and that of a pixel
+    assert moments == pytest.approx([moment, moment, 0], rel=0.01, abs=0.05)
+
+
+def test_blur_mixes_light_not_coded_values() -> None:
+    light = np.zeros((32, 32, 3), np.float32)
+    light[:, ::2] = 1
+    even = made.blurred(light, np.full((1, 8), 1 / 8, np.float32))
+    coded = made.recorded(np.random.default_rng(0), even)
+    assert coded.mean() == pytest.approx(0.5 ** (1 / GAMMA), abs=0.005)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_stands_still_is_untouched_and_what_moves_is_part_of_the_picture(
+    photographs: Path, seed: int
+) -> None:
+    paths, rng = sorted(photographs.iterdir()), np.random.default_rng(seed)
+    light = made.radiance_of(paths[0])
+    scene, moving = made.passed(rng, light, paths[1:], movers=2)
+    np.testing.assert_array_equal(scene[moving == 0], light[moving == 0])
+    assert 0.03 < (moving > 0).mean() < 1 and moving.min() >= 0 and moving.max() <= 1
+    covered = moving > 0.99
+    assert np.abs(scene - light)[covered].mean() > 0.02
+    assert scene.min() >= 0 and scene.max() <= 1.001
+
+
+def test_an_outline_has_its_share_and_a_soft_rim() -> None:
+    for seed in range(20):
+        cover = made.outline(np.random.default_rng(seed), (224, 320))
+        assert made.MOVER_SHARE[0] <= cover.mean() <= made.MOVER_SHARE[1]
+        assert 0.01 < ((cover > 0.1) & (cover < 0.9)).sum() / (cover > 0).sum() < 0.6
+
+
+@pytest.mark.slow
+def test_all_kinds_and_sizes_are_made_and_every_file_is_read(photographs: Path) -> None:
+    found = pictures(photographs, polygons=True)
+    names = [one.name for one in found]
+    assert names[0] == "sharp" and names.count("camera at rest") == 2
+    assert {"out of focus 8 px", "camera moved 25 px", "out of focus and moved 4 px and 12 px"} < set(names)
+    assert {"sharp, 1/16", "camera moved 12 px, 12 bits"} < set(names)
+    assert all(5 <= one.blades <= 9 for one in found if one.kind == BlurKind.OUT_OF_FOCUS)
+    assert {blur_kinds.is_unusable(one) for one in found if one.kind == BlurKind.BOTH} == {True}
+    for one in found:
+        image = blur2view.read_image(Path(f"a{one.suffix}"), content=one.file)
+        assert image.shape == (224, 320, 3)
+
+
+@pytest.mark.slow
+def test_dim_pictures_hold_the_same_values_divided_and_deep_ones_few_of_16_bits(photographs: Path) -> None:
+    by_name = {one.name: pixels_of(one) for one in pictures(photographs)}
+    for blur in ("sharp", "camera moved 12 px"):
+        plain = by_name[blur].astype(float)
+        for gain in made.GAINS:
+            assert np.abs(by_name[f"{blur}, 1/{gain}"] - plain / gain).max() <= 0.5
+        for bits in made.BITS:
+            deep = by_name[f"{blur}, {bits} bits"]
+            assert deep.dtype == np.uint16 and 2 ** (bits - 1) < deep.max() < 2**bits
+            assert np.abs(deep / (2**bits - 1) - plain / 255).mean() < 0.02
+
+
+@pytest.mark.slow
+def test_the_same_seed_makes_the_same_bytes_and_another_does_not(photographs: Path) -> None:
+    one, same, other = ([picture.file for picture in pictures(photographs, seed)] for seed in (3, 3, 4))
+    assert one == same and not set(one) & set(other)
+
+
+def test_a_large_photograph_is_reduced_in_light_and_one_too_small_is_refused(tmp_path: Path) -> None:
+    stripes = np.zeros((1000, 1300, 3), np.uint8)
+    stripes[:, ::2] = 255
+    assert cv2.imwrite(str(tmp_path / "large.png"), stripes)
+    assert cv2.imwrite(str(tmp_path / "small.png"), stripes[:200])
+    light = made.radiance_of(tmp_path / "large.png")
+    assert light.shape == (480, 640, 3) and light.mean() == pytest.approx(0.5, abs=0.01)
+    with pytest.raises(ImageError, match=r"small\.png.*too small"):
+        made.radiance_of(tmp_path / "small.png")
+
+
+def test_auc_counts_pairs_and_ties_half() -> None:
+    assert auc([1, 2], [3, 4]) == 1 and auc([3, 4], [1, 2]) == 0
+    assert auc([1, 2, 3], [2, 3, 4]) == pytest.approx((1 + 1 + 1 + 0.5 + 1 + 1 + 0 + 0.5 + 1) / 9)
+    with pytest.raises(ValueError, match="both classes"):
+        auc([], [1])
+
+
+def test_the_best_threshold_of_a_hand_made_case() -> None:
+    assert best_accuracy([1, 2], [3, 4]) == (1, 1)
+    # from 4 on: three of four sharp ones and two of three; from 2 on: one and all three
+    assert best_accuracy([1, 2, 3, 5], [2, 4, 6]) == pytest.approx((5 / 7, (3 / 4 + 2 / 3) / 2))
+    # calling all blurred is right for most pictures and for no sharp one
+    accuracy, mean = best_accuracy([1, 1], [0, 1, 1, 1, 1, 1, 1, 1, 1, 1])
+    assert accuracy == pytest.approx(10 / 12) and mean == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", BASELINES)
+def test_every_baseline_grows_with_blur(name: str, photographs: Path) -> None:
+    light = made.radiance_of(sorted(photographs.iterdir())[0])
+    values = [BASELINES[name](made.blurred(light, made.aperture(r)) ** (1 / GAMMA)) for r in (1, 2, 4)]
+    assert values == sorted(values) and values[0] < values[2]
+
+
+@pytest.mark.slow
+def test_whoever_knows_the_truth_has_no_error(photographs: Path) -> None:
+    rows = told(photographs)
+    text = blur_kinds.page(rows)
+    assert "| sharp | 1 | 1 | 0 | 0 | 0 | 0 | 0 |" in text
+    assert "| out of focus, from 3 px | 6 | 0 | 6 | 0 | 0 | 0 | 0 |" in text
+    assert "| camera moved, from 6 px | 5 | 0 | 0 | 5 | 0 | 0 | 0 |" in text
+    assert "| discs, from 3 px | 6 | 1.000 | 0.000 | 1.000 |" in text
+    assert f"| {blur_kinds.OURS} | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 |" in text
+    assert "| camera moved 12 px, 1/8 | 1 | 1.000 | 1.00 | 0 | 0 | 0 | 1 | 0 | 0 | 0 |" in text
+    assert "| 2 | 1.000 | 0.0000 | 0.0000 |" in text and "nan" not in text
+
+
+@pytest.mark.slow
+def test_what_is_wrong_is_counted(photographs: Path) -> None:
+    def change(picture: Picture, said: Named) -> Named:
+        if picture.coding == "1/16":
+            return replace(said, smear_px=25.0)
+        if picture.coding == "1/8":
+            return replace(said, kind=BlurKind.UNKNOWN, smear_px=0.0)
+        return replace(said, kind=BlurKind.MOVED, defocus_px=0.8 * said.defocus_px, sure=~said.sure)
+
+    text = blur_kinds.page(told(photographs, change))
+    assert "| out of focus, from 3 px | 6 | 0 | 0 | 6 | 0 | 0 | 0 |" in text
+    assert "| discs, from 3 px | 6 | 0.800 | 0.200 | 0.000 |" in text
+    assert "| camera moved 12 px, 1/16 | 1 | 2.083 | 0.00 | 1 | 0 | 0 | 1 | 0 | 0 | 0 |" in text
+    assert "| sharp, 1/16 | 1 | - | - | 1 | 1 | 0 | 0 | 0 | 0 | 0 |" in text
+    assert "| camera moved 12 px, 1/8 | 1 | - | - | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in text
+    assert "| 2 | 0.000 | 1.0000 | 1.0000 |" in text
+
+
+def test_a_still_cell_has_no_pixel_that_moves_and_its_window_may() -> None:
+    moving, sure = np.zeros((96, 160), np.float32), np.zeros((3, 5), bool)
+    moving[40:50, 70:80] = 0.5  # inside the cell (1, 2)
+    sure[1, 2] = sure[1, 1] = True
+    picture = Picture(file=b"", suffix=".jpg", kind=BlurKind.AT_REST, moving=np.zeros((96, 160), np.float32))
+    said = replace(said_of(replace(picture, file=cv2.imencode(".png", moving)[1].tobytes())), sure=sure)
+    assert blur_kinds.still_sure(moving, replace(said, window_px=96)) == pytest.approx((1 / 14, 0 / 6))
+    sure[0, 0] = True
+    assert blur_kinds.still_sure(moving, replace(said, window_px=96)) == pytest.approx((2 / 14, 1 / 6))
+    assert blur_kinds.still_sure(np.ones_like(moving), said) == (0, 0)
+
+
+@pytest.mark.slow
+def test_every_other_photograph_has_polygons_and_no_seed_is_shared(photographs: Path) -> None:
+    paths = sorted(photographs.iterdir())
+    look = partial(blur_kinds.of_photograph, paths=paths, namer=None, seed=0, composites=0)
+    first, second = ([one.picture.blades > 0 for one in look(k)] for k in (0, 1))
+    assert not any(first) and sum(second) == len(made.RADII_PX) + len(made.BOTH_PX)
+    assert [one.blur for one in look(0)] == [one.blur for one in look(0)]
+
+
+@pytest.mark.slow
+def test_baselines_need_no_network_and_pictures_are_kept(
+    photographs: Path, tmp_path: Path, call_tool: Callable[[str], None]
+) -> None:
+    call_tool(f"evaluation.blur_kinds {photographs} --baselines --composites 1 --out {tmp_path} --pictures")
+    text = (tmp_path / "blur_kinds.md").read_text()
+    assert "3 sharp, 39 blurred pictures" in text and "| Tenengrad |" in text and "Names" not in text
+    assert len(list((tmp_path / "pictures").iterdir())) == 3 * 29
+    assert (tmp_path / "pictures/001_1_07_out_of_focus_2_px.jpg").is_file()

@@ -1,0 +1,226 @@
+"""Sharp photographs, blurred in every way that has a name, with the truth; see `tools.evaluation.blur_kinds`.
+
+What blurs does so in linear light; then come a camera's noise, gamma and JPEG, as the bytes of a file.
+Discs have their radius; a polygon stands for the disc of its second moment (r^2 / 4 along every axis).
+"""
+
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import AnyArray
+from blur2view.errors import ImageError
+from tools.evaluation.even_blur import GAMMA, kernel
+from tools.rendering.sensor import SensorOptions, add_noise, log_uniform
+from tools.rendering.textures import read_photograph
+
+SIDE_PX, MULTIPLE_PX = 640, 32  # the longer side of a picture, and what divides both: cells of the network
+LEAST_PX = 224  # of the shorter side
+RADII_PX = (2, 3, 4, 5, 6, 7, 8)
+SMEARS_PX = (4, 6, 8, 12, 18, 25)
+BOTH_PX = ((4, 12), (3, 20))  # radius and smear
+DIMMED_PX = 12  # the smear that is also tried dim
+GAINS, BITS = (2, 4, 8, 16), (10, 12)  # divisors of 8-bit values; depths inside 16 bits
+QUALITY = (85, 95)  # of JPEG, both drawn
+CAMERA = SensorOptions(read_noise=(1e-4, 1e-3), shot_noise=(1e-5, 3e-4))  # 0.4 to 2 levels at mid-grey
+MOVER_SHARE, MOVER_PX, MOST_MOVERS = (0.03, 0.25), (10.0, 40.0), 3
+PLACES = 4  # tried for every cut-out: a mover without any texture would be no question
+FAINT = 1e-3  # smeared alpha under which nothing moves; a filter's rounding is far below
+FINE = 16  # samples of a pixel along each side, of the edge of an aperture
+
+
+class BlurKind(StrEnum):
+    """What a picture is, in the words of ``estimate.blur.kind``."""
+
+    SHARP = "sharp"
+    OUT_OF_FOCUS = "out of focus"
+    MOVED = "camera moved"
+    AT_REST = "camera at rest"
+    BOTH = "out of focus and moved"
+    UNKNOWN = "cannot tell"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """A picture's file and what it shows.
+
+    ``coding`` is "" or how dim it is, as "1/4" or "10 bits"; ``moving`` (H, W), float32 in [0, 1], is the
+    smeared alpha of all movers, exactly 0 where nothing moves; ``blades`` is 0 for a disc.
+    """
+
+    file: bytes
+    suffix: str
+    kind: BlurKind
+    radius_px: float = 0.0
+    blades: int = 0
+    smear_px: float = 0.0
+    coding: str = ""
+    moving: AnyArray | None = None
+
+    @property
+    def name(self) -> str:
+        """Kind and size of the blur."""
+        sizes = " and ".join(f"{size:g} px" for size in (self.radius_px, self.smear_px) if size)
+        blur = f"{self.kind} {sizes}" if sizes else str(self.kind)
+        return f"{blur}, {self.coding}" if self.coding else blur
+
+    def write(self, folder: Path, prefix: str) -> None:
+        """Write the file into a folder, which is made, named by its blur."""
+        folder.mkdir(parents=True, exist_ok=True)
+        name = self.name.replace(", ", "_").replace(" ", "_").replace("/", "-")
+        (folder / f"{prefix}_{name}{self.suffix}").write_bytes(self.file)
+
+
+def aperture(radius_px: float, blades: int = 0, turn: float = 0.0) -> AnyArray:
+    """Return a disc, or a regular polygon of its second moment, as the shares of pixels covered; sum one."""
+    side = 2 * int(np.ceil(1.2 * radius_px + 1)) + 1
+    at = (np.arange(side * FINE) + 0.5) / FINE - side / 2
+    x, y = np.meshgrid(at, at)
+    across, reach = np.hypot(x, y), radius_px
+    if blades:
+        sector = 2 * np.pi / blades
+        reach = radius_px * np.sqrt(3 / (2 + np.cos(sector))) * np.cos(sector / 2)  # of the sides' middles
+        across = across * np.cos((np.arctan2(y, x) - turn) % sector - sector / 2)
+    cover = (across <= reach).reshape(side, FINE, side, FINE).mean((1, 3))
+    return np.asarray(cover / cover.sum(), np.float32)
+
+
+def blurred(light: AnyArray, weights: AnyArray) -> AnyArray:
+    """Return linear light, or alpha, under a kernel; beyond its border it is mirrored."""
+    return np.asarray(cv2.filter2D(light, -1, weights, borderType=cv2.BORDER_REFLECT))
+
+
+def direction(rng: np.random.Generator) -> float:
+    """Return an angle of a smear, radians."""
+    return float(rng.uniform(0, np.pi))
+
+
+@functools.lru_cache(maxsize=32)
+def radiance_of(path: Path) -> AnyArray:
+    """Return a photograph as linear light (H, W, 3), float32 in [0, 1], reduced; do not write into it.
+
+    ImageError if it cannot be decoded or is too small.
+    """
+    levels = (np.arange(256, dtype=np.float32) / 255) ** np.float32(GAMMA)
+    light = cv2.LUT(read_photograph(path), levels)
+    if (scale := SIDE_PX / max(light.shape[:2])) < 1:
+        light = cv2.resize(light, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    height, width = (side // MULTIPLE_PX * MULTIPLE_PX for side in light.shape[:2])
+    if min(height, width) < LEAST_PX:
+        raise ImageError(f"{path}: is too small at {width}x{height} px: remove it from the folder")
+    y, x = (light.shape[0] - height) // 2, (light.shape[1] - width) // 2
+    return np.ascontiguousarray(light[y : y + height, x : x + width])
+
+
+def recorded(rng: np.random.Generator, light: AnyArray) -> AnyArray:
+    """Return coded values (H, W, 3), float32 in [0, 1], with a camera's noise."""
+    return np.asarray(add_noise(rng, light, CAMERA) ** np.float32(1 / GAMMA))
+
+
+def jpeg(rng: np.random.Generator, coded: AnyArray) -> bytes:
+    """Return coded values as a JPEG of good quality."""
+    pixels = (coded[..., ::-1] * 255).round().astype(np.uint8)
+    quality = int(rng.integers(QUALITY[0], QUALITY[1] + 1))
+    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+
+
+def taken(rng: np.random.Generator, light: AnyArray, **truth: Any) -> Picture:
+    """Return the picture of linear light."""
+    return Picture(file=jpeg(rng, recorded(rng, light)), suffix=".jpg", **truth)
+
+
+def taken_dim(rng: np.random.Generator, light: AnyArray, **truth: Any) -> Iterator[Picture]:
+    """Yield the picture of linear light, its 8-bit values divided, and the same recording of more bits."""
+    coded = recorded(rng, light)
+    yield (plain := Picture(file=jpeg(rng, coded), suffix=".jpg", **truth))
+    levels = np.asarray(cv2.imdecode(np.frombuffer(plain.file, np.uint8), cv2.IMREAD_COLOR))
+    dim = {f"1/{gain}": np.round(levels / gain).astype(np.uint8) for gain in GAINS}
+    deep = {f"{bits} bits": (coded[..., ::-1] * (2**bits - 1)).round().astype(np.uint16) for bits in BITS}
+    for coding, pixels in (dim | deep).items():
+        yield Picture(file=cv2.imencode(".png", pixels)[1].tobytes(), suffix=".png", coding=coding, **truth)
+
+
+def outline(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
+    """Return the alpha (H, W), float32 in [0, 1], of a polygon or a blob: soft, of a share of the picture."""
+    height, width = shape[:2]
+    cover = np.zeros((height, width), np.float32)
+    while not MOVER_SHARE[0] <= cover.mean() <= MOVER_SHARE[1]:
+        if rng.random() < 0.5:
+            count = int(rng.integers(4, 9))
+            angle = (np.arange(count) + rng.uniform(-0.35, 0.35, count)) * 2 * np.pi / count
+            radius = rng.uniform(0.6, 1, count)
+        else:
+            angle = np.arange(128) * 2 * np.pi / 128
+            waves = [rng.normal(0, 0.3 / k) * np.cos(k * angle + rng.uniform(0, 6.3)) for k in range(2, 7)]
+            radius = np.maximum(1 + np.sum(waves, axis=0), 0.3)
+        rim = radius[:, None] * np.stack([np.cos(angle), rng.uniform(0.5, 1) * np.sin(angle)], axis=1)
+        area = log_uniform(rng, MOVER_SHARE) * height * width
+        rim = rim * np.sqrt(area / cv2.contourArea(rim.astype(np.float32))) + rng.uniform(0, (width, height))
+        cover = np.zeros((height, width), np.float32)
+        cv2.fillPoly(cover, [(rim * 8).round().astype(np.int32)], 1.0, cv2.LINE_AA, 3)
+        cover = np.asarray(cv2.GaussianBlur(cover, (0, 0), rng.uniform(0.7, 2.0)))
+    return cover
+
+
+def texture(rng: np.random.Generator, light: AnyArray, cover: AnyArray) -> AnyArray:
+    """Return another photograph's light, mirrored or not, shifted so that some detail is under a cover."""
+    places = []
+    for _ in range(PLACES):
+        x, y = (int(rng.integers(-side, side)) for side in light.shape[1::-1])
+        to = np.array([[rng.choice([-1.0, 1.0]), 0, x], [0, 1, y]])
+        size = (cover.shape[1], cover.shape[0])
+        moved = cv2.warpAffine(light, to, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REFLECT)
+        detail = np.abs(cv2.Laplacian(np.sqrt(moved.mean(axis=2)), cv2.CV_32F))
+        places.append((float((detail * cover).sum()), np.asarray(moved)))
+    return max(places, key=lambda place: place[0])[1]
+
+
+def passed(
+    rng: np.random.Generator, light: AnyArray, others: Sequence[Path], movers: int
+) -> tuple[AnyArray, AnyArray]:
+    """Return linear light with smeared cut-outs of other photographs before it, and their smeared alpha."""
+    moving = np.zeros(light.shape[:2], np.float32)
+    for _ in range(movers):
+        cover = outline(rng, light.shape)
+        other = texture(rng, radiance_of(others[int(rng.integers(len(others)))]), cover)
+        weights = kernel(rng.uniform(*MOVER_PX), direction(rng))
+        alpha = blurred(cover, weights)
+        alpha = np.where(alpha > FAINT, np.minimum(alpha, 1), 0)
+        mover = np.where(alpha[..., None] > 0, blurred(cover[..., None] * other, weights), 0)
+        light = (1 - alpha[..., None]) * light + mover
+        moving = 1 - (1 - moving) * (1 - alpha)
+    return light, moving
+
+
+def pictures_of(
+    rng: np.random.Generator, light: AnyArray, others: Sequence[Path], polygons: bool, composites: int
+) -> Iterator[Picture]:
+    """Yield all pictures of a sharp photograph; cut-outs are of others, apertures polygons if wanted."""
+
+    def defocus(radius_px: float) -> tuple[AnyArray, int]:
+        blades = int(rng.integers(5, 10)) if polygons else 0
+        return aperture(radius_px, blades, float(rng.uniform(0, 6.3))), blades
+
+    yield from taken_dim(rng, light, kind=BlurKind.SHARP)
+    for radius_px in RADII_PX:
+        disc, blades = defocus(radius_px)
+        kind = BlurKind.OUT_OF_FOCUS
+        yield taken(rng, blurred(light, disc), kind=kind, radius_px=radius_px, blades=blades)
+    for smear_px in SMEARS_PX:
+        smeared = blurred(light, kernel(smear_px, direction(rng)))
+        take = taken_dim(rng, smeared, kind=BlurKind.MOVED, smear_px=smear_px)
+        yield from take if smear_px == DIMMED_PX else [next(take)]
+    for radius_px, smear_px in BOTH_PX:
+        disc, blades = defocus(radius_px)
+        both = blurred(blurred(light, disc), kernel(smear_px, direction(rng)))
+        sizes: dict[str, Any] = {"radius_px": radius_px, "blades": blades, "smear_px": smear_px}
+        yield taken(rng, both, kind=BlurKind.BOTH, **sizes)
+    for _ in range(composites):
+        scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))
+        yield taken(rng, scene, kind=BlurKind.AT_REST, moving=moving)

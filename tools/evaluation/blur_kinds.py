@@ -1,0 +1,276 @@
+"""Which blur a photograph has: sharp, out of focus, moved, both, or at rest before something that moves.
+
+``python -m tools.evaluation.blur_kinds PHOTOS... --out FOLDER`` blurs every sharp photograph of folders in
+all these ways (`tools.datasets.blurred_photographs`), asks `blur2view.estimate` for the name of each, and
+prints, and writes as ``blur_kinds.md``: names by kind and size of blur; errors of the radius; how well sharp
+is told from blurred, beside three measures of sharpness; the same for dim pictures; and what a camera at rest
+sees. ``--pictures`` keeps the pictures, ``--baselines`` needs no network. Everything follows from the
+photographs and ``--seed``, whatever the number of ``--jobs``.
+"""
+
+import functools
+import shlex
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+import blur2view
+from blur2view.arrays import AnyArray
+from tools.datasets.blurred_photographs import BlurKind, Picture, pictures_of, radiance_of
+from tools.evaluation.even_blur import photograph_parser, photographs_of
+from tools.evaluation.sharp_or_not import BASELINES, auc, best_accuracy
+from tools.pages import publish, table
+from tools.processes import single_threaded_pool
+
+UNUSABLE_RADIUS_PX, UNUSABLE_SMEAR_PX = 3, 6  # from which a picture counts as blurred; less is not judged
+RADIUS_ERROR, LENGTH_ERROR = 0.15, 0.10  # relative errors that still count as right
+SURE_PX, SURE_SIGMAS = 3.0, 3.0  # what is longer, in pixels and in deviations, is sure of a smear
+KINDS = " | ".join(BlurKind)
+OURS = "ours: width of the blur"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Named:
+    """What blur2view says of a picture.
+
+    ``sure`` (h, w) marks cells, of ``stride`` pixels and read from ``window_px``, that are sure of a smear.
+    """
+
+    kind: BlurKind
+    defocus_px: float
+    smear_px: float
+    width_px: float
+    moving_share: float
+    sure: AnyArray
+    stride: int
+    window_px: int
+
+
+Namer = Callable[[AnyArray], Named]
+"""What says of a picture (H, W, 3), float32 in [0, 1], which blur it has."""
+
+
+def named(estimate: blur2view.Estimate) -> Named:
+    """Return what an estimate says; the only place that knows the interface. Unknown lengths are 0."""
+    blur: Any = estimate.blur  # type: ignore[attr-defined]
+    grid, smears = estimate.grid, estimate.grid.smears()
+    names = ("defocus_px", "smear_px", "width_px", "moving_share")
+    return Named(
+        kind=BlurKind(str(blur.kind)),
+        sure=smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * smears.sigma_px),
+        stride=grid.stride,
+        window_px=grid.window_px or grid.stride,
+        **{name: float(np.nan_to_num(np.float64(getattr(blur, name) or 0))) for name in names},
+    )
+
+
+def asked(image: AnyArray, model: Path | None = None) -> Named:
+    """Return what blur2view says of a picture (H, W, 3), float32 in [0, 1]."""
+    return named(blur2view.estimate(image, network=loaded(model)))
+
+
+@functools.cache
+def loaded(model: Path | None) -> blur2view.SmearNetwork:
+    """Return a network, which each process reads once."""
+    return blur2view.SmearNetwork(model, threads=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Seen:
+    """A picture (without its pixels), what is said of it, and its measures of blur, if sharp or not is asked.
+
+    Of a camera at rest ``moves`` is the share of the picture that moves; ``still_sure`` are the shares that
+    are sure of a smear, of cells in which nothing moves and of cells whose window shows nothing that moves.
+    """
+
+    photograph: int
+    picture: Picture
+    said: Named | None
+    blur: dict[str, float]
+    moves: float = 0.0
+    still_sure: tuple[float, float] = (0.0, 0.0)
+
+
+def still_sure(moving: AnyArray, said: Named) -> tuple[float, float]:
+    """Return the shares of still cells that are sure of a smear, as `Seen` has them; 0 if none is still."""
+    height, width = said.sure.shape
+    reach = np.ones((said.window_px - said.stride + 1,) * 2, np.uint8)
+    shares = []
+    for mask in (moving > 0, cv2.dilate((moving > 0).astype(np.uint8), reach) > 0):
+        still = ~mask.reshape(height, said.stride, width, said.stride).any(axis=(1, 3))
+        shares.append(float(said.sure[still].mean()) if still.any() else 0.0)
+    return shares[0], shares[1]
+
+
+def seen(photograph: int, picture: Picture, namer: Namer | None) -> Seen:
+    """Return what is said of a picture; without a namer only its measures of blur."""
+    image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
+    said, moving = None if namer is None else namer(image), picture.moving
+    blur: dict[str, float] = {}
+    if not picture.coding and picture.kind != BlurKind.AT_REST:
+        blur = {} if said is None else {OURS: said.width_px}
+        blur |= {name: measure(image) for name, measure in BASELINES.items()}
+    found = Seen(photograph=photograph, picture=replace(picture, file=b"", moving=None), said=said, blur=blur)
+    if said is None or moving is None:
+        return found
+    return replace(found, moves=float((moving > 0).mean()), still_sure=still_sure(moving, said))
+
+
+def of_photograph(
+    k: int, paths: Sequence[Path], namer: Namer | None, seed: int, composites: int, folder: Path | None = None
+) -> list[Seen]:
+    """Return all pictures of the k-th photograph, seen; every other one has polygons for discs."""
+    others = [path for path in paths if path != paths[k]] or paths
+    rng = np.random.default_rng([seed, k])
+    found = []
+    for n, picture in enumerate(pictures_of(rng, radiance_of(paths[k]), others, k % 2 == 1, composites)):
+        if folder is not None:
+            picture.write(folder, f"{k:03d}_{paths[k].stem}_{n:02d}")
+        found.append(seen(k, picture, namer))
+    return found
+
+
+def names_of(some: Iterable[Seen]) -> tuple[int, ...]:
+    """Return how many pictures have each name."""
+    kinds = [one.said.kind for one in some if one.said is not None]
+    return tuple(kinds.count(kind) for kind in BlurKind)
+
+
+def name_lines(rows: list[Seen]) -> list[str]:
+    """Return the names by kind and size of the blur, and of all that are clearly of a kind."""
+    plain = [one for one in rows if not one.picture.coding]
+    groups: dict[str, list[Seen]] = {}
+    for one in plain:
+        groups.setdefault(one.picture.name, []).append(one)
+    for kind, px in ((BlurKind.OUT_OF_FOCUS, UNUSABLE_RADIUS_PX), (BlurKind.MOVED, UNUSABLE_SMEAR_PX)):
+        some = [one for one in plain if one.picture.kind == kind and is_unusable(one.picture)]
+        groups[f"{kind}, from {px} px"] = some
+    return table(f"blur | pictures | {KINDS}", [(k, len(v), *names_of(v)) for k, v in groups.items()])
+
+
+def is_unusable(picture: Picture) -> bool:
+    """Return whether a blur counts as such, where only sharp or not is asked."""
+    return picture.radius_px >= UNUSABLE_RADIUS_PX or picture.smear_px >= UNUSABLE_SMEAR_PX
+
+
+def radius_lines(rows: list[Seen]) -> list[str]:
+    """Return the errors of the radius of what is only out of focus, by radius and by shape."""
+    groups: dict[str, list[float]] = {}
+    for one in rows:
+        if one.said is not None and one.picture.kind == BlurKind.OUT_OF_FOCUS:
+            shape = "polygons" if one.picture.blades else "discs"
+            names = [f"{one.picture.radius_px:g} px"]
+            names += [f"{shape}, from {UNUSABLE_RADIUS_PX} px"] * is_unusable(one.picture)
+            for name in names:
+                groups.setdefault(name, []).append(one.said.defocus_px / one.picture.radius_px)
+    lines = []
+    for name in sorted(groups):
+        error = np.abs(np.array(groups[name]) - 1)
+        figures = (np.median(groups[name]), np.median(error), (error <= RADIUS_ERROR).mean())
+        lines.append((name, len(error), *(f"{figure:.3f}" for figure in figures)))
+    return table("radius | pictures | found over true | relative error | within 15 %", lines)
+
+
+def sharpness_lines(rows: list[Seen]) -> list[str]:
+    """Return how well every measure tells the sharp from the blurred, over all kinds and by kind."""
+    judged = [one for one in rows if one.blur]
+    sharp = [one for one in judged if one.picture.kind == BlurKind.SHARP]
+    far = [one for one in judged if is_unusable(one.picture)]
+    kinds = (BlurKind.OUT_OF_FOCUS, BlurKind.MOVED, BlurKind.BOTH)
+    lines = []
+    for name in sharp[0].blur:
+        low, high = ([one.blur[name] for one in some] for some in (sharp, far))
+        parts = [[one.blur[name] for one in far if one.picture.kind == kind] for kind in kinds]
+        figures = (*(auc(low, part) for part in (high, *parts)), *best_accuracy(low, high))
+        lines.append((name, *(f"{figure:.3f}" for figure in figures)))
+    head = f"measure | AUC, all kinds | {' | '.join(kinds)} | best accuracy | mean of both classes"
+    return [f"{len(sharp)} sharp, {len(far)} blurred pictures.", "", *table(head, lines)]
+
+
+def dim_lines(rows: list[Seen]) -> list[str]:
+    """Return what is said of dim pictures, beside the same pictures at full brightness."""
+    dim: dict[str, list[tuple[Seen, Named]]] = {}
+    full = {}
+    for one in rows:
+        if one.said is not None and one.picture.coding:
+            dim.setdefault(one.picture.name, []).append((one, one.said))
+        elif one.said is not None:
+            full[one.photograph, one.picture.name] = one.said.smear_px
+    lines = []
+    for name, some in dim.items():
+        told = [(full[one.photograph, name.partition(",")[0]], said) for one, said in some]
+        pairs = [(said.smear_px, px) for px, said in told if px > 0 and said.kind != BlurKind.UNKNOWN]
+        figures = ("-", "-")
+        if pairs and some[0][0].picture.smear_px:
+            ratio = np.divide(*np.transpose(pairs))
+            figures = (f"{np.median(ratio):.3f}", f"{(np.abs(ratio - 1) <= LENGTH_ERROR).mean():.2f}")
+        long = sum(said.smear_px > 2 * max(one.picture.smear_px, SURE_PX / 2) for one, said in some)
+        lines.append((name, len(some), *figures, long, *names_of(one for one, _ in some)))
+    note = (
+        f'Ratios without what is called "{BlurKind.UNKNOWN}"; of sharp pictures, smears above {SURE_PX:g} px.'
+    )
+    head = f"blur | pictures | smear over that undimmed | within 10 % | above twice the true one | {KINDS}"
+    return [note, "", *table(head, lines)]
+
+
+def rest_lines(rows: list[Seen]) -> list[str]:
+    """Return what is said of a camera at rest before something that moves."""
+    some = [(one, one.said) for one in rows if one.said is not None and one.picture.kind == BlurKind.AT_REST]
+    if not some:
+        return ["No composites."]
+    named_so = np.mean([said.kind == BlurKind.AT_REST for _, said in some])
+    sure = np.mean([one.still_sure for one, _ in some], axis=0)
+    moves, found = np.mean([(one.moves, said.moving_share) for one, said in some], axis=0)
+    figures = (f"{named_so:.3f}", *(f"{share:.4f}" for share in sure), f"{moves:.2f}", f"{found:.2f}")
+    head = "pictures | named so | still cells sure of a smear | of these, nothing in their window moves"
+    return table(f"{head} | share that moves | share said to move", [(len(some), *figures)])
+
+
+def page(rows: list[Seen]) -> str:
+    """Return all tables as Markdown; without names only that of sharpness."""
+    parts = {"Sharp or not": sharpness_lines}
+    if rows[0].said is not None:
+        parts = {"Names": name_lines, "Radius": radius_lines} | parts
+        parts |= {"Dim": dim_lines, "At rest": rest_lines}
+    return "\n".join(line for title, part in parts.items() for line in (f"## {title}", "", *part(rows), ""))
+
+
+def mapped(work: Callable[[int], list[Seen]], count: int, jobs: int) -> list[list[Seen]]:
+    """Return the results for all numbers below a count, by so many processes."""
+    if jobs == 1:
+        return [work(k) for k in range(count)]
+    with single_threaded_pool(jobs) as pool:
+        return pool.map(work, range(count), chunksize=1)
+
+
+def main() -> None:
+    """Command line."""
+    parser = photograph_parser(__doc__)
+    parser.add_argument("--out", type=Path, help="folder to write")
+    parser.add_argument("--pictures", action="store_true", help="write the pictures, too")
+    parser.add_argument("--baselines", action="store_true", help="only what needs no network")
+    parser.add_argument("--composites", type=int, default=4, help="of each photograph (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", "--works", type=int, default=1, help="processes (default: %(default)s)")
+    arguments = parser.parse_args()
+    if arguments.pictures and not arguments.out:
+        parser.error("--pictures needs --out FOLDER")
+    folder = arguments.out / "pictures" if arguments.pictures else None
+    paths = photographs_of(arguments.photos)
+    namer = None if arguments.baselines else partial(asked, model=arguments.model)
+    work = partial(of_photograph, paths=paths, namer=namer, seed=arguments.seed,
+                   composites=arguments.composites, folder=folder)  # fmt: skip
+    rows = [one for found in mapped(work, len(paths), arguments.jobs) for one in found]
+    command = f"python -m tools.evaluation.blur_kinds {shlex.join(sys.argv[1:])}"
+    text = f"# Kinds of blur\n\n`{command}`\n\n{page(rows)}"
+    publish(text, arguments.out and arguments.out / "blur_kinds.md")
+
+
+if __name__ == "__main__":
+    main()
