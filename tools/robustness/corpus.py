@@ -4,11 +4,10 @@ import os
 import shutil
 import sqlite3
 import sys
-from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
-from typing import IO
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,8 +18,6 @@ from PIL.PngImagePlugin import PngInfo
 
 from blur2view.networks.model_file import shipped_file
 from tools.robustness.mutations import Rng
-
-Stream = int | IO[bytes] | None
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = (sys.executable, "-m", "blur2view")
@@ -33,14 +30,11 @@ FORMATS = {  # that Pillow writes, and modes of each
 ODD_SIZES = ((1, 1), (15, 400), (16, 16), (17, 900), (2000, 16), (64, 65), (31, 33))
 
 
-def start(
-    folder: Path, words: Sequence[str], stdin: Stream = None, stdout: Stream = DEVNULL, stderr: Stream = PIPE
-) -> Popen[bytes]:
+def start(folder: Path, words: list[str], **streams: Any) -> Popen[bytes]:
     """Start a call in a folder, in a group of processes of its own."""
-    return Popen(
-        [*PROGRAM, *words], cwd=folder, stdin=stdin, stdout=stdout, stderr=stderr, start_new_session=True,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"},
-    )  # fmt: skip
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"}
+    streams = {"stdout": DEVNULL, "stderr": PIPE} | streams
+    return Popen([*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams)
 
 
 def blurred(rng: Rng, size: tuple[int, int] = SIZE) -> Image.Image:
@@ -82,13 +76,13 @@ def make_corpus(folder: Path, seed: int) -> None:
             video.write(np.asarray(blurred(rng))[..., ::-1])
         video.release()
     (folder / "list.txt").write_text("\n".join(["# photographs", "", GOOD, OTHER, names[0], ""]))
-    for source, copy in (("project.db", "journal.db"), ("project.db", "linked.db")):
-        shutil.copy(folder / source, folder / copy)
+    for name in ("journal.db", "linked.db"):
+        shutil.copy(folder / "project.db", folder / name)
     with closing(sqlite3.connect(folder / "journal.db")) as database:
         database.execute("PRAGMA journal_mode = DELETE")  # pycolmap turns on write-ahead logs
-    for words in (("to-colmap", "--link", "--no-backup", "--db", "linked.db", "frames"),
-                  ("place", "linked.db", "model", "frames", "--fraction", "0.4", "-o", "views")):  # fmt: skip
-        if start(folder, [*words, "-q"]).wait() != 0:
+    place = "place linked.db model frames --fraction 0.4 -o views"
+    for words in ("to-colmap --link --no-backup --db linked.db frames", place):
+        if start(folder, words.split()).wait() != 0:
             raise SystemExit(f"{words}: fails with whole inputs")
     for name in ("model", "views"):
         pycolmap.Reconstruction(folder / name).write_text(folder / f"{name}_text")
@@ -108,10 +102,8 @@ def _write_pictures(folder: Path, rng: Rng) -> None:
     for width, height in ODD_SIZES:
         blurred(rng, (width, height)).save(folder / f"{width}x{height}", "PNG")
     exif = Image.Exif()
-    exif[0x0112] = 6  # orientation; focal lengths, their unit, width, exposure time
-    exif.get_ifd(0x8769).update(
-        {0x920A: 8.0, 0xA405: 28, 0xA20E: 900.0, 0xA210: 2, 0xA002: 240, 0x829A: 0.04}
-    )
+    exif[0x0112] = 6  # orientation; focal lengths, their unit, exposure time
+    exif.get_ifd(0x8769).update({0x920A: 8.0, 0xA405: 28, 0xA20E: 900.0, 0xA210: 2, 0x829A: 0.04})
     blurred(rng).save(folder / "exif", "JPEG", exif=exif)
     text = PngInfo()
     text.add_text("comment", "0" * 10**7, zip=True)

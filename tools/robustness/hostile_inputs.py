@@ -3,8 +3,8 @@
     python -m tools.robustness.hostile_inputs --cases 1000 --seed 0
 
 Each case is drawn from the seed and its number: a kind of input, one of its files (several photographs,
-beside a good one), damage to its bytes or another thing in its place, and a command. "options" have damaged
-values, "results" are what an earlier call left. Each call is a fresh interpreter.
+beside a good one), damage to its bytes or another thing in its place, and a command. "results" are
+what an earlier call left. Each call is a fresh interpreter.
 
 A call is polite if it ends by itself within 20 seconds of processor time, 180 of any, and 2 GiB, with exit
 code 0, 1 or 2; prints nothing but its own lines, one for each failure; leaves nothing but whole results where
@@ -20,8 +20,8 @@ import signal
 import tempfile
 import threading
 from collections import Counter
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,28 +30,24 @@ import numpy as np
 from tools.arguments import parser_of, target
 from tools.pages import publish, table
 from tools.robustness.corpus import GOOD, OTHER, make_corpus, start
-from tools.robustness.mutations import Rng, damage, drawn, mutated
+from tools.robustness.mutations import Rng, damage, drawn
 from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints, rows, snapshot
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
 MORE = 4  # damaged photographs in a call
-COMMANDS = (
-    "estimate -o out", "estimate --sequence --json", "estimate --jsonl --csv table.csv",
-    "segment --masks colmap -o out", "report -o page.html --csv table.csv",
-    "to-colmap --db new.db --csv table.csv", "triage --csv table.csv --keep keep.txt",
-    "triage --csv table.csv --best 50% --extract extracted",
-)  # fmt: skip
+COMMANDS = [
+    f"{words} --csv table.csv"
+    for words in (
+        "estimate -o out", "estimate --sequence --json", "estimate --jsonl", "segment --masks colmap -o out",
+        "report -o page.html", "to-colmap --db new.db", "triage --keep keep.txt",
+        "triage --best 50% --extract extracted",
+    )
+]  # fmt: skip
 FRAME = "frames/camera000001_frame000001.png"
 NAMES = (
     "a b.jpg", "\n.jpg", "\x1b[31m.png", "ü.jpg", "-o.jpg", "#open.jpg", "a#close.png", "%s.jpg", "a,b.jpg",
     "..jpg", "'.jpg", '".jpg', "\u202e.jpg", "a" * 240 + ".jpg", os.fsdecode(b"\xff\xfe.jpg"), "<b>.jpg",
     "&amp;.png", "<!--.jpg", "$HOME.jpg", "*.jpg", "x.dng", "x.heic", "x.txt", "x", "x.JPG", "x.tif",
-)  # fmt: skip
-OPTIONS = (
-    "--focal=220", "--camera=PINHOLE 240 180 220 220 120 90", "--camera=project.db:1", "--exposure=1/50",
-    "--readout=20ms", "--beta=0.9", "--seed=3", "--max-error=1.7", "--max-memory=2.0", "--max-failures=1",
-    "--every=3", "--from=0.2s", "--to=5", "--max-smear=0.3%", "--best=50%", "--every-best=2", "--resume",
-    "--format=database", "--masks=colmap", "--overwrite", "--json", "-v", "--link", "--dry-run", "--no-mask",
 )  # fmt: skip
 
 
@@ -72,8 +68,8 @@ class Kind(NamedTuple):
 KINDS = {
     "photographs": Kind(0.3, photographs=1 + MORE),
     "lists": Kind(0.08, "list.txt", more=[f"{GOOD} @{{}}", f"{GOOD} -"], photographs=None),
-    "videos": Kind(0.08, "clip.*", more=[f"--every 4 {GOOD} {{}}"], photographs=None),
-    "networks": Kind(0.08, "smear.onnx", more=[f"--model {{}} {GOOD}"]),
+    "videos": Kind(0.1, "clip.*", more=[f"--every 4 {GOOD} {{}}"], photographs=None),
+    "networks": Kind(0.1, "smear.onnx", more=[f"--model {{}} {GOOD}"]),
     "databases": Kind(0.16, "project.db journal.db linked.db", [
         f"to-colmap --link --db {{}} {FRAME}", f"to-colmap --link --no-backup --json --db {{}} {FRAME}",
         f"estimate --json --camera {{}}:1 {FRAME}", f"estimate --json --camera {{}} {FRAME}",
@@ -85,7 +81,6 @@ KINDS = {
         0.1, "*manifest.jsonl out/**/* extracted/* table.csv keep.txt page.html new.db",
         [f"{words} --no-timings" for words in COMMANDS if "--json" not in words],
         [f"{way} {GOOD} {OTHER}" for way in ("--resume", "--overwrite")], photographs=2),
-    "options": Kind(0.04),
     "full disks": Kind(0.02, more=[GOOD]),
 }  # fmt: skip
 
@@ -98,11 +93,6 @@ def make_case(corpus: Path, folder: Path, rng: Rng) -> tuple[str, list[str]]:
     words = f"{drawn(rng, kind.commands)} {drawn(rng, kind.more)}".split()
     if name == "photographs":
         words += ["--", GOOD, *_photographs(corpus / "pictures", folder, rng)]
-    if name == "options":
-        for option, _, value in [drawn(rng, OPTIONS).partition("=") for _ in range(int(rng.integers(1, 4)))]:
-            damaged = mutated(value.encode(), rng).replace(b"\0", b"")[:100_000]
-            words += [option, os.fsdecode(damaged)] if value else [option]
-        words.append(GOOD)
     if name == "results":
         run_call([word for word in words if word not in ("--resume", "--overwrite")], folder)
     if kind.files:
@@ -132,7 +122,7 @@ def run_call(words: list[str], folder: Path, kind: str = "results", largest: int
 
     A word "-" makes the list its standard input; no file may become larger than ``largest`` bytes.
     """
-    before, database = snapshot(folder), folder / words[[*words, "--db"].index("--db") - len(words) + 1]
+    before, database = snapshot(folder), folder / dict(pairwise(words)).get("--db", "none")
     kept = rows(database) if "--link" in words else set()
     listed = folder / ("list.txt" if "-" in words else "none")
     stdin = listed if listed.is_file() or listed.is_char_device() else Path(os.devnull)
@@ -161,28 +151,23 @@ def run_call(words: list[str], folder: Path, kind: str = "results", largest: int
 Tried = tuple[str, Call, list[str]]
 
 
-def try_case(corpus: Path, folder: Path, rng: Rng) -> Tried:
-    """Return the kind of a case, its call, and what is wrong with that; its folder is removed."""
-    kind, words = make_case(corpus, folder, rng)
-    call = run_call(words, folder, kind, int(10 ** rng.uniform(3.6, 5.7)) if kind == "full disks" else None)
-    rude = complaints(call)
-    shutil.rmtree(folder)
-    return kind, call, rude
-
-
-def try_all(cases: Sequence[int], seed: int, say: Callable[[str], object] = print) -> list[Tried]:
-    """Return what came of the cases of these numbers, or of those before Ctrl-C."""
+def try_all(cases: Sequence[int], seed: int) -> list[Tried]:
+    """Return kinds and calls of the cases of these numbers, or of those before Ctrl-C, and what is wrong."""
     tried: list[Tried] = []
     with tempfile.TemporaryDirectory() as name, contextlib.suppress(KeyboardInterrupt):
-        make_corpus(Path(name) / "corpus", seed)
-        for done, number in enumerate(cases, 1):
+        corpus, folder = Path(name) / "corpus", Path(name) / "case"
+        make_corpus(corpus, seed)
+        for number in cases:
             rng = np.random.default_rng([seed, number])
-            tried.append(try_case(Path(name) / "corpus", Path(name) / "case", rng))
-            kind, call, rude = tried[-1]
-            for complaint in rude:
-                say(f"RUDE {kind}, --seed {seed} --only {number}: {complaint}: {call.words}")
-            if done % 20 == 0:
-                say(f"{done} of {len(cases)} cases, {sum(bool(one[2]) for one in tried)} rude")
+            kind, words = make_case(corpus, folder, rng)
+            largest = int(10 ** rng.uniform(3.6, 5.7)) if kind == "full disks" else None
+            call = run_call(words, folder, kind, largest)
+            tried.append((kind, call, complaints(call)))
+            shutil.rmtree(folder)
+            for complaint in tried[-1][2]:
+                print(f"RUDE {kind}, --seed {seed} --only {number}: {complaint}: {words}", flush=True)
+            if len(tried) % 20 == 0:
+                print(f"{len(tried)} of {len(cases)} cases", flush=True)
     return tried
 
 
@@ -191,11 +176,11 @@ def page(tried: Sequence[Tried], seed: int) -> str:
     lines = []
     for kind in [*KINDS, "all"]:
         some = [one for one in tried if kind in (one[0], "all")]
-        codes, rude = Counter(call.code for _, call, _ in some), sum(bool(found) for _, _, found in some)
+        codes = Counter(call.code for _, call, _ in some)
         longest, most = (
-            max((getattr(call, name) for _, call, _ in some), default=0) for name in ("seconds", "peak_gib")
+            max([0, *(getattr(one[1], name) for one in some)]) for name in ("seconds", "peak_gib")
         )
-        counts = f"{codes[0]}, {codes[1]}, {codes[2]}"
+        counts, rude = f"{codes[0]}, {codes[1]}, {codes[2]}", sum(bool(found) for _, _, found in some)
         lines.append((kind, len(some), counts, f"{longest:.1f}", f"{most:.2f}", rude))
     head = "hostile | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB | rude"
     told = f"""Seed {seed}, {len(tried)} cases. Rude is a call with a traceback, a foreign line, a line too
@@ -213,8 +198,7 @@ def main() -> None:
     parser.add_argument("--only", type=int, metavar="CASE", help="try this one alone")
     parser.add_argument("--out", type=target, help="write the table there, too")
     options = parser.parse_args()
-    cases = range(options.cases) if options.only is None else [options.only]
-    tried = try_all(cases, options.seed, partial(print, flush=True))
+    tried = try_all(range(options.cases) if options.only is None else [options.only], options.seed)
     publish(page(tried, options.seed), options.out)
     raise SystemExit(any(rude for _, _, rude in tried))
 

@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -97,8 +98,8 @@ def snapshot(folder: Path) -> dict[str, object]:
 
 def _files(call: Call) -> Iterator[str]:
     """Complain about files that are not whole, are temporary, or that nothing was to be written to."""
-    after, pairs = snapshot(call.folder), zip(call.words, call.words[1:], strict=False)
-    outputs = tuple(word for option, word in pairs if option in OUTPUTS)
+    after = snapshot(call.folder)
+    outputs = tuple(word for option, word in pairwise(call.words) if option in OUTPUTS)
     linked = "--link" in call.words and call.code == 0
     new = [name for name, content in after.items() if content != call.before.get(name)]
     yield from (f"removes {name}" for name in call.before if name not in after and not name.endswith("-shm"))
@@ -160,18 +161,13 @@ def rows(path: Path) -> set[tuple[object, ...]]:
 
 
 def _undone(call: Call) -> Iterator[str]:
-    """Complain where photographs without a line on stderr have no result."""
+    """Complain where a photograph is neither done nor refused, going by the table of all."""
     if call.photographs is None and any(told in line for told in UNREAD for line in call.lines):
         return  # a call whose list cannot be read does nothing
-    failed = len(call.lines)
-    if "--json" in call.words:
-        document = json.loads(call.printed)
-        done, failed = len(document["estimates"]), len(document["failures"])
-    elif endings := ENDINGS.get(call.words[0], ()) if "-o" in call.words else ():
-        done = len(list(call.folder.glob(f"out/**/*{endings[-1]}")))
-    else:
-        with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
-            done = sum(not row["error"] for row in csv.DictReader(table))
-    expected = (call.photographs or 0) - len(call.lines)
-    if not done or failed != len(call.lines) or call.photographs is not None and done != expected:
-        yield f"{done} photographs done, {expected} expected, {failed} failures in {len(call.lines)} lines"
+    with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
+        failed = [bool(row["error"]) for row in csv.DictReader(table)]
+    if sum(failed) != len(call.lines) or all(failed) or call.photographs not in (None, len(failed)):
+        yield f"{len(failed) - sum(failed)} photographs done, {sum(failed)} failed, {len(call.lines)} lines"
+    done, endings = len(failed) - sum(failed), ENDINGS.get(call.words[0], ()) if "-o" in call.words else ()
+    if endings and len(list(call.folder.glob(f"out/**/*{endings[-1]}"))) != done:
+        yield f"not every photograph of {done} has its {endings[-1]}"
