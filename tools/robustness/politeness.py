@@ -165,9 +165,10 @@ def _undone(call: Call) -> Iterator[str]:
     if call.photographs is None and any(told in line for told in UNREAD for line in call.lines):
         return  # a call whose list cannot be read does nothing
     with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
-        failed = [bool(row["error"]) for row in csv.DictReader(table)]
-    if sum(failed) != len(call.lines) or all(failed) or call.photographs not in (None, len(failed)):
-        yield f"{len(failed) - sum(failed)} photographs done, {sum(failed)} failed, {len(call.lines)} lines"
-    done, endings = len(failed) - sum(failed), ENDINGS.get(call.words[0], ()) if "-o" in call.words else ()
+        done = sum(not row["error"] for row in csv.DictReader(table))
+    expected = (call.photographs or 0) - len(call.lines)
+    if not done or call.photographs is not None and done != expected:
+        yield f"{done} photographs done, {expected} expected"
+    endings = ENDINGS.get(call.words[0], ()) if "-o" in call.words else ()
     if endings and len(list(call.folder.glob(f"out/**/*{endings[-1]}"))) != done:
         yield f"not every photograph of {done} has its {endings[-1]}"
