@@ -16,11 +16,11 @@ from blur2view.cli.run import colmap_names
 from blur2view.colmap.mapping import mapper_options
 from blur2view.photographs.inputs import Inputs
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
+from tests.support.colmap_check import check_database
+from tests.support.colmap_projects import ProjectOptions, make_project, user_rows
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
 from tests.support.tables import table
-from tools.database_safety.colmap_check import check_database
-from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
 
 ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.database_safety.colmap_projects import ProjectOptions, make_project
+from tests.support.colmap_projects import ProjectOptions, make_project
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from blur2view.colmap.link import LinkStep, plan_links
 from blur2view.colmap.project import open_project
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
 from tests.colmap.test_link import link
+from tests.support.colmap_projects import ProjectOptions, make_project
+from tests.support.malformed_projects import SQL_FAULTS
 from tests.support.sql import run_sql
-from tools.database_safety.colmap_projects import ProjectOptions, make_project
-from tools.database_safety.malformed_projects import SQL_FAULTS
 
 # What no COLMAP makes, refused before any work; other faults end the transaction.
 NOT_COLMAPS = [

@@ -18,9 +18,9 @@ from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection
+from tests.support.colmap_check import check_database
 from tests.support.scenes import some_views
 from tests.support.sql import run_sql
-from tools.database_safety.colmap_check import check_database
 
 SIZE, COUNT = (640, 480), 30
 CAMERA = Camera.from_focal(525.0, SIZE)

@@ -16,10 +16,9 @@ from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
+from tests.support.colmap_check import check_database
+from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
 from tests.support.sql import run_sql
-from tools.database_safety.colmap_check import check_database
-from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
-from tools.database_safety.kill_writes import random_views
 
 FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]

@@ -13,10 +13,10 @@ from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
+from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
+from tests.support.malformed_projects import SQL_FAULTS
 from tests.support.sql import run_sql
-from tools.database_safety.colmap_projects import ProjectOptions, make_project, user_rows
-from tools.database_safety.kill_writes import kill_many, random_views
-from tools.database_safety.malformed_projects import BYTE_FAULTS, SQL_FAULTS
+from tools.robustness.mutations import mutated
 
 
 @ROLLBACK
@@ -123,8 +123,7 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
             database.executescript(list(SQL_FAULTS.values())[number])  # an old project lacks some tables
             database.commit()
     else:
-        damage = list(BYTE_FAULTS.values())[number % len(BYTE_FAULTS)]
-        path.write_bytes(damage(path.read_bytes(), rng))
+        path.write_bytes(mutated(path.read_bytes(), rng))
     before = path.read_bytes()
     try:
         rows = user_rows(path)
@@ -143,14 +142,6 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
     assert isinstance(plan, DatabaseError)
     assert str(path) in str(plan) and "\n" not in str(plan)
     assert path.read_bytes() == before
-
-
-@pytest.mark.slow
-def test_killed_writes_leave_before_or_after() -> None:
-    found = kill_many(12, seed=5)
-    states = {state.split(",")[0] for counter in found.values() for state in counter}
-    assert states <= {"before", "after"}
-    assert sum(sum(counter.values()) for counter in found.values()) == 12
 
 
 @ROLLBACK

@@ -20,8 +20,8 @@ from blur2view.colmap.placement import place_views
 from blur2view.colmap.project import DatabaseMatcher, database_names
 from blur2view.errors import Blur2ViewError, DatabaseError
 from tests.colmap.test_placement import FRAMES, NAMES, project
+from tests.support.colmap_check import check_database
 from tests.support.sql import run_sql
-from tools.database_safety.colmap_check import check_database
 
 
 def dry_run(path: Path) -> bool:

@@ -2,21 +2,20 @@
 
 import csv
 import json
+import shutil
 import sqlite3
 import zipfile
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-
-from blur2view.errors import Blur2ViewError
-from tools.database_safety.colmap_check import check_database
+from tempfile import TemporaryDirectory
 
 MOST_S, MOST_GIB = 20.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
-STREAMS = {".stdout", ".stderr"}
-EXTRACTED = "frames"  # copies of photographs, whole or not
+OUTPUTS = {"-o", "--db", "--csv", "--keep", "--extract"}  # options that name what a call may write
 AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
 # of a list
 UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call", "beside the list")
@@ -24,21 +23,24 @@ UNREAD = ("the list cannot be read", "names no photograph", "photographs in one 
 
 @dataclass(frozen=True, kw_only=True)
 class Call:
-    """A call of the command line and what came of it; ``code`` None if it had to be ended.
+    """A call of the command line and what came of it; one that had to be ended has a ``code`` below 0.
 
-    ``photographs`` are the inputs, the first of which is good, and all of them if they are ``counted``;
-    ``folder`` is where it ran; ``seconds`` are of a processor, its own and its processes'.
+    ``photographs`` is how many it names, the first of them good, None if nobody knows. ``before`` is a
+    snapshot of its folder, ``lost`` counts rows of a database that are gone. ``whole`` is False where results
+    may be missing: the disk was full, or an earlier call left others. ``seconds`` are of a processor.
     """
 
     words: list[str]
     folder: Path
-    photographs: list[Path]
-    code: int | None
+    before: dict[str, object]
+    code: int
     printed: bytes
     said: bytes
     seconds: float
     peak_gib: float
-    counted: bool = True
+    photographs: int | None = 1
+    lost: int = 0
+    whole: bool = True
 
     @property
     def lines(self) -> list[str]:
@@ -46,40 +48,26 @@ class Call:
         return self.said.decode("utf-8", "replace").split("\n")[:-1]
 
 
-def complaints(call: Call, *, full_disk: bool = False, prepared: bool = False) -> list[str]:
-    """Return everything that is wrong with a call, an empty list if nothing is.
-
-    On a full disk no results need be there; where a folder was prepared, other files were there before, of
-    which nobody knows whether they are whole.
-    """
-    found = [*_ending(call), *_streams(call), *([] if prepared else _files(call))]
-    alone = call.counted and len(call.photographs) == 1
-    if call.code in (0, 1) and not (full_disk or prepared or alone):
+def complaints(call: Call) -> list[str]:
+    """Return everything that is wrong with a call, an empty list if nothing is."""
+    found = [] if call.code in (0, 1, 2) else [f"exit code {call.code}"]
+    if call.seconds > MOST_S or call.peak_gib > MOST_GIB:
+        found.append(f"takes {call.seconds:.0f} s of a processor, {call.peak_gib:.2f} GiB")
+    found += [*_streams(call), *_files(call)]
+    if call.code in (0, 1) and call.whole and call.photographs != 1:
         try:
             found += _undone(call)
-        except (OSError, ValueError, KeyError, sqlite3.Error) as error:
+        except (OSError, ValueError, KeyError) as error:
             found.append(f"its results cannot be counted: {error}")
     return found
 
 
-def _ending(call: Call) -> Iterator[str]:
-    if call.code is None:
-        yield "hangs, and had to be ended"
-    elif call.code not in (0, 1, 2):
-        yield f"exit code {call.code}"
-    if call.seconds > MOST_S:
-        yield f"takes {call.seconds:.0f} s of a processor"
-    if call.peak_gib > MOST_GIB:
-        yield f"takes {call.peak_gib:.2f} GiB"
-
-
 def _streams(call: Call) -> Iterator[str]:
     """Complain about foreign lines, control characters, and lines that are too many or too few."""
-    if b"Traceback" in call.said + call.printed:
-        stream = call.said if b"Traceback" in call.said else call.printed
-        yield "traceback: " + stream.decode("utf-8", "replace").strip().split("\n")[-1]
-        return
     text = (call.said + call.printed).decode("utf-8", "replace")
+    if "Traceback" in text:
+        yield f"traceback: {text.strip()[-300:]}"
+        return
     if odd := sorted({mark for mark in text if not mark.isprintable() and mark != "\n"}):
         yield f"prints control characters {odd}"
     if call.said and not call.said.endswith(b"\n"):
@@ -90,34 +78,52 @@ def _streams(call: Call) -> Iterator[str]:
         return
     if foreign := [line for line in call.lines if not line.startswith("blur2view: ")]:
         yield f"foreign line: {foreign[0]}"
-    if bool([line for line in call.lines if not line.endswith(AGAIN)]) != (call.code == 1):
+    if any(not line.endswith(AGAIN) for line in call.lines) != (call.code == 1):
         yield f"exit code {call.code} with {len(call.lines)} lines on stderr"
-    if call.counted and len(call.lines) > len(call.photographs):
-        yield f"{len(call.lines)} lines about {len(call.photographs)} photographs"
+    if call.photographs is not None and len(call.lines) > call.photographs:
+        yield f"{len(call.lines)} lines about {call.photographs} photographs"
+
+
+def snapshot(folder: Path) -> dict[str, object]:
+    """Return what a folder holds: the bytes of files, kinds and targets of what else is no folder."""
+    found: dict[str, object] = {}
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        if path.is_symlink() or not (path.is_dir() or path.is_file()):
+            found[name] = (path.lstat().st_mode, path.is_symlink() and path.readlink())
+        elif path.is_file():
+            found[name] = path.read_bytes()
+    return found
 
 
 def _files(call: Call) -> Iterator[str]:
-    """Complain about files that are not whole, are temporary, or lie where nothing was asked for."""
-    there = [path for path in sorted(call.folder.rglob("*")) if path.name not in STREAMS]
-    for path in there:
-        hidden = path.name.startswith(".") and not path.name.startswith("..")  # which a photograph may be
-        if hidden or path.suffix in (".tmp", ".bak") or path.name.endswith("-journal"):
-            yield f"leaves {path.relative_to(call.folder)}"
-        elif path.relative_to(call.folder).parts[0] == EXTRACTED:
-            continue
-        elif path.is_file() and not path.is_symlink() and (why := damage(path)):
-            yield f"{path.relative_to(call.folder)} {why}"
-    endings = ENDINGS.get(call.words[0], ())
-    for stem in {
-        str(path).removesuffix(ending) for ending in endings for path in there if path.name.endswith(ending)
-    }:
-        if missing := [ending for ending in endings if not Path(stem + ending).exists()]:
-            yield f"leaves {Path(stem).name} without {', '.join(missing)}"
-    if call.code == 2 and len(there) > 1:
-        yield f"writes {there[-1].name} in spite of wrong usage"
+    """Complain about files that are not whole, are temporary, or that nothing was to be written to."""
+    after = snapshot(call.folder)
+    outputs = tuple(word for option, word in pairwise(call.words) if option in OUTPUTS)
+    linked = "--link" in call.words and call.code == 0
+    new = [name for name, content in after.items() if content != call.before.get(name)]
+    yield from (f"removes {name}" for name in call.before if name not in after and not name.endswith("-shm"))
+    if call.lost:
+        yield f"{call.lost} rows of the user's are gone"
+    for name in new:
+        path, last = call.folder / name, name.rpartition("/")[2]
+        hidden = last.startswith(".") and not last.startswith("..")  # which a photograph may be
+        if hidden or last.endswith((".tmp", "-journal")) or not name.startswith(outputs):
+            yield f"{'changes' if name in call.before else 'leaves'} {name}"
+        elif "--link" in call.words:
+            if not linked:
+                yield f"exit code {call.code}, but {name} changed"
+        elif "--extract" not in call.words and path.is_file() and (why := flaw(path)):
+            yield f"{name} {why}"
+    endings = ENDINGS.get(call.words[0], ()) if call.whole else ()
+    for stem in {name.removesuffix(end) for end in endings for name in new if name.endswith(end)}:
+        if missing := [ending for ending in endings if stem + ending not in after]:
+            yield f"leaves {stem} without {', '.join(missing)}"
+    if call.code == 2 and new:
+        yield f"writes {new[-1]} in spite of wrong usage"
 
 
-def damage(path: Path) -> str:
+def flaw(path: Path) -> str:
     """Return what is wrong with a result; nothing of a file of another kind."""
     data = path.read_bytes()
     try:
@@ -127,45 +133,42 @@ def damage(path: Path) -> str:
             case ".npz":
                 with zipfile.ZipFile(path) as archive:
                     return f"has a damaged {bad}" if (bad := archive.testzip()) else ""
-            case ".html":
-                return "" if data.rstrip().endswith(b"</html>") else "is cut"
-            case ".png":
-                return "" if data.endswith(b"IEND\xaeB`\x82") else "is cut"
+            case ".html" | ".png":
+                return "" if data.rstrip().endswith((b"</html>", b"IEND\xaeB`\x82")) else "is cut"
             case ".db":
-                return "; ".join(check_database(path))
-    except (ValueError, OSError, zipfile.BadZipFile, sqlite3.Error, Blur2ViewError) as error:
+                with closing(sqlite3.connect(path)) as database:
+                    found = database.execute("PRAGMA integrity_check").fetchall()
+                    found += database.execute("PRAGMA foreign_key_check").fetchall()
+                return "" if found == [("ok",)] else f"is damaged: {found}"
+    except (ValueError, OSError, zipfile.BadZipFile, sqlite3.Error) as error:
         return f"is damaged: {error}"
     return ""
 
 
+def rows(path: Path) -> set[tuple[object, ...]]:
+    """Return the rows of all tables but SQLite's own, of a copy of a database; none if it is unreadable."""
+    errors = (sqlite3.Error, UnicodeDecodeError, OverflowError, OSError)
+    with TemporaryDirectory() as name, suppress(*errors):
+        for end in ("", "-wal", "-journal"):
+            if (beside := Path(f"{path}{end}")).is_file():
+                shutil.copyfile(beside, f"{name}/copy{end}")
+        with closing(sqlite3.connect(f"{name}/copy")) as database:
+            database.text_factory = bytes
+            names = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+            tables = [table.decode() for (table,) in names if table != b"sqlite_sequence"]
+            return {(table, *row) for table in tables for row in database.execute(f'SELECT * FROM "{table}"')}
+    return set()
+
+
 def _undone(call: Call) -> Iterator[str]:
-    """Complain where photographs without a line on stderr have no result."""
-    if not call.counted and any(told in line for told in UNREAD for line in call.lines):
+    """Complain where a photograph is neither done nor refused, going by the table of all."""
+    if call.photographs is None and any(told in line for told in UNREAD for line in call.lines):
         return  # a call whose list cannot be read does nothing
-    expected = len({path.as_posix() for path in call.photographs}) - len(call.lines)
-    command, out = call.words[0], call.folder / "out"
-    if "--json" in call.words:
-        document = json.loads(call.printed)
-        done = len(document["estimates"])
-        if len(document["failures"]) != len(call.lines):
-            yield f"{len(document['failures'])} failures in JSON, {len(call.lines)} lines"
-    elif "--jsonl" in call.words:
-        done = sum("error" not in json.loads(line) for line in call.printed.splitlines())
-    elif command in ENDINGS:
-        done = len(list(out.rglob(f"*{ENDINGS[command][-1]}")))
-    elif command == "report":
-        page = call.folder / "page.html"
-        done = page.read_bytes().count(b'id="photo-data-') if page.exists() else 0
-    elif command == "triage":
-        csv.field_size_limit(1 << 30)
-        with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
-            done = sum(not row["error"] for row in csv.DictReader(table))
-    elif "--db" in call.words:
-        with closing(sqlite3.connect(call.folder / "new.db")) as database:
-            done = database.execute("SELECT count(*) FROM images").fetchone()[0] // 2
-    elif "hloc" in call.words:
-        done = len((out / "pairs.txt").read_text().splitlines())
-    else:
-        done = (out / "matches.txt").read_text().count("#open ")
-    if not done or call.counted and done != expected:
+    with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
+        done = sum(not row["error"] for row in csv.DictReader(table))
+    expected = (call.photographs or 0) - len(call.lines)
+    if not done or call.photographs is not None and done != expected:
         yield f"{done} photographs done, {expected} expected"
+    endings = ENDINGS.get(call.words[0], ()) if "-o" in call.words else ()
+    if endings and len(list(call.folder.glob(f"out/**/*{endings[-1]}"))) != done:
+        yield f"not every photograph of {done} has its {endings[-1]}"

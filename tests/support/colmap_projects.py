@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES
+from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (96, 64)
 OLD_TABLES = """
@@ -139,3 +141,26 @@ def _table_rows(database: sqlite3.Connection, table: str) -> list[tuple[Any, ...
 
 def _touches(pair: object, ours: set[int]) -> bool:
     return isinstance(pair, int) and bool({pair % MAX_IMAGES, pair // MAX_IMAGES} & ours)
+
+
+def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureViews:
+    """Return views of random points with a geometry that has all of its parts."""
+    first = rng.uniform(0, 60, (count, 2))
+    geometry = TwoViewGeometry(
+        F=rng.normal(size=(3, 3)),
+        H=np.eye(3) + 0.01 * rng.normal(size=(3, 3)),
+        config=Configuration.UNCALIBRATED,
+        reason="drawn at random",
+        inlier_mask=rng.random(count) < 0.8,
+        swapped=np.zeros(count, bool),
+    )
+    return ExposureViews(
+        name=name,
+        size=SIZE,
+        points_open=first,
+        points_close=first + rng.normal(0, 3, (count, 2)),
+        sigma_px=np.ones(count),
+        geometry=geometry,
+        camera=None,
+        time=TimeDirection(known=True, confidence=0.9),
+    )

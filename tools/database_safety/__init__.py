@@ -1,1 +1,0 @@
-"""Damage done to COLMAP databases, to see that nothing of the user's is lost."""
