@@ -1,9 +1,17 @@
-"""What tools write: tables in Markdown, pages, and lines of JSON that a killed run goes on from."""
+"""What tools write: tables in Markdown, pages, pictures, and lines of JSON that a killed run goes on from."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+Record = dict[str, Any]  # a JSON object
+Each = Callable[[Callable[[Record], Record], Sequence[Record]], Iterable[Record]]
+"""`map`, or what does the same in several processes and any order."""
 
 
 def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:
@@ -12,12 +20,23 @@ def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:
     return [f"| {head} |", "|---" * (head.count("|") + 1) + "|", *lines]
 
 
+def record_table(head: str, row: str, records: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return a table with a row for each record; ``row`` has formats of its items, ``{n} | {rho:.3f}``."""
+    return table(head, ([row.format_map(record)] for record in records))
+
+
 def publish(text: str, path: Path | None) -> None:
     """Print a page, and write it where a path is given, whose folder is made."""
     print(text)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
+
+
+def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write a picture (H, W, 3) RGB that holds photographs as WebP, which has a tenth of a PNG's bytes."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(picture).save(path, "WEBP", quality=85, method=6)
 
 
 def write_json(path: Path, document: object) -> None:
@@ -44,6 +63,24 @@ def begun(path: Path, head: dict[str, Any]) -> list[Any]:
     elif lines[0] != head:
         raise SystemExit(f"{path} was begun with {lines[0]}, not {head}: remove it or give another --log")
     return lines[1:]
+
+
+def sweep(
+    path: Path, head: Record, keys: Iterable[Record], work: Callable[[Record], Record], each: Each = map
+) -> list[Record]:
+    """Return the records of a file begun with a head, after adding those of the keys that have none.
+
+    ``work`` makes a key's record, which must hold the key's items. Every record is written when it is
+    finished, so that a killed run goes on.
+    """
+    records = begun(path, head)
+    pending = [key for key in keys if not any(key.items() <= record.items() for record in records)]
+    for count, record in enumerate(each(work, pending) if pending else (), 1):
+        append_line(path, record)
+        records.append(record)
+        if count % 100 == 0 or count == len(pending):
+            print(f"{path}: {count} of {len(pending)}", flush=True)
+    return records
 
 
 def finished_lines(path: Path) -> list[Any]:

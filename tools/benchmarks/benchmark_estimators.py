@@ -3,7 +3,7 @@
     python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
     python -m tools.benchmarks.benchmark_estimators --scenes render/test
 
-sweeps one factor at a time (`estimator_cells`), appends one JSON line per finished instance to
+sweeps one factor at a time (`CELLS`), appends one JSON line per finished instance to
 ``runs/estimators.jsonl`` and writes ``tools/results/estimators.md``. A run that was stopped goes on where it
 was; ``--first-seed 10000`` takes other seeds, to tune on. Every method gets the same matches in the same
 process, one after the other, with one thread; times are CPU times of single calls.
@@ -11,130 +11,277 @@ process, one after the other, with one thread; times are CPU times of single cal
 
 import hashlib
 import time
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, fields
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
+
+import numpy as np
 
 import blur2view
+from blur2view.smears.grid import SmearGrid
+from blur2view.smears.selection import select_matches
 from tools.arguments import existing, parser_of, target
-from tools.benchmarks import estimator_report
-from tools.benchmarks.estimator_cells import (
-    BASE,
-    DEVELOPMENT_SEED,
-    NETWORK,
-    Instance,
-    Measured,
-    Plan,
-    Record,
-    moving_scenes,
-    network_problem,
-    synthetic_problem,
+from tools.benchmarks.estimator_methods import (
+    METHODS,
+    OURS,
+    PAPER,
+    PYCOLMAP_NAME,
+    TRUE_ORDER,
+    Method,
+    Problem,
 )
-from tools.benchmarks.estimator_methods import METHODS, PAPER, Method, Problem
+from tools.datasets.synthetic_matches import Kind, SyntheticOptions, synthetic_smears
+from tools.datasets.testset import TestScene, read_test_set
+from tools.estimators.baselines import in_true_order
 from tools.evaluation.benchmark import machine
-from tools.evaluation.evaluate import judge
-from tools.metrics import NO_POSE_DEG, pose_error_deg
-from tools.pages import append_line, begun, finished_lines, publish
+from tools.evaluation.evaluate import judge, true_ends, truth_at_matches
+from tools.metrics import NO_POSE_DEG, pose_auc, pose_error_deg
+from tools.pages import Record, finished_lines, publish, record_table, sweep, table
 from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
+LIBRARIES = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
+BASE, NETWORK = "base", "network"
+KINDS = get_args(Kind)
+CELLS: dict[str, dict[str, Any]] = {
+    BASE: {},
+    **{f"outliers {share:.0%}": {"outliers": share} for share in (0.0, 0.15, 0.5, 0.6, 0.7)},
+    **{f"second motion {s:.0%}": {"outliers": 0.0, "second_motion": s} for s in (0.15, 0.3, 0.45)},
+    **{f"noise {px:g} px": {"noise_px": px} for px in (0.25, 0.5, 2.0)},
+    **{f"noise {px:g} px, stated as 1": {"noise_px": px, "report": "constant"} for px in (0.25, 0.5, 2.0)},
+    **{f"noise {report}": {"report": report} for report in ("varied", "varied, constant", "varied, wrong")},
+    **{f"length {px:g} px": {"length_px": px} for px in (5.0, 10.0, 40.0, 60.0)},
+    **{m: {"motion": m} for m in ("forward", "sideways", "rotating", "near-planar")},
+}
+"""What every cell changes in the base case: 30 % random outliers, 1 px, 20 px smears, mixed motion."""
+HARD = "outliers 60%"  # the cell that gets more seeds: the hardest that most methods still solve
+SEEDS, HARD_SEEDS, PAPER_SEEDS = 40, 100, 3
+"""Instances of every cell and kind, of HARD, and of those that the paper's gets, at 6 to 7 s for one."""
+TUNING_SEED = 10_000  # first of the seeds that options may be tuned on; the tables are of seeds from 0
+SUCCESS_RHO = 0.05
+"""Median rho below which an F counts as found: errors of exact smears under a twentieth of their length."""
+
+HEAD = (
+    "method | n | success | pose < 10 deg | AUC@5 | AUC@10 | AUC@20 | rho | rho < 0.05 | rho < 0.10 "
+    "| inliers | epipole, deg | ms | p95 ms"
+)
+ROW = (
+    "{method} | {n} | {success:.3f} | {pose < 10 deg:.3f} | {AUC@5:.3f} | {AUC@10:.3f} | {AUC@20:.3f} "
+    "| {rho:.4f} | {under_05:.3f} | {under_10:.3f} | {inliers:.3f} | {epipole_deg:.2f} | {ms:.1f} | {p95:.1f}"
+)
+INTRODUCTION = """# Estimators of F, ours without the order of any match
+
+{machine}; {libraries}; code {code}.
+Made by `python -m tools.benchmarks.benchmark_estimators`.
+
+Base case: 1000 smears of 20 px, noise of 1 px in every coordinate of both ends, 30 % random outliers, mixed
+motion, 640x480; one factor is changed at a time. Every method gets the same matches in the same process with
+one thread; ms is the CPU time of one call. "true order" methods are given what a photograph does not show.
+
+- success: share of instances with median rho (root SErrMin over length, on exact smears) under {success_rho}:
+  counted as failures of F estimators usually are, by the error on true matches. Kind to an F from unordered
+  matches, whose errors are bounded: so look at the pose as well.
+- pose: the larger of the rotation's and the translation direction's error, from F and the true K by
+  cheirality, the better flip of time, the same for every method; AUC as usual, no F counts as 180 degrees.
+- rho, epipole, ms: medians over instances; shares and inliers: means. Inliers: SErrMin < 3 on exact smears,
+  where the true F has all.
+- the paper's: the first {paper_seeds} seeds of every cell only; its rows are of those.
+"""
 
 
-def measure(method: Method, problem: Problem) -> Measured:
-    """Return how good a method's F of a problem is, and its CPU time."""
-    start = time.process_time()
-    F = method(problem)
-    seconds = time.process_time() - start
-    judged = judge(F, problem.F, problem.K, problem.true_ends)
-    ends = problem.matches.ends
-    pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
-    return Measured(**asdict(judged), pose_deg=pose, ms=1e3 * seconds)
+def instances(first_seed: int, seeds: int | None, scenes: int) -> list[Record]:
+    """Return what is to be run, seed by seed, so that a part of a run shows every cell; then photographs."""
+    counts = {cell: seeds or (HARD_SEEDS if cell == HARD else SEEDS) for cell in CELLS}
+    places = [(cell, kind) for cell in CELLS for kind in KINDS]
+    seeded = ((k, *place) for k in range(max(counts.values())) for place in places if k < counts[place[0]])
+    synthetic = [{"seed": first_seed + k, "cell": cell, "kind": kind} for k, cell, kind in seeded]
+    photographs = range(min(scenes, 2 * counts[BASE]))
+    return [*synthetic, *({"seed": k, "cell": NETWORK, "kind": NETWORK} for k in photographs)]
 
 
-def run_instance(instance: Instance, plan: Plan, scenes: Path | None = None) -> Record:
-    """Return the figures of every method that the plan wants; ``scenes`` holds the photographs of NETWORK."""
-    warm_up()
-    if instance.kind == NETWORK:
-        assert scenes is not None
-        scene = _scenes(scenes)[instance.seed]
-        problem = network_problem(scene, _network().predict(blur2view.read_image(scene.image_path)))
-    else:
-        problem = synthetic_problem(instance)
-    wanted = {name: method for name, method in METHODS.items() if plan.wants(name, instance)}
-    return Record(instance=instance, measured={name: measure(one, problem) for name, one in wanted.items()})
+def options_of(instance: Record) -> SyntheticOptions:
+    """Return what an instance's synthetic smears are like."""
+    return SyntheticOptions(kind=instance["kind"], **CELLS[instance["cell"]])
+
+
+def synthetic_problem(instance: Record) -> Problem:
+    """Return the smears of an instance: a seed, a cell and a kind of depth."""
+    smears = synthetic_smears(instance["seed"], options_of(instance))
+    return Problem(**{field.name: getattr(smears, field.name) for field in fields(Problem)})
+
+
+def network_problem(scene: TestScene, grid: SmearGrid) -> Problem:
+    """Return the matches that the network makes of a photograph, and their order by the true smears."""
+    matches = select_matches(grid)
+    ordered = in_true_order(matches.ends, truth_at_matches(scene, matches))
+    truth = {name: getattr(scene, name) for name in "KRtF"}
+    return Problem(matches=matches, ordered=ordered, true_ends=true_ends(scene), **truth)
 
 
 @cache
-def _scenes(folder: Path) -> list[Any]:
-    return moving_scenes(folder)
+def moving_scenes(folder: Path | None) -> list[TestScene]:
+    """Return the rendered scenes of a folder whose camera translates."""
+    return [scene for scene in read_test_set(folder) if scene.F is not None] if folder else []
 
 
 @cache
-def _network() -> blur2view.SmearNetwork:
+def network() -> blur2view.SmearNetwork:
+    """Return the shipped network, loaded once in a process."""
     return blur2view.SmearNetwork()
 
 
 @cache
 def warm_up() -> None:
     """Let every library load and allocate before it is timed."""
-    problem = synthetic_problem(Instance(seed=DEVELOPMENT_SEED, cell=BASE, kind="smooth"))
-    for name, method in METHODS.items():
-        if name != PAPER:
-            measure(method, problem)
+    problem = synthetic_problem({"seed": TUNING_SEED, "cell": BASE, "kind": "smooth"})
+    for name in METHODS.keys() - {PAPER}:
+        measure(METHODS[name], problem)
 
 
-def head() -> dict[str, str]:
+def measure(method: Method, problem: Problem) -> dict[str, float]:
+    """Return to five digits how good a method's F is (`evaluate.Judged`, and its pose) and its CPU time."""
+    start = time.process_time()
+    F = method(problem)
+    ms = 1e3 * (time.process_time() - start)
+    judged, ends = judge(F, problem.F, problem.K, problem.true_ends), problem.matches.ends
+    pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
+    return {name: float(f"{x:.5g}") for name, x in {**asdict(judged), "pose_deg": pose, "ms": ms}.items()}
+
+
+def run_instance(instance: Record, paper_seeds: range, scenes: Path | None = None) -> Record:
+    """Return an instance with the figures of every method; the paper's runs on some seeds only.
+
+    ``scenes`` holds the photographs of NETWORK.
+    """
+    warm_up()
+    if instance["cell"] == NETWORK:
+        scene = moving_scenes(scenes)[instance["seed"]]
+        problem = network_problem(scene, network().predict(blur2view.read_image(scene.image_path)))
+    else:
+        problem = synthetic_problem(instance)
+    wanted = (name for name in METHODS if name != PAPER or instance["seed"] in paper_seeds)
+    return {**instance, "measured": {name: measure(METHODS[name], problem) for name in wanted}}
+
+
+def head() -> Record:
     """Return what figures may depend on: a digest of all sources, the machine, versions of libraries."""
     sources = sorted(path for room in ("blur2view", "tools") for path in (ROOT / room).rglob("*.py"))
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
-    libraries = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
-    return {"code": digest, "machine": machine(), **{name: metadata.version(name) for name in libraries}}
+    return {"code": digest, "machine": machine(), **{name: metadata.version(name) for name in LIBRARIES}}
 
 
-def sweep(pending: list[Instance], log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
-    """Run instances in parallel and log each when it is finished."""
-    with single_threaded_pool(processes) as pool:
-        work = partial(run_instance, plan=plan, scenes=scenes)
-        start = time.perf_counter()
-        for count, record in enumerate(pool.imap_unordered(work, pending), 1):
-            append_line(log, record.document())
-            if count % 100 == 0:
-                left = (time.perf_counter() - start) / count * (len(pending) - count) / 60
-                print(f"{count} of {len(pending)} instances, {left:.0f} min left", flush=True)
+def figures(name: str, measured: Sequence[dict[str, float]]) -> Record:
+    """Return the figures of one method over instances, as `INTRODUCTION` explains them."""
+    column = {key: np.array([one[key] for one in measured]) for key in measured[0]}
+    return {
+        "method": name,
+        "n": len(measured),
+        "success": (column["rho"] < SUCCESS_RHO).mean(),
+        "pose < 10 deg": (column["pose_deg"] < 10).mean(),
+        **{f"AUC@{bound}": pose_auc(column["pose_deg"], bound) for bound in (5, 10, 20)},
+        **{key: np.median(column[key]) for key in ("rho", "epipole_deg", "ms")},
+        **{key: column[key].mean() for key in ("under_05", "under_10", "inliers")},
+        "p95": np.quantile(column["ms"], 0.95),
+    }
 
 
-def run(log: Path, plan: Plan, processes: int, scenes: Path | None) -> None:
-    """Run what the log does not hold yet."""
-    done = {Record.of(row).instance for row in begun(log, head())}
-    wanted = [*plan.instances(), *plan.photographs(len(_scenes(scenes)) if scenes else 0)]
-    pending = [instance for instance in wanted if instance not in done]
-    if pending:
-        sweep(pending, log, plan, processes, scenes)
+def by_method(records: Sequence[Record]) -> dict[str, Record]:
+    """Return the figures of every method that ever ran, in the order of METHODS."""
+    measured = {name: [r["measured"][name] for r in records if name in r["measured"]] for name in METHODS}
+    return {name: figures(name, rows) for name, rows in measured.items() if rows}
+
+
+def select(records: Sequence[Record], **wanted: str) -> list[Record]:
+    """Return the records of a cell, of a kind, or of both."""
+    return [record for record in records if wanted.items() <= record.items()]
+
+
+def markdown(records: Sequence[Record], head: dict[str, str]) -> str:
+    """Return everything as text: answers, both kinds over the sweep, network smears, every cell."""
+    libraries = ", ".join(f"{k} {v}" for k, v in head.items() if k not in ("code", "machine"))
+    named = {"code": "", "machine": "", "success_rho": SUCCESS_RHO, "paper_seeds": PAPER_SEEDS, **head}
+    synthetic = [record for record in records if record["cell"] != NETWORK]
+    kinds = {kind: select(synthetic, kind=kind) for kind in KINDS}
+    parts = [INTRODUCTION.format(**named, libraries=libraries), "## Answers", ""]
+    parts += [*(f"- {line}" for line in answers(synthetic, kinds)), ""]
+    for kind, chosen in kinds.items():
+        base = select(chosen, cell=BASE)
+        parts += [f"## Whole sweep, {kind} depth: {len(chosen)} instances", "", *method_table(chosen), ""]
+        parts += [f"### Its base case: {len(base)} instances", "", *method_table(base), ""]
+    if photographs := select(records, cell=NETWORK):
+        title = f"## Network smears: {len(photographs)} rendered photographs"
+        parts += [title, "", *method_table(photographs), ""]
+    for kind, chosen in kinds.items():
+        parts += [f"## Cell by cell, {kind} depth: AUC@10 / success", "", *cell_table(chosen), ""]
+    return "\n".join(parts)
+
+
+def method_table(records: Sequence[Record]) -> list[str]:
+    """Return a table of all figures, one row for each method."""
+    return record_table(HEAD, ROW, by_method(records).values())
+
+
+def cell_table(records: Sequence[Record]) -> list[str]:
+    """Return a table with a row for each cell, a column for each method."""
+    names, rows = list(by_method(records)), []
+    for cell in CELLS:
+        if of := by_method(select(records, cell=cell)):
+            shown = [f"{of[n]['AUC@10']:.2f} / {of[n]['success']:.2f}" if n in of else "" for n in names]
+            rows.append((cell, *shown))
+    return table(f"cell | {' | '.join(names)}", rows)
+
+
+def answers(synthetic: Sequence[Record], kinds: dict[str, list[Record]]) -> Iterator[str]:
+    """Yield lines that answer the questions of the comparison: against the order, pycolmap and the paper."""
+    scopes = {"whole sweep": synthetic}
+    scopes["cells with truthful sigma"] = [one for one in synthetic if options_of(one).truthful]
+    scopes |= {f"whole sweep, {kind}": chosen for kind, chosen in kinds.items()}
+    scopes |= {f"{HARD}, {kind}": select(chosen, cell=HARD) for kind, chosen in kinds.items()}
+    for scope, rows in ((scope, by_method(chosen)) for scope, chosen in scopes.items() if chosen):
+        parts = []
+        for column in ("AUC@10", "success", "pose < 10 deg"):
+            told = {name: rows[name][column] for name in TRUE_ORDER if name in rows}
+            best, ours = max(told, key=lambda name: told[name]), rows[OURS][column]
+            parts.append(f"{column} ours {ours:.3f}, best ordered {told[best]:.3f} ({best})")
+        yield f"{scope}: {'; '.join(parts)}"
+    for kind, chosen in kinds.items():
+        for scope, some in (("whole sweep", chosen), (BASE, select(chosen, cell=BASE))):
+            rows = by_method(some)
+            for name in (name for name in rows if name.startswith(PYCOLMAP_NAME)):
+                ms, p95 = (rows[OURS][column] / rows[name][column] for column in ("ms", "p95"))
+                yield f"{kind}, {scope}: time over that of {name}: median {ms:.2f}, p95 {p95:.2f}"
+    rows = by_method([record for record in synthetic if PAPER in record["measured"]])
+    if PAPER in rows:
+        a, b = rows[OURS], rows[PAPER]
+        pairs = [f"{name} {a[name]:.4g} against {b[name]:.4g}" for name in ("success", "AUC@10", "rho")]
+        faster = f"{b['ms'] / a['ms']:.0f} times faster in the median"
+        yield f"against {PAPER} on {b['n']:.0f} instances: {faster}; {', '.join(pairs)}"
 
 
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("--seeds", type=int, help="instances of every cell and kind (default: 40, some 100)")
+    words = f"instances of every cell and kind (default: {SEEDS}, some {HARD_SEEDS})"
+    parser.add_argument("--seeds", type=int, help=words)
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--paper-seeds", type=int, default=Plan.paper_seeds, help="for the paper's: slow")
+    parser.add_argument("--paper-seeds", type=int, default=PAPER_SEEDS, help="for the paper's: slow")
     parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
-    parser.add_argument(
-        "--scenes", type=existing, help="folder of tools.datasets.testset, for network smears"
-    )
+    parser.add_argument("--scenes", type=existing, help="of tools.datasets.testset, for network smears")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--log", type=Path, default=Path("runs/estimators.jsonl"))
     parser.add_argument("--out", type=target, default=Path("tools/results/estimators.md"))
-    arguments = parser.parse_args()
-    plan = Plan(first_seed=arguments.first_seed, paper_seeds=arguments.paper_seeds)
-    if arguments.seeds:
-        plan = replace(plan, seeds=arguments.seeds, hard_seeds=arguments.seeds)
-    if not arguments.report:
-        run(arguments.log, plan, arguments.processes, arguments.scenes)
-    first, *rows = finished_lines(arguments.log) or [{}]
-    publish(estimator_report.markdown([Record.of(row) for row in rows], first), arguments.out)
+    a = parser.parse_args()
+    if not a.report:
+        keys = instances(a.first_seed, a.seeds, len(moving_scenes(a.scenes)))
+        slow = range(a.first_seed, a.first_seed + a.paper_seeds)
+        work = partial(run_instance, paper_seeds=slow, scenes=a.scenes)
+        with single_threaded_pool(a.processes) as pool:
+            sweep(a.log, head(), keys, work, pool.imap_unordered)
+    first, *records = finished_lines(a.log) or [{}]
+    publish(markdown(records, first), a.out)
 
 
 if __name__ == "__main__":

@@ -53,50 +53,34 @@ def ordered_with_camera(problem: Problem) -> AnyArray | None:
     return baselines.solve(solver, problem.ordered)
 
 
-def scrambled(problem: Problem) -> AnyArray:
-    """Return the ends in random order."""
-    return baselines.scrambled(problem.matches.ends, np.random.default_rng(0))
-
-
-def rightward(problem: Problem) -> AnyArray:
-    """Return the ends ordered by x."""
-    return baselines.rightward(problem.matches.ends)
-
-
 def rival(solver: baselines.Solver, order: Callable[[Problem], AnyArray]) -> Method:
     """Return another's solver, given the ends in some order."""
     return lambda problem: baselines.solve(solver, order(problem))
 
 
-def told(solver: baselines.Solver) -> Method:
-    """Return another's solver, given the true order."""
-    return rival(solver, lambda problem: problem.ordered)
-
-
-MAGSAC = partial(baselines.opencv, max_error_px=1.0)
-ACCURATE = partial(baselines.opencv, method=cv2.USAC_ACCURATE, max_error_px=1.5)
-PYCOLMAP = partial(baselines.pycolmap_ransac, max_error_px=2.0, trials=(1000, 100_000))
-COLMAP = partial(baselines.pycolmap_ransac, max_error_px=2.0, trials=(100, 10_000), confidence=0.999)
-POSELIB = partial(baselines.poselib_ransac, max_error_px=2.0, max_iterations=100_000)
-
-OURS = "ours"
-PAPER = "the paper's"
-PYCOLMAP_NAME = "true order, pycolmap"
-TRUE_ORDER: dict[str, Method] = {
-    "true order, OpenCV MAGSAC": told(MAGSAC),
-    "true order, OpenCV ACCURATE": told(ACCURATE),
-    PYCOLMAP_NAME: told(PYCOLMAP),
-    "true order, pycolmap at COLMAP's trials": told(COLMAP),
-    "true order, PoseLib": told(POSELIB),
+ORDERS: dict[str, Callable[[Problem], AnyArray]] = {
+    "unordered": lambda problem: baselines.scrambled(problem.matches.ends, np.random.default_rng(0)),
+    "u > 0 order": lambda problem: baselines.rightward(problem.matches.ends),
+    "true order": lambda problem: problem.ordered,
 }
+MAGSAC = partial(baselines.opencv, max_error_px=1.0)
+PYCOLMAP = partial(baselines.pycolmap_ransac, max_error_px=2.0)
+SOLVERS: dict[str, baselines.Solver] = {
+    "OpenCV MAGSAC": MAGSAC,
+    "OpenCV ACCURATE": partial(baselines.opencv, method=cv2.USAC_ACCURATE, max_error_px=1.5),
+    "pycolmap": partial(PYCOLMAP, trials=(1000, 100_000)),
+    "pycolmap at COLMAP's trials": partial(PYCOLMAP, trials=(100, 10_000), confidence=0.999),
+    "PoseLib": partial(baselines.poselib_ransac, max_error_px=2.0, max_iterations=100_000),
+}
+OURS, PAPER, PYCOLMAP_NAME = "ours", "the paper's", "true order, pycolmap"
+TRUE_ORDER = {f"true order, {name}": rival(one, ORDERS["true order"]) for name, one in SOLVERS.items()}
 METHODS: dict[str, Method] = {
     OURS: lambda problem: estimate_two_view(problem.matches).F,
     "ours, no image size": lambda problem: estimate_two_view(replace(problem.matches, image_size=None)).F,
     "ours, K given": with_camera,
     "two-parameter F": lambda problem: baselines.two_parameter_fundamental(problem.matches),
     PAPER: lambda problem: paper_of_matches(problem.matches),
-    "unordered, OpenCV MAGSAC": rival(MAGSAC, scrambled),
-    "u > 0 order, OpenCV MAGSAC": rival(MAGSAC, rightward),
+    **{f"{order}, OpenCV MAGSAC": rival(MAGSAC, ORDERS[order]) for order in ("unordered", "u > 0 order")},
     **TRUE_ORDER,
     "true order and K, PoseLib": ordered_with_camera,
 }

@@ -11,7 +11,6 @@ features of sharp photographs that are matched, within 3 px of their place, afte
 without blur under fresh noise; the limit is the longest blur at which half are left in the first folder.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -30,14 +29,8 @@ LENGTHS_PX = (0, 1, 2, 3, 4, 5, 6, 8, 10, 14, 20)
 NEAR_PX = 3.0
 RATIO = 0.8  # of the second-best distance, Lowe's
 
-
-@dataclass(frozen=True, kw_only=True)
-class Ordered:
-    """A photograph's true median smear, ours (pixels), and the variance of its Laplacian."""
-
-    true_px: float
-    ours_px: float
-    laplacian: float
+Ordered = tuple[float, float, float]
+"""A photograph's true median smear and ours (pixels), and the variance of its Laplacian."""
 
 
 def laplacian_variance(image: AnyArray) -> float:
@@ -48,26 +41,24 @@ def laplacian_variance(image: AnyArray) -> float:
 
 def ordered(image: AnyArray, true_px: float, network: blur2view.SmearNetwork) -> Ordered:
     """Return what is said of a picture; one without texture counts as sharp."""
-    ours_px, _, _ = median_smear(network.predict(image))
-    return Ordered(true_px=true_px, ours_px=ours_px or 0.0, laplacian=laplacian_variance(image))
+    smear_px, _, _ = median_smear(network.predict(image))
+    return true_px, smear_px or 0.0, laplacian_variance(image)
 
 
-def evenly_blurred(folder: Path, network: blur2view.SmearNetwork, seed: int = 0) -> list[Ordered]:
+def evenly_blurred(folder: Path, network: blur2view.SmearNetwork) -> list[Ordered]:
     """Return what is said of photographs of a folder under every blur of `LENGTHS_PX`."""
-    rng, found = np.random.default_rng(seed), []
+    rng, found = np.random.default_rng(0), []
     for radiance in middles([folder]):
         for length_px in LENGTHS_PX:
             angle = float(rng.uniform(0, np.pi))
-            picture = blurred(rng, radiance, length_px, angle, False)
-            found.append(ordered(picture, float(length_px), network))
+            found.append(ordered(blurred(rng, radiance, length_px, angle, False), length_px, network))
     return found
 
 
 def order_of(pictures: list[Ordered]) -> tuple[float, float]:
     """Return rank correlations with the true smear: ours, and the Laplacian's, which blur lowers, negated."""
-    columns = [[one.ours_px for one in pictures], [-one.laplacian for one in pictures]]
-    ours, laplacian = (spearmanr([one.true_px for one in pictures], column).statistic for column in columns)
-    return float(ours), float(laplacian)
+    true_px, ours_px, laplacian = np.transpose(pictures)
+    return float(spearmanr(true_px, ours_px).statistic), float(spearmanr(true_px, -laplacian).statistic)
 
 
 def matched_share(sharp: AnyArray, other: AnyArray) -> float:
@@ -83,15 +74,14 @@ def matched_share(sharp: AnyArray, other: AnyArray) -> float:
     return float((np.linalg.norm(places, axis=1) < NEAR_PX).sum() / len(first))
 
 
-def features_left(folder: Path, seed: int = 0) -> Array:
+def features_left(folder: Path) -> Array:
     """Return the median share (lengths,) of features that are left after every blur, over that without."""
-    rng, rows = np.random.default_rng(seed), []
+    rng, rows = np.random.default_rng(0), []
     for radiance in middles([folder]):
         angle = float(rng.uniform(0, np.pi))
         sharp = blurred(rng, radiance, 0, angle, False)
-        shares = [
-            matched_share(sharp, blurred(rng, radiance, length_px, angle, False)) for length_px in LENGTHS_PX
-        ]
+        pictures = (blurred(rng, radiance, length_px, angle, False) for length_px in LENGTHS_PX)
+        shares = [matched_share(sharp, picture) for picture in pictures]
         if shares[0] > 0:
             rows.append(np.divide(shares, shares[0]))
     return np.asarray(np.median(rows, axis=0))

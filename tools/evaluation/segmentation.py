@@ -30,9 +30,8 @@ from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.smears.field import smear_ends, upsample_grid
 from tools.arguments import existing, parser_of, target
 from tools.datasets.testset import TestScene, read_test_set
-from tools.pages import publish, table
+from tools.pages import publish, table, write_picture
 from tools.rendering.exposure import GRID
-from tools.reports.figure_style import save_picture
 
 Mask = NDArray[np.bool_]
 
@@ -286,7 +285,7 @@ def main() -> None:
     publish(text, arguments.out.with_suffix(".md"))
     some = [one for split in judged.values() for one in split if one.figures.share >= LEAST_SHARE]
     if some:
-        save_picture(panel(some), arguments.out.with_suffix(".webp"))
+        write_picture(arguments.out.with_suffix(".webp"), panel(some))
 
 
 if __name__ == "__main__":

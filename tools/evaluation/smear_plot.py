@@ -1,21 +1,37 @@
 """The picture of the smears' figures: what sigma is worth, and lengths by octave."""
 
+import io
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from tools.evaluation.smear_figures import SmearFigures, Smears
 from tools.metrics import epe_s, sparsification_curve
-from tools.reports.figure_style import new_figure, save
+
+COLOURS = 96
 
 
 def plot(smears: Smears, figures: SmearFigures, path: Path) -> None:
     """Draw sigma against error, the sparsification curves and the lengths by octave; write a PNG."""
-    figure = new_figure(13, 4)
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 4), layout="constrained")
     calibration, sparsification, lengths = figure.subplots(1, 3)
     draw_calibration(calibration, figures)
     draw_sparsification(sparsification, smears, figures)
     draw_lengths(lengths, figures)
-    save(figure, path, dpi=100)
+    save(figure, path)
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write a PNG of few colours, which plots need; the same figure gives the same bytes."""
+    raw = io.BytesIO()
+    figure.savefig(raw, dpi=100, format="png", facecolor="white", metadata={"Software": None})
+    with Image.open(raw) as picture:
+        flat = picture.convert("RGB").quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    flat.save(path, "PNG", optimize=True)
 
 
 def draw_calibration(axes: Any, figures: SmearFigures) -> None:

@@ -18,7 +18,7 @@ from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.overlay import draw_overlay
 from blur2view.segmentation.mask import segment
 from tools.arguments import existing, parser_of, target
-from tools.reports.figure_style import save_picture
+from tools.pages import write_picture
 
 Picture = NDArray[np.uint8]
 
@@ -48,14 +48,12 @@ def page(tiles: list[Picture]) -> Picture:
     """Return tiles of one width side by side, COLUMNS in a row."""
     if len(tiles) == 1:
         return tiles[0]
-    rows = []
-    for start in range(0, len(tiles), COLUMNS):
-        row = tiles[start : start + COLUMNS]
-        height = max(len(each) for each in row)
-        row += [np.empty((0, TILE_PX, 3), np.uint8)] * (COLUMNS - len(row))
-        bottom = [[(0, height - len(each)), (0, 0), (0, 0)] for each in row]
-        rows.append(np.hstack([np.pad(each, pad) for each, pad in zip(row, bottom, strict=True)]))
-    return np.vstack(rows)
+    rows = [tiles[start : start + COLUMNS] for start in range(0, len(tiles), COLUMNS)]
+    strips = [np.zeros((max(map(len, row)), COLUMNS * TILE_PX, 3), np.uint8) for row in rows]
+    for strip, row in zip(strips, rows, strict=True):
+        for k, one in enumerate(row):
+            strip[: len(one), k * TILE_PX : (k + 1) * TILE_PX] = one
+    return np.vstack(strips)
 
 
 def main() -> None:
@@ -70,7 +68,7 @@ def main() -> None:
     network = blur2view.SmearNetwork(arguments.model)
     width = TILE_PX if len(arguments.photographs) > 1 else ALONE_PX
     tiles = [tile(path, network, arguments.plain, arguments.masks, width) for path in arguments.photographs]
-    save_picture(page(tiles), arguments.out)
+    write_picture(arguments.out, page(tiles))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from PIL import Image
 
 from blur2view.cli import commands as cli
 from tools.arguments import existing, parser_of, target
-from tools.reports.figure_style import save_picture
+from tools.pages import write_picture
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -83,7 +83,7 @@ def main() -> None:
             page = opened[-1][0]
             choose(page)
             with Image.open(BytesIO(page.screenshot())) as shown:
-                save_picture(np.asarray(shown.convert("RGB")), arguments.out)
+                write_picture(arguments.out, np.asarray(shown.convert("RGB")))
         browser.close()
 
 

@@ -19,10 +19,7 @@ from tools.benchmarks.triage import (
 
 
 def pictures(true: list[float], ours: list[float], laplacian: list[float]) -> list[Ordered]:
-    return [
-        Ordered(true_px=one, ours_px=two, laplacian=three)
-        for one, two, three in zip(true, ours, laplacian, strict=True)
-    ]
+    return list(zip(true, ours, laplacian, strict=True))
 
 
 def texture(seed: int = 0, size: int = 360) -> np.ndarray:

@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from PIL import Image
 
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import SmearField
@@ -18,6 +20,7 @@ from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate
 from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
+from tools.evaluation.smear_plot import COLOURS, save
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -131,3 +134,13 @@ def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> No
     assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
     assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
     assert len(smear_tables(figures)) == 11 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
+
+
+def test_plots_are_light_and_the_same_again(tmp_path: Path) -> None:
+    for name in "ab":
+        figure = Figure(figsize=(3, 3))
+        figure.subplots().imshow(np.random.default_rng(0).random((600, 600)))
+        save(figure, tmp_path / f"{name}.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    with Image.open(tmp_path / "a.png") as plot:
+        assert len(plot.convert("RGB").getcolors(1 << 20) or []) <= COLOURS
