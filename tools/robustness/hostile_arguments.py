@@ -9,7 +9,7 @@ NUMBERS = (
 TEXTS = (
     "", "\0", "\n", "\x1b[2J", "ü", "/", ".", "..", "/dev/null", "/proc/x", "a" * 5000, "a/b/c", "good.jpg",
     "good.jpg/x", "--", "-", "~", "%s", "{}", "*", "\udcff", "default", "nowhere.db:1", "good.jpg:1", "exif",
-    "out", "matches", "hloc", "database",
+    "out",
 )  # fmt: skip
 MODELS = (
     "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
@@ -21,7 +21,7 @@ NUMERIC = (
     "--every", "--from", "--to", "--max-failures", "--max-smear", "--best", "--every-best",
 )  # fmt: skip
 TEXTUAL = (
-    "--model", "-o", "--output", "--camera", "--db", "--format", "--csv", "--keep", "--extract", "--masks",
+    "--model", "-o", "--output", "--camera", "--db", "--csv", "--keep", "--extract", "--masks",
 )  # fmt: skip
 
 

@@ -26,8 +26,6 @@ COMMANDS = (
     ("segment", "--masks", "colmap", "-o", "out"),
     ("report", "-o", "page.html"),
     ("to-colmap", "--db", "new.db"),
-    ("to-colmap", "--format", "matches", "-o", "out"),
-    ("to-colmap", "--format", "hloc", "-o", "out"),
     ("triage", "--csv", "table.csv", "--keep", "keep.txt"),
     ("triage", "--csv", "table.csv", "--best", "50%", "--extract", EXTRACTED),
 )

@@ -220,7 +220,7 @@ def _load_libraries() -> None:
     for module in (
         "blur2view.cli.estimate", "blur2view.cli.segment", "blur2view.cli.report", "blur2view.cli.to_colmap",
         "blur2view.cli.place", "blur2view.cli.to_transforms", "blur2view.cli.triage", "pycolmap",
-        "scipy.ndimage", "h5py", "scipy.optimize",
+        "scipy.ndimage", "scipy.optimize",
     ):  # fmt: skip
         importlib.import_module(module)
     from blur2view.cli.work import CommandNetwork, _loaded

@@ -160,12 +160,8 @@ def _undone(call: Call) -> Iterator[str]:
         csv.field_size_limit(1 << 30)
         with (call.folder / "table.csv").open(newline="", errors="surrogateescape") as table:
             done = sum(not row["error"] for row in csv.DictReader(table))
-    elif "--db" in call.words:
+    else:
         with closing(sqlite3.connect(call.folder / "new.db")) as database:
             done = database.execute("SELECT count(*) FROM images").fetchone()[0] // 2
-    elif "hloc" in call.words:
-        done = len((out / "pairs.txt").read_text().splitlines())
-    else:
-        done = (out / "matches.txt").read_text().count("#open ")
     if not done or call.counted and done != expected:
         yield f"{done} photographs done, {expected} expected"
