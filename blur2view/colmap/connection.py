@@ -1,9 +1,13 @@
-"""A user's COLMAP database, opened without changing a byte of it or of its folder.
+"""A user's COLMAP database, opened without changing a byte of it or of its folder, or to be linked to.
 
-All that reads a user's database opens it here; only linking (`blur2view.colmap.link`) writes. pycolmap's
-``Database.open`` is not used, because it writes (see `blur2view.colmap.schema`), and a plain read-only
-connection of SQLite is not enough: with a write-ahead log it creates two files beside the database and leaves
-them there, and after a killed program it refuses to read.
+pycolmap's ``Database.open`` is not used, because it writes (see `blur2view.colmap.schema`), and a plain
+read-only connection of SQLite is not enough: with a write-ahead log it creates two files beside the database
+and leaves them there, and after a killed program it refuses to read.
+
+Linking (`blur2view.colmap.link`) writes to the file, in place, and one transaction changes it or nothing
+does: its journal outlives a kill at any moment, and it respects write-ahead logs and the locks of other
+programs. A changed copy renamed over the original would lose what others write meanwhile, and would come
+apart from a log beside the file.
 """
 
 import os
@@ -29,7 +33,7 @@ HINTS = {
     "readonly": "it cannot be written; check permissions",
     "unable to open": "check permissions of the file and its folder",
     "Permission": "check permissions of the file and its folder",
-    "disk is full": "make room",
+    "disk is full": "make room, or its image ids are used up",
     "image_id_check": "its image ids are used up; extract features into a new database",
 }
 
@@ -57,6 +61,19 @@ def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
                     shutil.copyfile(f"{path}{suffix}", f"{copy}{suffix}")
             database = stack.enter_context(_begun(copy, "mode=rw"))
         yield database
+
+
+@contextmanager
+def open_for_writing(path: Path) -> Iterator[sqlite3.Connection]:
+    """Begin a transaction in the file itself and commit it; a failure inside rolls it back.
+
+    DatabaseError as of `open_read_only`, and of what SQLite refuses to write.
+    """
+    with database_errors(path), closing(connect(path, "mode=rw")) as database:
+        database.execute("PRAGMA foreign_keys = ON")
+        database.execute("BEGIN IMMEDIATE")
+        yield database
+        database.execute("COMMIT")
 
 
 @contextmanager

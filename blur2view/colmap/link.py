@@ -15,15 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.colmap.checks import check_room, rows_of_the_user
-from blur2view.colmap.connection import connect
+from blur2view.colmap.checks import check_schema, rows_of_the_user
+from blur2view.colmap.connection import connect, open_for_writing, open_read_only
 from blur2view.colmap.database import mark_views, matched
 from blur2view.colmap.project import (
     ProjectImage,
     has_frames,
     image_names,
     longest_suffix,
-    open_project,
     own_views,
     read_image,
     views_are_whole,
@@ -61,7 +60,8 @@ def plan_links(
     """
     plan: list[LinkStep | DatabaseError] = []
     first_of: dict[str, Path] = {}
-    with open_project(path) as database:
+    with open_read_only(path) as database:
+        check_schema(path, database)
         names = image_names(database)
         for photograph in photographs:
             name = longest_suffix(names, photograph)
@@ -78,9 +78,6 @@ def plan_links(
             else:
                 first_of[name] = photograph
                 plan.append(_plan_one(path, database, names, name, replace))
-        writes = sum(isinstance(one, LinkStep) and one.step is not Step.KEEP for one in plan)
-        if writes:
-            check_room(path, database, 2 * writes)
     return plan
 
 
@@ -123,7 +120,8 @@ def write_links(
     if not links:
         return None
     with ExitStack() as undo:
-        with open_project(path, write=True) as database:
+        with open_for_writing(path) as database:
+            check_schema(path, database)
             names = image_names(database)
             for plan, _ in links:
                 name = plan.image.name

@@ -1,63 +1,18 @@
-"""Rows of a COLMAP database: a camera, an image with its frame, keypoints, a pair of images.
+"""Rows of a COLMAP database: an image with its frame, keypoints, a pair of images.
 
 Every function takes a connection inside a transaction that the caller opened and will end.
 """
 
-from collections.abc import Collection
 from sqlite3 import Connection
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
 from blur2view.colmap.project import rig_of
-from blur2view.colmap.schema import (
-    CAMERA_SENSOR,
-    matches_blob,
-    matrix_blob,
-    model_number,
-    pair_id,
-    quaternion,
-)
-from blur2view.exposure.end_order import GUESSED_FOCAL
+from blur2view.colmap.schema import CAMERA_SENSOR, insertion, matches_blob, matrix_blob, pair_id, quaternion
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-
-
-class CameraColumns(NamedTuple):
-    """A camera as the table ``cameras`` has it, but for its id."""
-
-    model: str
-    width: int
-    height: int
-    params: tuple[float, ...]
-    prior_focal_length: int
-
-
-def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumns:
-    """Return the row of a photograph's camera; ``size`` is the photograph's width and height, pixels.
-
-    Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
-    distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
-    """
-    width, height = size
-    if camera is None:
-        guess = GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0
-        return CameraColumns("SIMPLE_RADIAL", width, height, guess, 0)
-    if camera.known:
-        return CameraColumns(camera.model, width, height, camera.params, 1)
-    hint = camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0
-    return CameraColumns("SIMPLE_RADIAL", width, height, hint, 1)
-
-
-def add_camera(database: Connection, camera: CameraColumns) -> int:
-    """Insert a camera with a rig of its own; return its id."""
-    stored = {"model": model_number(camera.model), "params": matrix_blob(np.array(camera.params))}
-    camera_id = _insert(database, "cameras", **camera._asdict() | stored)
-    _insert(database, "rigs", ref_sensor_id=camera_id, ref_sensor_type=CAMERA_SENSOR)
-    return camera_id
 
 
 def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bool) -> int:
@@ -135,11 +90,6 @@ def put_pair(
         qvec=matrix_blob(None if pose is None else quaternion(pose.rotation)),
         tvec=matrix_blob(None if pose is None else pose.translation),
     )
-
-
-def insertion(table: str, columns: Collection[str]) -> str:
-    """Return the statement that inserts a row of these columns."""
-    return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
 
 
 def _insert(database: Connection, table: str, **row: object) -> int:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from blur2view.colmap.connection import open_for_writing
 from blur2view.colmap.link import LinkStep, plan_links, write_links
-from blur2view.colmap.project import open_project
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
 from tests.support.sql import run_sql
@@ -102,7 +102,7 @@ def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch:
             write_links(path, [planned], backup=False)
         other.execute("ROLLBACK")
         locked = pytest.raises(sqlite3.OperationalError, match="locked")
-        with open_project(path, write=True), locked:  # before it reads
+        with open_for_writing(path), locked:  # before it reads
             other.execute("BEGIN IMMEDIATE")
     write_links(path, [planned], backup=False)
 

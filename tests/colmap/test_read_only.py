@@ -44,7 +44,7 @@ READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has foun
     "dry run": dry_run,
     "check": lambda path: check_database(path) == [],
 }
-ONLY_ROWS = ("camera", "matches", "names")  # what these read does not depend on the version
+ONLY_ROWS = ("camera", "matches", "names", "placed", "triangulated")  # which ask for no version
 
 
 @pytest.fixture(scope="module")
