@@ -18,11 +18,15 @@ What the rows rely on
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
+import sqlite3
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from blur2view.errors import DatabaseError
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
@@ -54,6 +58,28 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
 def insertion(table: str, columns: Collection[str]) -> str:
     """Return the statement that inserts a row of these columns."""
     return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+
+
+def check_schema(path: Path, database: sqlite3.Connection) -> None:
+    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use.
+
+    A table or a column that is missing is an error of SQLite's.
+    """
+    (version,) = database.execute("PRAGMA user_version").fetchone()
+    if version > NEWEST_KNOWN:
+        raise DatabaseError(
+            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
+            "update blur2view"
+        )
+    schema = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
+    if "trigger" in schema.values():
+        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
+    rig_tables = RIG_TABLES if {"frames", "rigs"} & schema.keys() else {}
+    for table, columns in (IMAGE_TABLES | rig_tables).items():
+        database.execute(f"EXPLAIN {insertion(table, columns)}", [None] * len(columns))
+    (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    if damage != "ok":
+        raise DatabaseError(f"{path}: is damaged ({' '.join(damage.split())}); restore a backup")
 
 
 def pair_id(image1: int, image2: int) -> int:
