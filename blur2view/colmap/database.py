@@ -39,24 +39,10 @@ def write_database(
 ) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
-    direction is known.
-
-    Parameters
-    ----------
-    path : path-like
-        Must not exist, unless it is replaced.
-    photographs : sequence of ExposureViews
-        Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
-    replace : bool
-        Whether a file of this name is replaced, once the new one is whole.
-
-    Raises
-    ------
-    ValueError
-        If two photographs have one name.
-    DatabaseError
-        If the file exists or cannot be written.
+    Photographs with equal cameras share one. Without F and H nothing is matched: the ends' order would mean
+    nothing. The table ``blur2view_views`` says of each whether its time direction is known. With ``replace``
+    a file of this name is replaced, once the new one is whole.
+    DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name.
     """
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):
@@ -64,7 +50,7 @@ def write_database(
     cameras: list[Any] = []
     camera_ids = []
     for views in photographs:
-        camera = stored_camera(views.camera, views.size)
+        camera = colmap_camera_of(views.camera, views.size)
         if camera not in cameras:
             cameras.append(camera)
         camera_ids.append(1 + cameras.index(camera))
@@ -77,7 +63,7 @@ def write_database(
             mark_views(database, views, (first, last))
 
 
-def stored_camera(camera: Camera | None, size: tuple[int, int]) -> Any:
+def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
     """Return the pycolmap.Camera of a photograph, whose width and height are ``size``, pixels.
 
     Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a

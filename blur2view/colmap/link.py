@@ -171,7 +171,7 @@ def _write_link(database: sqlite3.Connection, image: ProjectImage, views: Exposu
             set_camera(database, number, image.camera_id, with_frame=frames)
         else:
             number = add_image(database, name, image.camera_id, with_frame=frames)
-        put_keypoints(database, number, points, replace=role in own)
+        put_keypoints(database, number, points)
         ids.append(number)
     first, last = ids
     whole, inliers = views.geometry, np.flatnonzero(views.geometry.inlier_mask)
@@ -180,10 +180,8 @@ def _write_link(database: sqlite3.Connection, image: ProjectImage, views: Exposu
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
         (first, last): whole,
     }
-    # no other image has pairs of an earlier call
-    known = {image.image_id, *(number for number, _ in own.values())}
     for pair, geometry in geometries.items():
-        put_pair(database, pair, geometry, matched(views), inliers, replace=known.issuperset(pair))
+        put_pair(database, pair, geometry, matched(views), inliers)
     mark_views(database, views, ids, image.digest)
 
 

@@ -46,10 +46,9 @@ def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:
     _insert(database, "frame_data", frame_id=frame_id, data_id=image_id, **sensor)
 
 
-def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:
-    """Write our pixels (N, 2) as the keypoints of a view, with ``replace`` in place of those it had."""
-    if replace:
-        database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
+def put_keypoints(database: Connection, image_id: int, points: Array) -> None:
+    """Write our pixels (N, 2) as the keypoints of a view, in place of those it had."""
+    database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
     data = np.ascontiguousarray(to_colmap(points), "<f4").tobytes()
     _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
 
@@ -60,22 +59,17 @@ def put_pair(
     geometry: TwoViewGeometry,
     matched: NDArray[np.int_],
     inliers: NDArray[np.int_],
-    *,
-    replace: bool = False,
 ) -> None:
-    """Write both match tables' rows of a pair of which at least one image is a view.
+    """Write both match tables' rows of a pair with a view, in place of those it had.
 
     Keypoints of the indices ``matched`` are matched, those of ``inliers`` fit the geometry, whose own masks
-    are not used; it leads from the first image to the second, the row from the smaller id. Without
-    ``replace`` a row that is there raises sqlite3.IntegrityError.
+    are not used; it leads from the first image to the second, the row from the smaller id.
     """
     geometry = geometry if ids[0] < ids[1] else geometry.reversed()
-    key = pair_id(*ids)
-    if replace:
-        for table in ("matches", "two_view_geometries"):
-            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
+    key, pose = pair_id(*ids), geometry.cam2_from_cam1
+    for table in ("matches", "two_view_geometries"):
+        database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
     _insert(database, "matches", pair_id=key, rows=len(matched), cols=2, data=matches_blob(matched))
-    pose = geometry.cam2_from_cam1
     _insert(
         database,
         "two_view_geometries",
@@ -93,7 +87,5 @@ def put_pair(
 
 
 def _insert(database: Connection, table: str, **row: object) -> int:
-    number = database.execute(insertion(table, row), tuple(row.values())).lastrowid
-    if number is None:
-        raise RuntimeError(f"SQLite gave no id to a row of {table}")
-    return number
+    """Insert a row; return its id."""
+    return database.execute(insertion(table, row), tuple(row.values())).lastrowid or 0

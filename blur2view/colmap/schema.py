@@ -32,18 +32,18 @@ NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
 IMAGE_TABLES = {
-    "cameras": ("camera_id", "model", "width", "height", "params", "prior_focal_length"),
-    "images": ("image_id", "name", "camera_id"),
-    "keypoints": ("image_id", "rows", "cols", "data"),
-    "matches": ("pair_id", "rows", "cols", "data"),
-    "two_view_geometries": (*("pair_id", "rows", "cols", "data", "config"), *("F", "E", "H", "qvec", "tvec")),
+    "cameras": ["camera_id", "model", "width", "height", "params", "prior_focal_length"],
+    "images": ["image_id", "name", "camera_id"],
+    "keypoints": ["image_id", "rows", "cols", "data"],
+    "matches": ["pair_id", "rows", "cols", "data"],
+    "two_view_geometries": ["pair_id", "rows", "cols", "data", "config", "F", "E", "H", "qvec", "tvec"],
 }
 """The columns that our rows rely on, by table; a project may have more as long as they may stay empty."""
 RIG_TABLES = {
-    "rigs": ("rig_id", "ref_sensor_id", "ref_sensor_type"),
-    "rig_sensors": ("rig_id", "sensor_id", "sensor_type"),
-    "frames": ("frame_id", "rig_id"),
-    "frame_data": ("frame_id", "data_id", "sensor_id", "sensor_type"),
+    "rigs": ["rig_id", "ref_sensor_id", "ref_sensor_type"],
+    "rig_sensors": ["rig_id", "sensor_id", "sensor_type"],
+    "frames": ["frame_id", "rig_id"],
+    "frame_data": ["frame_id", "data_id", "sensor_id", "sensor_type"],
 }
 """Those of COLMAP 3.12 and newer."""
 # Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.

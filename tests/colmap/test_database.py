@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.colmap.database import stored_camera, stored_photographs, write_database
+from blur2view.colmap.database import colmap_camera_of, stored_photographs, write_database
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
@@ -90,7 +90,7 @@ def test_equal_cameras_are_shared(tmp_path: Path) -> None:
 
 def test_cameras_say_how_sure_they_are() -> None:
     def stored(camera: Camera | None) -> tuple[str, list[float], bool]:
-        one = stored_camera(camera, SIZE)
+        one = colmap_camera_of(camera, SIZE)
         assert (one.width, one.height) == SIZE
         return one.model_name, one.params.tolist(), one.has_prior_focal_length
 
