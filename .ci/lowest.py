@@ -7,6 +7,6 @@ from pathlib import Path
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 
-for requirement in [*PROJECT["dependencies"], *EXTRAS["hloc"], *EXTRAS["test"]]:
+for requirement in [*PROJECT["dependencies"], *EXTRAS["test"]]:
     name, bound = re.fullmatch(r"([\w-]+)>=([\d.]+)", requirement).groups()
     print(f"{name}=={bound}")

@@ -44,7 +44,6 @@ ARRAYS_ONLY = {"arrays", "smears", "geometry", "robust", "two_view"}
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
 EXTRAS = {
-    "h5py": "hloc",
     "pillow_heif": "heic",
     "rawpy": "raw",
     "distributed": "dask",
@@ -145,7 +144,7 @@ def test_version_stands_in_one_place() -> None:
     assert f'__version__ = "{blur2view.__version__}"' in stated
 
 
-HEAVY = ["h5py", "matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch", "tqdm"]
+HEAVY = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch", "tqdm"]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from blur2view.cli.terminal import QUIET
 from blur2view.errors import CameraError
-from blur2view.results.to_colmap import DATABASE, HLOC
 
 if TYPE_CHECKING:
     from blur2view.photographs.inputs import Inputs
@@ -141,9 +140,7 @@ class TriageOptions(PhotographOptions):
 class ToColmapOptions(PhotographOptions):
     """Those of ``blur2view to-colmap``."""
 
-    db: Path | None
-    output: Path | None
-    format: str
+    db: Path
     link: bool
     replace: bool
     backup: bool
@@ -155,12 +152,6 @@ class ToColmapOptions(PhotographOptions):
             raise ValueError("--replace, --skip-movers and --no-backup go with --link")
         if self.link and self.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
-        if self.format == DATABASE and self.output is not None:
-            raise ValueError("-o goes with --format matches or hloc; a database is named with --db alone")
-        if self.format == DATABASE and self.db is None:
-            raise ValueError("name the database with --db")
-        if self.format != DATABASE and (self.output is None or self.db is not None or self.link):
-            raise ValueError(f"--format {self.format} needs -o DIR, and neither --db nor --link")
         super().__post_init__()
 
     @property
@@ -172,19 +163,6 @@ class ToColmapOptions(PhotographOptions):
     def in_order(self) -> bool | None:
         """Whether neighbours show which view came first; None: those whose names say so."""
         return True if self.sequence is None and self.inputs.one_video else self.sequence
-
-    @property
-    def target(self) -> Path:
-        """The database or the folder that is written."""
-        target = self.output if self.db is None else self.db
-        if target is None:
-            raise ValueError("there is neither --db nor -o")
-        return target
-
-    @property
-    def hloc(self) -> bool:
-        """Whether hloc's files are written."""
-        return self.format == HLOC
 
 
 def read_options(parsed: Namespace, kind: type[Options]) -> Options:

@@ -7,15 +7,12 @@ from blur2view.cli.options import ToColmapOptions
 from blur2view.cli.run import FAILED, End, begun, colmap_names, manifest_beside, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
-from blur2view.colmap import hloc_files, text_formats
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
 from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
-from blur2view.exposure.views import OPEN, ExposureViews
+from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.input_files import read_regular
-from blur2view.output_files import prepared
 from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
@@ -28,10 +25,10 @@ def run(options: ToColmapOptions) -> int:
     """
     work = ViewsWork.of(options, database=options.db, link=options.link, skip_movers=options.skip_movers)
     photographs, failures = name_photographs(options)
-    named = options.target if options.output is None else options.output / options.command
-    path, files = None if options.dry_run else manifest_beside(named), _written_files(options)
-    with prepared(None if options.dry_run else options.output), begun(options, work, path, files) as manifest:
-        replaces = _refuse_others(options)
+    path = None if options.dry_run else manifest_beside(options.db)
+    files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
+    with begun(options, work, path, files) as manifest:
+        replaces = _replaces(options)
         before = _written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
         left = [one for one in photographs if not one.kept]
@@ -50,8 +47,7 @@ def run(options: ToColmapOptions) -> int:
         made = with_time(options, made, {name: one.path for name, one in of_name.items()})
         backup = None if options.dry_run else _write_views(options, made, of_name, replace=replaces)
     document = ToColmapDocument(
-        format=options.format,
-        target=str(options.target),
+        target=str(options.db),
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
         photographs=[document_of(of_name[one.name], one) for one in made],
@@ -65,34 +61,21 @@ def run(options: ToColmapOptions) -> int:
     return FAILED if failures and not interrupted else finished.exit_code
 
 
-def _written_files(options: ToColmapOptions) -> list[Path]:
-    if options.output is None:
-        return [options.target, *(Path(f"{options.target}{end}") for end in BESIDE)]
-    names = hloc_files.NAMES if options.hloc else text_formats.NAMES
-    return [options.output, *(options.output / name for name in names)]
-
-
-def _refuse_others(options: ToColmapOptions) -> bool:
-    """Refuse before any work what is not ours; return whether a database of an earlier call is replaced."""
-    if options.output is not None:
-        (hloc_files if options.hloc else text_formats).refuse_foreign(options.output)
-    if options.output is not None or options.link:
+def _replaces(options: ToColmapOptions) -> bool:
+    """Return whether a database of an earlier call is replaced; what is not ours is refused."""
+    if options.link:
         return False
-    if options.target.is_file() and holds_views_alone(options.target):
+    if options.db.is_file() and holds_views_alone(options.db):
         return True
-    refuse_existing(options.target)
+    refuse_existing(options.db)
     return False
 
 
 def _written_before(options: ToColmapOptions) -> set[str]:
     """Return the photographs whose views an earlier call has written, which this one would write anew."""
-    if options.link or options.dry_run:
+    if options.link or options.dry_run or not options.db.exists():
         return set()
-    if options.output is None:
-        return stored_photographs(options.target) if options.target.exists() else set()
-    path = options.output / (hloc_files.NAMES[-1] if options.hloc else text_formats.NAMES[0])
-    words = read_regular(path).decode("utf-8", "replace").split() if path.exists() else []
-    return {word.removesuffix(OPEN) for word in words if word.endswith(OPEN)}
+    return stored_photographs(options.db)
 
 
 def _write_views(
@@ -106,13 +89,9 @@ def _write_views(
     if options.link:
         planned = [(photographs[views.name].plan, views) for views in made]
         links = [(plan, views) for plan, views in planned if plan is not None]
-        return write_links(options.target, links, backup=options.backup)
-    if options.hloc:
-        hloc_files.write_hloc(options.target, made)
-    elif options.output is not None:
-        text_formats.write_matches_text(options.output, made, [photographs[one.name].path for one in made])
-    elif made:
-        write_database(options.target, made, replace=replace)
+        return write_links(options.db, links, backup=options.backup)
+    if made:
+        write_database(options.db, made, replace=replace)
     return None
 
 
@@ -121,9 +100,9 @@ def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
     if lost:
         views = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
         raise OutputError(
-            f"{options.target}: the views of {views} would be lost, as this call names them otherwise (from "
+            f"{options.db}: the views of {views} would be lost, as this call names them otherwise (from "
             "the folder that all share), or not, or cannot read them; name all as before, or choose another "
-            + ("-o" if options.db is None else "--db")
+            "--db"
         )
 
 

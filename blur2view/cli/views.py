@@ -19,8 +19,7 @@ from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.project import DatabaseMatcher, database_names, storable
-from blur2view.colmap.text_formats import has_blank
-from blur2view.errors import Blur2ViewError, CameraError, DatabaseError, OutputError
+from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
@@ -28,7 +27,7 @@ from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
-from blur2view.results.to_colmap import DATABASE, ViewsDocument
+from blur2view.results.to_colmap import ViewsDocument
 from blur2view.results.verdicts import meaning
 from blur2view.runs.job import Job, Made
 from blur2view.segmentation.mask import MotionLabel, segment
@@ -80,10 +79,10 @@ def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], l
     paths, names = options.inputs.paths, colmap_names(options.inputs)
     plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
     if options.link:
-        plans = plan_links(options.target, paths, replace=options.replace)
+        plans = plan_links(options.db, paths, replace=options.replace)
     for path, plan in zip(paths, plans, strict=True):
-        step = refusal(path, names[path], options.format) if plan is None else plan
-        if isinstance(step, Blur2ViewError):
+        step = refusal(path, names[path]) if plan is None else plan
+        if isinstance(step, DatabaseError):
             complain(step)
             failures.append(FailureDocument(image=str(path), error=str(step)))
         else:
@@ -92,13 +91,11 @@ def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], l
     return photographs, failures
 
 
-def refusal(path: Path, name: str, kind: str) -> Blur2ViewError | None:
-    """Return why what is written cannot name a photograph; None if it can."""
-    if not storable(name):
-        return DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
-    if kind != DATABASE and has_blank(name):
-        return OutputError(f"{path}: --format {kind} has no names with a blank; rename it")
-    return None
+def refusal(path: Path, name: str) -> DatabaseError | None:
+    """Return why a database cannot name a photograph; None if it can."""
+    if storable(name):
+        return None
+    return DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,11 +180,11 @@ def with_time(
         return views
     names = [one.name for one in views]
     if options.link and views and not options.in_order:  # photographs that are not linked have a vote too
-        names += sorted(set(database_names(options.target)) - set(names))
+        names += sorted(set(database_names(options.db)) - set(names))
     runs = consecutive_runs(names, in_order=bool(options.in_order))
     matcher: Callable[[int, int], Any]
     if options.link:
-        matcher = DatabaseMatcher(options.target, names)
+        matcher = DatabaseMatcher(options.db, names)
     else:
         matcher = photograph_matcher([paths[name] for name in names])
     return with_time_direction(views, runs, matcher)

@@ -13,7 +13,6 @@ from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.project import storable, suffixes
 from blur2view.errors import CameraError, DatabaseError
 
-MOST_NAMED = 10  # camera ids in a message
 MOST_PARAMETERS = 32  # of a camera; no model has half as many
 
 
@@ -56,7 +55,7 @@ def camera_of_database(
             sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
             row = database.execute(sql, (camera_id,)).fetchone()
             if row is None:
-                raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(_ids(database))}")
+                raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(database)}")
     except DatabaseError as error:
         raise CameraError(str(error)) from None
     model, width, height, params = row  # of any type
@@ -80,20 +79,16 @@ def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int
             return row[0]
         if row is not None:  # a blob, NULL or text
             raise CameraError(f"{path}: the camera of image {name!a} is no number; is it COLMAP's?")
-    ids = _ids(database)
+    ids = database.execute("SELECT camera_id FROM cameras LIMIT 2").fetchall()
     if len(ids) == 1:
-        return ids[0]
+        return int(ids[0][0])
     raise CameraError(
-        f"{path}: knows no image {Path(image_name).name} and has several cameras or none ({_some(ids)}); "
-        f"name one as {path}:ID"
+        f"{path}: knows no image {Path(image_name).name} and has several cameras or none "
+        f"({_some(database)}); name one as {path}:ID"
     )
 
 
-def _ids(database: sqlite3.Connection) -> list[int]:
-    """Return the first ids of cameras, one more than a message names."""
-    sql = f"SELECT camera_id FROM cameras LIMIT {MOST_NAMED + 1}"
-    return [camera_id for (camera_id,) in database.execute(sql)]
-
-
-def _some(ids: list[int]) -> str:
-    return ", ".join(map(str, ids[:MOST_NAMED])) + " ..." * (len(ids) > MOST_NAMED) or "none"
+def _some(database: sqlite3.Connection) -> str:
+    """Return the ids of cameras as a message names them: ten, or "none"."""
+    ids = [str(row[0]) for row in database.execute("SELECT camera_id FROM cameras LIMIT 11")]
+    return ", ".join(ids[:10]) + " ..." * (len(ids) > 10) or "none"

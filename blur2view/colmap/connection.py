@@ -1,35 +1,36 @@
-"""A user's COLMAP database, opened without changing a byte of it or of its folder.
+"""A user's COLMAP database, opened without changing a byte of it or of its folder, or to be linked to.
 
-All that reads a user's database opens it here; only linking (`blur2view.colmap.link`) writes. pycolmap's
-``Database.open`` is not used, because it writes (see `blur2view.colmap.schema`), and a plain read-only
-connection of SQLite is not enough: with a write-ahead log it creates two files beside the database and leaves
-them there, and after a killed program it refuses to read.
+pycolmap's ``Database.open`` is not used, because it writes (see `blur2view.colmap.schema`), and a plain
+read-only connection of SQLite is not enough: with a write-ahead log it creates two files beside the database
+and leaves them there.
+
+Linking (`blur2view.colmap.link`) writes to the file, in place, and one transaction changes it or nothing
+does: its journal outlives a kill at any moment, and it respects write-ahead logs and the locks of other
+programs. A changed copy renamed over the original would lose what others write meanwhile, and would come
+apart from a log beside the file.
 """
 
 import os
-import shutil
 import sqlite3
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from blur2view.errors import DatabaseError
 from blur2view.input_files import open_regular
 
 LOCK_TIMEOUT_S = 2.0  # how long to wait for the lock of another program
-WAL_FORMAT = 2  # the read version in SQLite's header, byte 19, of a database with a write-ahead log
-NEEDS_WRITING = (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)  # primary codes: what a recovery needs
 MAX_VALUE_BYTES = 1 << 26  # of 2.7 million keypoints with scale and orientation
 LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
 BESIDE = (*LOGS, "-shm")
+KILLED = "if a program was killed that used it, open it once with COLMAP"
 HINTS = {
     "locked": "another program uses it; close that and try again",
     "changed while": "another program uses it; close that and try again",
-    "readonly": "it cannot be written; check permissions",
-    "unable to open": "check permissions of the file and its folder",
+    "readonly": f"check permissions; {KILLED}",
+    "unable to open": f"check permissions of the file and its folder; {KILLED}",
     "Permission": "check permissions of the file and its folder",
-    "disk is full": "make room",
+    "disk is full": "make room, or its image ids are used up",
     "image_id_check": "its image ids are used up; extract features into a new database",
 }
 
@@ -38,25 +39,35 @@ HINTS = {
 def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
     """Open a COLMAP database for reading; every query inside sees the same state of it.
 
-    What another program has written but not yet moved from the write-ahead log into the file is read too, and
-    what a killed one has written in part is left out.
+    What another program has written but not yet moved from the write-ahead log into the file is read too.
     DatabaseError if there is no such file, it is locked, damaged or no database of SQLite, also where a query
-    inside shows it; if another program changed it meanwhile.
+    inside shows it; if another program changed it meanwhile, or was killed with a transaction to undo.
     """
-    with database_errors(path), ExitStack() as stack:
+    with database_errors(path):
         path = path.resolve()
-        try:
-            database = stack.enter_context(_begun(path, "mode=ro&readonly_shm=1"))
-        except sqlite3.OperationalError as error:
-            if error.sqlite_errorcode & 0xFF not in NEEDS_WRITING:
-                raise
-            # a killed program left a journal to undo or a log to index: SQLite does it in a copy
-            copy = Path(stack.enter_context(TemporaryDirectory())) / "copy.db"
-            for suffix in ("", *LOGS):
-                if Path(f"{path}{suffix}").is_file():
-                    shutil.copyfile(f"{path}{suffix}", f"{copy}{suffix}")
-            database = stack.enter_context(_begun(copy, "mode=rw"))
+        # without a log or journal it needs no lock: it changes only when there is one again
+        settled = not any(Path(f"{path}{suffix}").exists() for suffix in LOGS)
+        before = path.stat()
+        with closing(connect(path, "immutable=1" if settled else "mode=ro&readonly_shm=1")) as database:
+            database.execute("BEGIN")
+            database.execute("SELECT 1 FROM sqlite_master").fetchone()  # takes the lock
+            yield database
+        after = path.stat()
+        if settled and (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
+            raise sqlite3.OperationalError("changed while it was read")
+
+
+@contextmanager
+def open_for_writing(path: Path) -> Iterator[sqlite3.Connection]:
+    """Begin a transaction in the file itself and commit it; a failure inside rolls it back.
+
+    DatabaseError as of `open_read_only`, and of what SQLite refuses to write.
+    """
+    with database_errors(path), closing(connect(path, "mode=rw")) as database:
+        database.execute("PRAGMA foreign_keys = ON")
+        database.execute("BEGIN IMMEDIATE")
         yield database
+        database.execute("COMMIT")
 
 
 @contextmanager
@@ -71,23 +82,6 @@ def database_errors(path: Path) -> Iterator[None]:
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks
         hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
         raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
-
-
-@contextmanager
-def _begun(path: Path, query: str) -> Iterator[sqlite3.Connection]:
-    """Yield a connection whose read transaction has begun."""
-    # A closed log needs no lock: its database changes only when a log is there again and written back.
-    before = path.stat()
-    with path.open("rb") as file:
-        has_log_format = file.read(20)[19:] == bytes([WAL_FORMAT])
-    closed_log = has_log_format and not path.with_name(f"{path.name}-wal").exists()
-    with closing(connect(path, "immutable=1" if closed_log else query)) as database:
-        database.execute("BEGIN")
-        database.execute("SELECT 1 FROM sqlite_master").fetchone()  # takes the lock
-        yield database
-    after = path.stat()
-    if closed_log and (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
-        raise sqlite3.OperationalError("changed while it was read")
 
 
 def connect(path: Path, query: str) -> sqlite3.Connection:

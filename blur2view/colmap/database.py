@@ -1,25 +1,24 @@
 """A fresh COLMAP database of blurred photographs: two virtual images of each."""
 
 import os
+import shutil
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.camera.camera import Camera
+from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
-from blur2view.colmap.rows import (
-    CameraColumns,
-    add_camera,
-    add_image,
-    camera_columns,
-    put_keypoints,
-    put_pair,
-)
-from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES, VIEWS_TABLE
+from blur2view.colmap.rows import add_image, put_keypoints, put_pair
+from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE
 from blur2view.errors import DatabaseError
+from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
 from blur2view.output_files import half_written
@@ -40,41 +39,45 @@ def write_database(
 ) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. The table ``blur2view_views`` says of each whether its time
-    direction is known.
-
-    Parameters
-    ----------
-    path : path-like
-        Must not exist, unless it is replaced.
-    photographs : sequence of ExposureViews
-        Of different names. Without F and H nothing is matched: the ends' order would mean nothing.
-    replace : bool
-        Whether a file of this name is replaced, once the new one is whole.
-
-    Raises
-    ------
-    ValueError
-        If two photographs have one name.
-    DatabaseError
-        If the file exists or cannot be written.
+    Photographs with equal cameras share one. Without F and H nothing is matched: the ends' order would mean
+    nothing. The table ``blur2view_views`` says of each whether its time direction is known. With ``replace``
+    a file of this name is replaced, once the new one is whole.
+    DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name.
     """
     names = [views.name for views in photographs]
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
-    with new_database(Path(path), replace=replace) as database:
-        cameras: dict[CameraColumns, int] = {}
-        for views in photographs:
-            columns = camera_columns(views.camera, views.size)
-            if columns not in cameras:
-                cameras[columns] = add_camera(database, columns)
-            first, last = (
-                add_image(database, name, cameras[columns], with_frame=True) for name in views.names
-            )
+    cameras: list[Any] = []
+    camera_ids = []
+    for views in photographs:
+        camera = colmap_camera_of(views.camera, views.size)
+        if camera not in cameras:
+            cameras.append(camera)
+        camera_ids.append(1 + cameras.index(camera))
+    with new_database(Path(path), cameras, replace=replace) as database:
+        for views, camera_id in zip(photographs, camera_ids, strict=True):
+            first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
             put_keypoints(database, first, views.points_open)
             put_keypoints(database, last, views.points_close)
             put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
             mark_views(database, views, (first, last))
+
+
+def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
+    """Return the pycolmap.Camera of a photograph, whose width and height are ``size``, pixels.
+
+    Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
+    distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
+    """
+    if camera is not None and camera.known:
+        model, params = camera.model, camera.params
+    elif camera is not None:
+        model, params = "SIMPLE_RADIAL", (camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0)
+    else:
+        model, params = "SIMPLE_RADIAL", (GUESSED_FOCAL * max(size), size[0] / 2, size[1] / 2, 0.0)
+    stored = colmap_camera(model, *size, params)
+    stored.has_prior_focal_length = camera is not None
+    return stored
 
 
 def refuse_existing(path: Path) -> None:
@@ -104,17 +107,31 @@ def stored_photographs(path: Path) -> set[str]:
 
 
 @contextmanager
-def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Connection]:
-    """Open an empty COLMAP database beside the path, and rename it when all is written."""
+def new_database(
+    path: Path, cameras: Iterable[Any] = (), *, replace: bool = False
+) -> Iterator[sqlite3.Connection]:
+    """Open a COLMAP database beside the path, and rename it when all is written.
+
+    It holds nothing but cameras, pycolmap.Camera, numbered from 1, each with a rig of its own.
+    """
+    import pycolmap
+
     if not replace:
         refuse_existing(path)
     beside = half_written(path)
     try:
-        beside.unlink(missing_ok=True)
+        with TemporaryDirectory() as folder:  # where its write-ahead log disturbs nobody
+            with pycolmap.Database.open(Path(folder) / "new.db") as opened:
+                for camera in cameras:
+                    sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
+                    rig = pycolmap.Rig()
+                    rig.add_ref_sensor(sensor)
+                    opened.write_rig(rig)
+            shutil.copyfile(Path(folder) / "new.db", beside)
         with closing(sqlite3.connect(beside, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
             database.execute("PRAGMA foreign_keys = ON")
-            database.executescript(f"BEGIN; {TABLES} {VIEWS_TABLE} PRAGMA user_version = {SCHEMA_VERSION};")
+            database.executescript(f"BEGIN; {VIEWS_TABLE}")
             yield database
             database.execute("COMMIT")
         if replace and path.is_file():
@@ -125,8 +142,8 @@ def new_database(path: Path, *, replace: bool = False) -> Iterator[sqlite3.Conne
         else:
             refuse_existing(path)  # may have come meanwhile
         beside.replace(path)
-    except (sqlite3.Error, OSError) as error:
-        why = getattr(error, "strerror", None) or str(error)
+    except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: pycolmap's
+        why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
     finally:
         beside.unlink(missing_ok=True)

@@ -15,24 +15,33 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.colmap.checks import check_room, rows_of_the_user
-from blur2view.colmap.connection import connect
+from blur2view.colmap.connection import connect, open_for_writing, open_read_only
 from blur2view.colmap.database import mark_views, matched
 from blur2view.colmap.project import (
     ProjectImage,
     has_frames,
     image_names,
     longest_suffix,
-    open_project,
     own_views,
     read_image,
     views_are_whole,
 )
 from blur2view.colmap.rows import add_image, put_keypoints, put_pair, set_camera
-from blur2view.colmap.schema import VIEWS_TABLE
+from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+
+OURS = "(SELECT image_id FROM blur2view_views)"
+OF_THE_USER = {  # by table, which rows; of the others none is changed
+    **dict.fromkeys(("images", "keypoints", "descriptors"), f"image_id NOT IN {OURS}"),
+    **dict.fromkeys(
+        ("matches", "two_view_geometries"),
+        f"pair_id / {MAX_IMAGES} NOT IN {OURS} AND pair_id % {MAX_IMAGES} NOT IN {OURS}",
+    ),
+    "frame_data": f"data_id NOT IN {OURS}",
+    "frames": f"frame_id NOT IN (SELECT frame_id FROM frame_data WHERE data_id IN {OURS})",
+}
 
 
 class Step(StrEnum):
@@ -61,26 +70,19 @@ def plan_links(
     """
     plan: list[LinkStep | DatabaseError] = []
     first_of: dict[str, Path] = {}
-    with open_project(path) as database:
+    with open_read_only(path) as database:
+        check_schema(path, database)
         names = image_names(database)
         for photograph in photographs:
             name = longest_suffix(names, photograph)
             if name is None:
-                remedy = f"{path} has no image of that name; leave it out"
-                if longest_suffix(names, photograph.with_name(photograph.name + OPEN)) is not None:
-                    remedy = (
-                        f"{path} holds its views without the photograph, so that nothing can be linked; "
-                        "choose another --db, without --link"
-                    )
-                plan.append(DatabaseError(f"{photograph}: {remedy}"))
+                remedy = "leave it out, or choose another --db, without --link"
+                plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; {remedy}"))
             elif name in first_of:
                 plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
             else:
                 first_of[name] = photograph
                 plan.append(_plan_one(path, database, names, name, replace))
-        writes = sum(isinstance(one, LinkStep) and one.step is not Step.KEEP for one in plan)
-        if writes:
-            check_room(path, database, 2 * writes)
     return plan
 
 
@@ -123,7 +125,8 @@ def write_links(
     if not links:
         return None
     with ExitStack() as undo:
-        with open_project(path, write=True) as database:
+        with open_for_writing(path) as database:
+            check_schema(path, database)
             names = image_names(database)
             for plan, _ in links:
                 name = plan.image.name
@@ -135,13 +138,26 @@ def write_links(
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
             database.execute(VIEWS_TABLE)
-            before = rows_of_the_user(database)
+            before = _rows_of_the_user(database)
             for plan, views in links:
                 _write_link(database, plan.image, views)
-            if rows_of_the_user(database) != before:
+            if _rows_of_the_user(database) != before:
                 raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
     return copy
+
+
+def _rows_of_the_user(database: sqlite3.Connection) -> dict[str, int]:
+    """Return of every table of COLMAP's how many rows blur2view did not write; ours must be there.
+
+    A schema can do anything with what is written, replace rows that are there among it.
+    """
+    tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    return {
+        table: int(database.execute(f"SELECT count(*) FROM {table} WHERE {which}").fetchone()[0])
+        for table, which in OF_THE_USER.items()
+        if table in tables
+    }
 
 
 def _write_link(database: sqlite3.Connection, image: ProjectImage, views: ExposureViews) -> None:
@@ -155,7 +171,7 @@ def _write_link(database: sqlite3.Connection, image: ProjectImage, views: Exposu
             set_camera(database, number, image.camera_id, with_frame=frames)
         else:
             number = add_image(database, name, image.camera_id, with_frame=frames)
-        put_keypoints(database, number, points, replace=role in own)
+        put_keypoints(database, number, points)
         ids.append(number)
     first, last = ids
     whole, inliers = views.geometry, np.flatnonzero(views.geometry.inlier_mask)
@@ -164,18 +180,17 @@ def _write_link(database: sqlite3.Connection, image: ProjectImage, views: Exposu
         (image.image_id, last): half_geometry(whole, views.camera, views.size),
         (first, last): whole,
     }
-    # no other image has pairs of an earlier call
-    known = {image.image_id, *(number for number, _ in own.values())}
     for pair, geometry in geometries.items():
-        put_pair(database, pair, geometry, matched(views), inliers, replace=known.issuperset(pair))
+        put_pair(database, pair, geometry, matched(views), inliers)
     mark_views(database, views, ids, image.digest)
 
 
 def back_up(path: Path) -> Path:
     """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
     stamp = time.strftime("%Y%m%dT%H%M%S")
-    suffixes = ("", *(f"-{i}" for i in range(1000)))
-    candidates = (path.with_name(f"{path.name}.{stamp}{suffix}.bak") for suffix in suffixes)
+    candidates = (
+        path.with_name(f"{path.name}.{stamp}{end}.bak") for end in ("", *map("-{}".format, range(1000)))
+    )
     copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
     beside = copy.with_name(f".{copy.name}.tmp")
     try:

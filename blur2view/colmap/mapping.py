@@ -53,10 +53,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.database import new_database
-from blur2view.colmap.project import image_names, open_project
-from blur2view.colmap.rows import insertion
-from blur2view.colmap.schema import COLUMNS, pair_id
+from blur2view.colmap.project import image_names
+from blur2view.colmap.schema import IMAGE_TABLES, insertion, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 
@@ -183,7 +183,7 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
 
 def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
     """Return the ids of both views of a photograph, copied with their pair to a database of their own."""
-    with open_project(path) as database:
+    with open_read_only(path) as database:
         ids = image_names(database)
         first, last = (ids.get(name + end) for end in (OPEN, CLOSE))
         if first is None or last is None:
@@ -199,7 +199,7 @@ def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
         }
         with new_database(copy) as target:
             for table, condition in conditions.items():
-                columns = COLUMNS[table]
+                columns = IMAGE_TABLES[table]
                 rows = database.execute(f"SELECT {', '.join(columns)} FROM {table} WHERE {condition}")
                 target.executemany(insertion(table, columns), rows)
     return first, last

@@ -3,7 +3,7 @@
 import mmap
 import os
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,46 +64,38 @@ def _check_file(path: Path) -> None:
     OSError of what is no regular file, struct.error or ValueError of a count beyond the end of a binary file.
     """
     with open_regular(path) as file:
-        end_of = RECORDS.get(path.name)
-        if end_of is None:
+        if path.name not in RECORDS:
             return
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             at = 8
-            for _ in range(_number("<Q", content, 0)):
-                at = end_of(content, at)
+            for _ in range(struct.unpack_from("<Q", content)[0]):
+                at = _end_of_record(path.name, content, at)
                 if at > len(content):
                     raise ValueError(f"{path}: ends within a record")
 
 
-def _number(kind: str, content: mmap.mmap, at: int) -> int:
-    return int(struct.unpack_from(kind, content, at)[0])
-
-
-def _end_of_image(content: mmap.mmap, at: int) -> int:
-    """Return where a record ends: id, pose, camera, name, points of two coordinates and an id."""
-    name_end = content.find(b"\0", at + 64) + 1
-    if not name_end:
-        raise ValueError("a name has no end")
-    return name_end + 8 + 24 * _number("<Q", content, name_end)
-
-
-def _end_of_rig(content: mmap.mmap, at: int) -> int:
-    """Return where a record ends: id, number of sensors, the first, the others with a pose or none."""
-    sensors, at = _number("<I", content, at + 4), at + 8
-    for index in range(sensors):
-        posed = index > 0 and _number("<B", content, at + 8)
-        at += 8 + (index > 0) + (56 if posed else 0)
+def _end_of_record(kind: str, content: mmap.mmap, at: int) -> int:
+    """Return where a record ends, or the least of it, given where it begins."""
+    before, number, part = RECORDS[kind]
+    if kind == "images.bin":
+        at = (content.find(b"\0", at + before) + 1 or len(content)) - before  # behind the name
+    count = int(struct.unpack_from(number, content, at + before)[0])
+    at += before + struct.calcsize(number)
+    if kind != "rigs.bin":
+        return at + count * part
+    for sensor in range(count):
+        at += part + (sensor > 0 and 1 + 56 * content[at + part])
     return at
 
 
-RECORDS: dict[str, Callable[[mmap.mmap, int], int]] = {
-    "cameras.bin": lambda content, at: at + 24,  # and its parameters
-    "images.bin": _end_of_image,
-    "points3D.bin": lambda content, at: at + 51 + 8 * _number("<Q", content, at + 43),
-    "frames.bin": lambda content, at: at + 68 + 16 * _number("<I", content, at + 64),
-    "rigs.bin": _end_of_rig,
+RECORDS = {
+    "cameras.bin": (23, "<B", 0),  # and its parameters
+    "images.bin": (64, "<Q", 24),
+    "points3D.bin": (43, "<Q", 8),
+    "frames.bin": (64, "<I", 16),
+    "rigs.bin": (4, "<I", 8),
 }
-"""Where a record of a model's binary files ends, or the least of it, given where it begins."""
+"""Of a record: bytes before the number of its parts, but for a name; that number; bytes of a part."""
 
 
 def find_model(folder: Path) -> FoundModel:

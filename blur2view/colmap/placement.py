@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import read_model, seen_points
-from blur2view.colmap.project import frame_of, image_names, open_project, read_keypoints, read_matches
+from blur2view.colmap.project import frame_of, image_names, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
 from blur2view.exposure.trajectory import (
@@ -133,7 +134,7 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
         for name in (sorted(registered) if names is None else names)
         if name in registered and name + OPEN not in registered
     ]
-    with open_project(database) as opened:
+    with open_read_only(database) as opened:
         ids = image_names(opened)
         others = [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]
         if others:

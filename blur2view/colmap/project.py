@@ -1,15 +1,8 @@
-"""A user's COLMAP project: its database opened, checked, and the images and matches in it.
-
-It is opened for reading only (`blur2view.colmap.connection`) but where views are linked. Then SQLite
-writes to the file, in place, and one transaction changes it or nothing does: its journal outlives a kill at
-any moment, and it respects write-ahead logs and the locks of other programs. A changed copy renamed over the
-original would lose what others write meanwhile, and would come apart from a log beside the file.
-"""
+"""A user's COLMAP project: the images, keypoints and matches in its database."""
 
 import hashlib
 import sqlite3
 from collections.abc import Collection, Container, Iterator, Sequence
-from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -19,8 +12,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
-from blur2view.colmap.checks import check_schema
-from blur2view.colmap.connection import connect, database_errors, open_read_only
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, keypoints_from_blob, matches_from_blob, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import NO_POINTS
@@ -36,27 +28,6 @@ class ProjectImage:
     prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
     keypoints: NDArray[np.float64]  # our pixels (N, 2)
     digest: bytes  # of what its views are made from, its camera and its keypoints, to notice a change
-
-
-@contextmanager
-def open_project(path: Path, *, write: bool = False) -> Iterator[sqlite3.Connection]:
-    """Open a COLMAP database for reading only; with ``write`` inside one transaction, undone by any failure.
-
-    DatabaseError if there is no such file, it is locked, damaged, no COLMAP database, or of a newer version.
-    """
-    with _write_transaction(path) if write else open_read_only(path) as database:
-        check_schema(path, database)
-        yield database
-
-
-@contextmanager
-def _write_transaction(path: Path) -> Iterator[sqlite3.Connection]:
-    """Begin a transaction in the file itself and commit it; a failure inside rolls it back."""
-    with database_errors(path), closing(connect(path, "mode=rw")) as database:
-        database.execute("PRAGMA foreign_keys = ON")
-        database.execute("BEGIN IMMEDIATE")
-        yield database
-        database.execute("COMMIT")
 
 
 def image_names(database: sqlite3.Connection) -> dict[str, int]:

@@ -1,63 +1,18 @@
-"""Rows of a COLMAP database: a camera, an image with its frame, keypoints, a pair of images.
+"""Rows of a COLMAP database: an image with its frame, keypoints, a pair of images.
 
 Every function takes a connection inside a transaction that the caller opened and will end.
 """
 
-from collections.abc import Collection
 from sqlite3 import Connection
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
 from blur2view.colmap.project import rig_of
-from blur2view.colmap.schema import (
-    CAMERA_SENSOR,
-    matches_blob,
-    matrix_blob,
-    model_number,
-    pair_id,
-    quaternion,
-)
-from blur2view.exposure.end_order import GUESSED_FOCAL
+from blur2view.colmap.schema import CAMERA_SENSOR, insertion, matches_blob, matrix_blob, pair_id, quaternion
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-
-
-class CameraColumns(NamedTuple):
-    """A camera as the table ``cameras`` has it, but for its id."""
-
-    model: str
-    width: int
-    height: int
-    params: tuple[float, ...]
-    prior_focal_length: int
-
-
-def camera_columns(camera: Camera | None, size: tuple[int, int]) -> CameraColumns:
-    """Return the row of a photograph's camera; ``size`` is the photograph's width and height, pixels.
-
-    Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
-    distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
-    """
-    width, height = size
-    if camera is None:
-        guess = GUESSED_FOCAL * max(size), width / 2, height / 2, 0.0
-        return CameraColumns("SIMPLE_RADIAL", width, height, guess, 0)
-    if camera.known:
-        return CameraColumns(camera.model, width, height, camera.params, 1)
-    hint = camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0
-    return CameraColumns("SIMPLE_RADIAL", width, height, hint, 1)
-
-
-def add_camera(database: Connection, camera: CameraColumns) -> int:
-    """Insert a camera with a rig of its own; return its id."""
-    stored = {"model": model_number(camera.model), "params": matrix_blob(np.array(camera.params))}
-    camera_id = _insert(database, "cameras", **camera._asdict() | stored)
-    _insert(database, "rigs", ref_sensor_id=camera_id, ref_sensor_type=CAMERA_SENSOR)
-    return camera_id
 
 
 def add_image(database: Connection, name: str, camera_id: int, *, with_frame: bool) -> int:
@@ -91,10 +46,9 @@ def _add_frame(database: Connection, image_id: int, camera_id: int) -> None:
     _insert(database, "frame_data", frame_id=frame_id, data_id=image_id, **sensor)
 
 
-def put_keypoints(database: Connection, image_id: int, points: Array, *, replace: bool = False) -> None:
-    """Write our pixels (N, 2) as the keypoints of a view, with ``replace`` in place of those it had."""
-    if replace:
-        database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
+def put_keypoints(database: Connection, image_id: int, points: Array) -> None:
+    """Write our pixels (N, 2) as the keypoints of a view, in place of those it had."""
+    database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
     data = np.ascontiguousarray(to_colmap(points), "<f4").tobytes()
     _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
 
@@ -105,22 +59,17 @@ def put_pair(
     geometry: TwoViewGeometry,
     matched: NDArray[np.int_],
     inliers: NDArray[np.int_],
-    *,
-    replace: bool = False,
 ) -> None:
-    """Write both match tables' rows of a pair of which at least one image is a view.
+    """Write both match tables' rows of a pair with a view, in place of those it had.
 
     Keypoints of the indices ``matched`` are matched, those of ``inliers`` fit the geometry, whose own masks
-    are not used; it leads from the first image to the second, the row from the smaller id. Without
-    ``replace`` a row that is there raises sqlite3.IntegrityError.
+    are not used; it leads from the first image to the second, the row from the smaller id.
     """
     geometry = geometry if ids[0] < ids[1] else geometry.reversed()
-    key = pair_id(*ids)
-    if replace:
-        for table in ("matches", "two_view_geometries"):
-            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
+    key, pose = pair_id(*ids), geometry.cam2_from_cam1
+    for table in ("matches", "two_view_geometries"):
+        database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
     _insert(database, "matches", pair_id=key, rows=len(matched), cols=2, data=matches_blob(matched))
-    pose = geometry.cam2_from_cam1
     _insert(
         database,
         "two_view_geometries",
@@ -137,13 +86,6 @@ def put_pair(
     )
 
 
-def insertion(table: str, columns: Collection[str]) -> str:
-    """Return the statement that inserts a row of these columns."""
-    return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
-
-
 def _insert(database: Connection, table: str, **row: object) -> int:
-    number = database.execute(insertion(table, row), tuple(row.values())).lastrowid
-    if number is None:
-        raise RuntimeError(f"SQLite gave no id to a row of {table}")
-    return number
+    """Insert a row; return its id."""
+    return database.execute(insertion(table, row), tuple(row.values())).lastrowid or 0

@@ -1,10 +1,10 @@
-"""What a COLMAP database is made of: tables, versions, numbers and blobs, as SQLite sees them.
+"""What a COLMAP database is made of, as SQLite sees it: columns, numbers, blobs.
 
-All of it is that of pycolmap 4.2 (4.2.1, whose files say ``user_version`` 4020100), and
-tests/colmap/test_schema.py compares it with a file that pycolmap writes. SQLite writes our
-rows and not pycolmap, because ``pycolmap.Database.open`` changes a file before anything is asked of it: it
-adds tables and columns, turns on write-ahead logging, and stamps its own version even on a newer file, none
-of it in a transaction with what comes after.
+All of it is that of pycolmap 4.2, and tests/colmap/test_schema.py compares it with a file that pycolmap
+writes. pycolmap makes our new databases; SQLite writes the rows of views, as it does to a user's database,
+because ``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables and columns,
+turns on write-ahead logging, and stamps its own version even on a newer file, none of it in a transaction
+with what comes after.
 
 What the rows rely on
 ---------------------
@@ -18,51 +18,34 @@ What the rows rely on
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-import re
+import sqlite3
+from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-SCHEMA_VERSION = 4020100  # user_version of pycolmap 4.2.1
-NEWEST_KNOWN = 4029999  # any 4.2
+from blur2view.errors import DatabaseError
+
+NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
-MODELS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2}  # what needs no pycolmap to be named
-TABLES = """
-CREATE TABLE rigs (rig_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, ref_sensor_id INTEGER NOT NULL,
-  ref_sensor_type INTEGER NOT NULL);
-CREATE UNIQUE INDEX rig_ref_sensor_assignment ON rigs(ref_sensor_id, ref_sensor_type);
-CREATE TABLE rig_sensors (rig_id INTEGER NOT NULL, sensor_id INTEGER NOT NULL, sensor_type INTEGER NOT NULL,
-  sensor_from_rig BLOB, FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
-CREATE UNIQUE INDEX rig_sensor_assignment ON rig_sensors(sensor_id, sensor_type);
-CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
-  width INTEGER NOT NULL, height INTEGER NOT NULL, params BLOB, prior_focal_length INTEGER NOT NULL);
-CREATE TABLE frames (frame_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, rig_id INTEGER NOT NULL,
-  FOREIGN KEY(rig_id) REFERENCES rigs(rig_id) ON DELETE CASCADE);
-CREATE TABLE frame_data (frame_id INTEGER NOT NULL, data_id INTEGER NOT NULL, sensor_id INTEGER NOT NULL,
-  sensor_type INTEGER NOT NULL, FOREIGN KEY(frame_id) REFERENCES frames(frame_id) ON DELETE CASCADE);
-CREATE UNIQUE INDEX frame_sensor_assignment ON frame_data(data_id, sensor_type);
-CREATE TABLE images (image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, name TEXT NOT NULL UNIQUE,
-  camera_id INTEGER NOT NULL,
-  CONSTRAINT image_id_check CHECK(image_id >= 0 and image_id < 2147483647),
-  FOREIGN KEY(camera_id) REFERENCES cameras(camera_id));
-CREATE UNIQUE INDEX index_name ON images(name);
-CREATE TABLE pose_priors (pose_prior_id INTEGER PRIMARY KEY NOT NULL, corr_data_id INTEGER NOT NULL,
-  corr_sensor_id INTEGER NOT NULL, corr_sensor_type INTEGER NOT NULL, position BLOB,
-  position_covariance BLOB, gravity BLOB, coordinate_system INTEGER NOT NULL);
-CREATE UNIQUE INDEX pose_prior_data_assignment
-  ON pose_priors(corr_data_id, corr_sensor_id, corr_sensor_type);
-CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
-  data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, type INTEGER NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
-  data BLOB);
-CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB,
-  camera1 BLOB, camera2 BLOB);
-"""
+IMAGE_TABLES = {
+    "cameras": ["camera_id", "model", "width", "height", "params", "prior_focal_length"],
+    "images": ["image_id", "name", "camera_id"],
+    "keypoints": ["image_id", "rows", "cols", "data"],
+    "matches": ["pair_id", "rows", "cols", "data"],
+    "two_view_geometries": ["pair_id", "rows", "cols", "data", "config", "F", "E", "H", "qvec", "tvec"],
+}
+"""The columns that our rows rely on, by table; a project may have more as long as they may stay empty."""
+RIG_TABLES = {
+    "rigs": ["rig_id", "ref_sensor_id", "ref_sensor_type"],
+    "rig_sensors": ["rig_id", "sensor_id", "sensor_type"],
+    "frames": ["frame_id", "rig_id"],
+    "frame_data": ["frame_id", "data_id", "sensor_id", "sensor_type"],
+}
+"""Those of COLMAP 3.12 and newer."""
 # Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
@@ -70,31 +53,33 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
   time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
-DEFINITIONS: dict[str, str] = dict(
-    re.findall(r"CREATE TABLE (?:IF NOT EXISTS )?(\w+) \((.*?)\);", TABLES + VIEWS_TABLE, re.DOTALL)
-)
-"""What the parentheses of each table hold."""
-NEWER_COLUMNS = ("camera1", "camera2")  # which older versions lack and our rows leave empty
-COLUMNS: dict[str, list[str]] = {
-    table: [
-        name
-        for name in re.findall(r"(\w+) (?:INTEGER|TEXT|REAL|BLOB)", definition)
-        if name not in NEWER_COLUMNS
-    ]
-    for table, definition in DEFINITIONS.items()
-}
-"""The columns that our rows rely on, by table; a project may have more as long as they may stay empty."""
-IMAGE_TABLES = ("cameras", "images", "keypoints", "matches", "two_view_geometries")
-RIG_TABLES = ("rigs", "rig_sensors", "frames", "frame_data")  # of COLMAP 3.12 and newer
 
 
-def model_number(name: str) -> int:
-    """Return COLMAP's number of a camera model."""
-    if name in MODELS:
-        return MODELS[name]
-    import pycolmap  # imported already by whoever has such a camera
+def insertion(table: str, columns: Collection[str]) -> str:
+    """Return the statement that inserts a row of these columns."""
+    return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
 
-    return int(pycolmap.CameraModelId.__members__[name])
+
+def check_schema(path: Path, database: sqlite3.Connection) -> None:
+    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use.
+
+    A table or a column that is missing is an error of SQLite's.
+    """
+    (version,) = database.execute("PRAGMA user_version").fetchone()
+    if version > NEWEST_KNOWN:
+        raise DatabaseError(
+            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
+            "update blur2view"
+        )
+    schema = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
+    if "trigger" in schema.values():
+        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
+    rig_tables = RIG_TABLES if {"frames", "rigs"} & schema.keys() else {}
+    for table, columns in (IMAGE_TABLES | rig_tables).items():
+        database.execute(f"EXPLAIN {insertion(table, columns)}", [None] * len(columns))
+    (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    if damage != "ok":
+        raise DatabaseError(f"{path}: is damaged ({' '.join(damage.split())}); restore a backup")
 
 
 def pair_id(image1: int, image2: int) -> int:

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from blur2view.results.document import Document, FailureDocument
 
-DATABASE, MATCHES, HLOC = FORMATS = ("database", "matches", "hloc")
-
 
 @dataclass(frozen=True, kw_only=True)
 class ViewsDocument(Document):
@@ -55,10 +53,8 @@ class KeptDocument(Document):
 class ToColmapDocument(Document):
     """What ``blur2view to-colmap --json`` prints."""
 
-    format: str
-    """database, matches or hloc."""
     target: str
-    """The database or the folder that was written."""
+    """The database that was written."""
     dry_run: bool
     """Whether nothing was written, see --dry-run."""
     backup: str | None

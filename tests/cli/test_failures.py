@@ -66,7 +66,6 @@ def test_control_characters_of_a_name_are_printed_as_escapes(run: Call, still: P
         ["segment", "-o", "a\0"],
         ["report", "-o", "a\0"],
         ["to-colmap", "--db", "a\0"],
-        ["to-colmap", "--format", "hloc", "-o", "a\0"],
         ["estimate", "--camera", "PINH\0OLE 4 4 4"],
         ["estimate", "--camera", "\x1b[31m\n"],
     ],

@@ -68,9 +68,6 @@ def test_frames_of_a_video_come_into_a_report_and_a_database(call: Call, tmp_pat
     assert names[:2] == ["clip.mp4/000000#close", "clip.mp4/000000#open"] and len(names) == 6
     rows = table.read_text().splitlines()[1:]
     assert [row.split(",")[0] for row in rows] == [f"clip.mp4/{n:06d}" for n in (0, 10, 20)]
-    folder = tmp_path / "text"
-    assert call("to-colmap", *shared, "--format", "matches", "-o", folder) == 0
-    assert read_image(folder / "images" / "clip.mp4" / "000010#open").shape == (64, 80, 3)
 
 
 def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Path, tmp_path: Path) -> None:
@@ -97,12 +94,6 @@ def test_name_too_long_for_the_system_costs_one_line(
     done = call(command, "n" * 5000 + ".png", folder, targets[command], tmp_path / "target")
     assert done == 1 and "cannot be read (File name too long)" in done.line
     assert (tmp_path / "target").exists()
-
-
-def test_folder_in_the_place_of_a_file_of_hloc_is_one_line(call: Call, folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "h" / "pairs.txt").mkdir(parents=True)
-    done = call("to-colmap", folder / "000.png", "--format", "hloc", "-o", tmp_path / "h")
-    assert done == 1 and "pairs.txt: holds more than views" in done.line
 
 
 @pytest.mark.slow

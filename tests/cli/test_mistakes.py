@@ -23,11 +23,14 @@ MISTAKES = [
     ("estimate a.png --db new.db", "an option of blur2view to-colmap"),
     ("--json estimate a.png", "--json goes after estimate"),
     ("estimate a.png --keep=l.txt", "--keep is an option of blur2view triage, not of estimate"),
-    ("to-colmap a.png --no-mask", "--no-mask is an option of blur2view report, not of to-colmap"),
+    ("to-colmap a.png --db new.db --no-mask", "--no-mask is an option of blur2view report, not of to-colmap"),
     ("segment a.png --nonsense", "--nonsense is no option of segment"),
     ("segment a.png --exposure 1", "blur2view to-transforms, blur2view report, blur2view triage, not"),
     ("segment a.png --readout 0.02", "--readout is not for segment: a rolling shutter lengthens"),
-    ("to-colmap a.png --readout=0.02", "--readout is not for to-colmap: COLMAP has one pose for all"),
+    (
+        "to-colmap a.png --db new.db --readout=0.02",
+        "--readout is not for to-colmap: COLMAP has one pose for all",
+    ),
     ("segment a.png --focal", "--focal: needs a value behind it"),
     ("estimate", "name photographs, a folder or a video"),
     ("estimate a.png --jobs all", "must be 1 or more"),
@@ -55,7 +58,7 @@ MISTAKES = [
     ("estimate a.png --focal 300 --readout 0.03", "add --exposure S"),
     ("estimate a.png --model a.png", "not an ONNX network"),
     # order
-    ("to-colmap a.png", "name the database with --db"),
+    ("to-colmap a.png", "to-colmap: name --db"),
     ("to-colmap a.png --db project.db --link", "project.db: "),
     ("to-colmap a.png --db new.db --replace", "go with --link"),
     ("to-transforms empty", "empty: "),
@@ -88,8 +91,6 @@ WRONG_VALUES = {
     "segment a.png --masks colmap": ("",),
     "to-colmap a.png --db new.db": ("--replace", "--no-backup", "--focal -1", "--seed -1", "-o x"),
     "to-colmap a.png --db new.db --dask tcp://127.0.0.1:9": ("--link", "--camera project.db:1"),
-    "to-colmap a.png --db new.db --format matches -o x": ("",),
-    "to-colmap a.png --format hloc": ("", "-o x --link"),
     "place project.db model frames -o out --fraction": ("0",),
 }
 

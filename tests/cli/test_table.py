@@ -86,9 +86,6 @@ def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) ->
         ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
         ["triage", "--csv", "k.txt.manifest.jsonl", "--keep", "k.txt"],
         ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
-        ["to-colmap", "--format", "hloc", "-o", "o2", "--csv", "o2/features.h5"],
-        ["to-colmap", "--format", "matches", "-o", "o2", "--csv", "o2/matches.txt"],
-        ["to-colmap", "--format", "matches", "-o", "o2", "--csv", "o2/to-colmap.manifest.jsonl"],
         *(
             ["to-colmap", "--db", "a.db", "--csv", f"a.db{end}"]
             for end in ("-journal", "-wal", ".manifest.jsonl")

@@ -206,29 +206,6 @@ def test_table_has_the_rate_over_the_exposure_time_of_exif(
     assert np.linalg.norm([float(said[axis]) for axis in ("wx", "wy", "wz")]) == pytest.approx(rate, rel=1e-4)
 
 
-def test_other_formats_write_into_a_folder(run: Any, photos: list[Path], tmp_path: Path) -> None:
-    folder = tmp_path / "text"
-    code, out, _ = run("--format", "matches", "-o", folder, *CAMERA, *photos)
-    assert code == 0 and f"{folder}: wrote 4 images and 2 pairs" in out
-    lines = (folder / "matches.txt").read_text().splitlines()
-    assert lines[0] == "moving.png#open moving.png#close" and len(lines) > 60
-    pytest.importorskip("h5py")
-    code, _, _ = run("--format", "hloc", "-o", tmp_path / "hloc", *CAMERA, *photos)
-    assert code == 0 and (tmp_path / "hloc" / "features.h5").is_file()
-
-
-@pytest.mark.parametrize("kind", ["matches", "hloc"])
-def test_a_blank_in_one_name_leaves_the_others_done(
-    run: Any, photos: list[Path], tmp_path: Path, kind: str
-) -> None:
-    if kind == "hloc":
-        pytest.importorskip("h5py")
-    blank = photos[1].rename(photos[1].with_name("a b.png"))
-    code, out, err = run("--format", kind, "-o", tmp_path / kind, *CAMERA, photos[0], blank)
-    assert code == 1 and f"{tmp_path / kind}: wrote 2 images and 1 pair of 1 photograph" in out
-    assert err == f"blur2view: {blank}: --format {kind} has no names with a blank; rename it\n"
-
-
 def test_names_are_below_the_folder_that_all_share() -> None:
     one, other = Path("/x/left/a.jpg"), Path("/x/right/a.jpg")
     assert colmap_names(Inputs(paths=[one])) == {one: "a.jpg"}

@@ -11,8 +11,7 @@ import pycolmap
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.colmap.database import stored_photographs, write_database
-from blur2view.colmap.rows import camera_columns
+from blur2view.colmap.database import colmap_camera_of, stored_photographs, write_database
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
@@ -90,18 +89,18 @@ def test_equal_cameras_are_shared(tmp_path: Path) -> None:
 
 
 def test_cameras_say_how_sure_they_are() -> None:
-    guess = "SIMPLE_RADIAL", 640, 480, (1.2 * 640, 320.0, 240.0, 0.0)
-    assert camera_columns(None, SIZE) == (*guess, 0)
-    default = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", 1.2 * 640, 640, 480)
-    np.testing.assert_allclose(default.params, guess[3])
+    def stored(camera: Camera | None) -> tuple[str, list[float], bool]:
+        one = colmap_camera_of(camera, SIZE)
+        assert (one.width, one.height) == SIZE
+        return one.model_name, one.params.tolist(), one.has_prior_focal_length
+
+    default = pycolmap.Camera.create_from_model_name(0, "SIMPLE_RADIAL", 1.2 * 640, *SIZE)
+    assert stored(None) == ("SIMPLE_RADIAL", default.params.tolist(), False)
     hint = replace(CAMERA, log_focal_sigma=0.1)
-    assert camera_columns(hint, SIZE) == ("SIMPLE_RADIAL", 640, 480, (525.0, 320.0, 240.0, 0.0), 1)
-    assert camera_columns(Camera(K=CAMERA.K, width=640, height=480), SIZE)[::3] == (
-        "PINHOLE",
-        (525.0, 525.0, 320.0, 240.0),
-    )
+    assert stored(hint) == ("SIMPLE_RADIAL", [525, 320, 240, 0], True)
+    assert stored(Camera(K=CAMERA.K, width=640, height=480)) == ("PINHOLE", [525, 525, 320, 240], True)
     lens = Camera.from_string("OPENCV 640 480 500 510 320 240 0.1 0.01 0 0")
-    assert camera_columns(lens, SIZE) == ("OPENCV", 640, 480, lens.params, 1)
+    assert stored(lens) == ("OPENCV", list(lens.params), True)
 
 
 def test_time_direction_is_marked(tmp_path: Path) -> None:

@@ -44,7 +44,6 @@ READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has foun
     "dry run": dry_run,
     "check": lambda path: check_database(path) == [],
 }
-ONLY_ROWS = ("camera", "matches", "names")  # what these read does not depend on the version
 
 
 @pytest.fixture(scope="module")
@@ -90,25 +89,7 @@ def killed_with_log(path: Path) -> None:
     assert path.with_name("walk.db-wal").stat().st_size > 0
 
 
-def log_alone(path: Path) -> None:
-    killed_with_log(path)
-    path.with_name("walk.db-shm").unlink()
-
-
-def killed_midway(path: Path) -> None:
-    rollback_journal(path)
-    killed(
-        path, "PRAGMA cache_size = 1; BEGIN; DELETE FROM keypoints; DELETE FROM images; CREATE TABLE more (x)"
-    )
-    assert path.with_name("walk.db-journal").stat().st_size > 0
-
-
-STATES: dict[Callable[[Path], None], int] = {  # how many tables were added by what is not undone
-    lambda path: None: 0, rollback_journal: 0, killed_with_log: 1, log_alone: 1, killed_midway: 0
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("state", STATES, ids=["log", "journal", "killed", "log alone", "killed midway"])
+@pytest.mark.parametrize("state", [lambda path: None, rollback_journal, killed_with_log])
 def test_every_reader_leaves_file_and_folder_as_they_were(path: Path, state: Callable[[Path], None]) -> None:
     state(path)
     before, time = contents(path), path.stat().st_mtime_ns
@@ -117,9 +98,8 @@ def test_every_reader_leaves_file_and_folder_as_they_were(path: Path, state: Cal
         assert contents(path) == before, name
     assert path.stat().st_mtime_ns == time
     with open_read_only(path) as database:
-        sql = "SELECT count(*) FROM sqlite_master WHERE name = 'more'"
-        assert database.execute(sql).fetchone() == (STATES[state],)
-        assert database.execute("SELECT count(*) FROM keypoints").fetchone() == (3 * FRAMES,)
+        more = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'more'").fetchone()
+    assert (more is not None) == (state is killed_with_log)
 
 
 def test_a_database_that_another_program_writes_to_is_read_as_it_was(path: Path) -> None:
@@ -154,8 +134,13 @@ def test_a_change_while_reading_is_noticed(path: Path) -> None:
 def locked(path: Path) -> sqlite3.Connection:
     rollback_journal(path)
     other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN EXCLUSIVE")
+    other.executescript("BEGIN EXCLUSIVE; CREATE TABLE more (x)")
     return other
+
+
+def killed_midway(path: Path) -> None:
+    rollback_journal(path)
+    killed(path, "PRAGMA cache_size = 1; BEGIN; DELETE FROM keypoints; CREATE TABLE more (x)")
 
 
 def foreign(path: Path) -> None:
@@ -174,30 +159,31 @@ def damaged(path: Path) -> None:
 
 FAULTS: dict[Callable[[Path], object], str] = {
     locked: "another program uses it; close that and try again",
-    foreign: "COLMAP",
+    killed_midway: "if a program was killed that used it, open it once with COLMAP",
+    foreign: "is it whole, and COLMAP's?",
     newer: "newer COLMAP .*; update blur2view",
-    damaged: "cannot be used as a COLMAP database|is damaged",
+    damaged: "cannot be used as a COLMAP database",
     Path.unlink: "no such database; check the path",
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
-@pytest.mark.parametrize("reader", list(READERS)[:6])
 def test_what_is_wrong_is_one_clear_line(
-    path: Path, monkeypatch: pytest.MonkeyPatch, fault: Callable[[Path], object], reader: str
+    path: Path, monkeypatch: pytest.MonkeyPatch, fault: Callable[[Path], object]
 ) -> None:
     monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
     other = fault(path)
     before = contents(path)
-    if fault is newer and reader in ONLY_ROWS:
-        assert READERS[reader](path)  # as long as the columns are there
-    else:
+    for name, reads in list(READERS.items())[:6]:
+        if fault is newer and name != "plans":
+            assert reads(path), name  # as long as the columns are there
+            continue
         with pytest.raises(Blur2ViewError, match=FAULTS[fault]) as caught:
-            READERS[reader](path)
+            reads(path)
         assert str(path) in str(caught.value) and "\n" not in str(caught.value)
     if isinstance(other, sqlite3.Connection):
         other.close()
-    assert contents(path) == before
+    assert contents(path) == before or fault is locked
 
 
 @pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="Linux alone has such files")

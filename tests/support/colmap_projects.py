@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pycolmap
 
-from blur2view.colmap.schema import MAX_IMAGES, SCHEMA_VERSION, TABLES
+from blur2view.colmap.schema import MAX_IMAGES
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
@@ -57,10 +58,12 @@ def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 
     options = options or ProjectOptions()
     rng = np.random.default_rng(seed)
     names = [f"a_{index:03d}.jpg" for index in range(options.images)]
+    if not options.old:
+        pycolmap.Database.open(path).close()
     with closing(sqlite3.connect(path)) as database:
         database.execute(f"PRAGMA journal_mode = {'WAL' if options.wal else 'DELETE'}")
-        database.executescript(OLD_TABLES if options.old else TABLES)
-        database.execute(f"PRAGMA user_version = {3900 if options.old else SCHEMA_VERSION}")
+        if options.old:
+            database.executescript(f"{OLD_TABLES} PRAGMA user_version = 3900;")
         width, height = options.size
         params = struct.pack("<4d", 1.1 * width, width / 2, height / 2, 0.01)
         database.execute(

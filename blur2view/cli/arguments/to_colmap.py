@@ -2,7 +2,7 @@
 
 from blur2view.cli.arguments import help_text, shared
 from blur2view.cli.arguments.parser import CommandParser
-from blur2view.results.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
+from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
 
 ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
 DESCRIPTION = """
@@ -32,16 +32,12 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
     project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
     sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
     COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
---format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
-    blur2view.colmap.text_formats has both commands
---format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
 EXAMPLES = (
     "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
     "blur2view to-colmap --db project.db --link --sequence frames/*.png",
-    "blur2view to-colmap --format hloc -o hloc a.jpg b.jpg",
 )
 REFUSED = {
     "--readout": "COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another "
@@ -55,9 +51,6 @@ OUTPUT = """
 --link: add to a database that holds the photographs and their features
 --replace: with --link: write anew what an earlier call has written (after new features, a new network)
 --no-backup: with --link: do not copy the database to DB.<time>.bak first
---format: instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files
-    (default: %(default)s)
--o, --output DIR: where --format matches and hloc write
 --dry-run: estimate, say what would be written, and write nothing
 --json: print one JSON document instead of the summaries, see below
 """
@@ -72,7 +65,7 @@ VIEWS = """
 def describe(parser: CommandParser) -> None:
     """Add the options and the help of ``blur2view to-colmap``."""
     shared.add_photographs(parser)
-    shared.add_output(parser, OUTPUT + shared.TABLE, format={"choices": FORMATS, "default": DATABASE})
+    shared.add_output(parser, OUTPUT + shared.TABLE, db={"required": True})
     help_text.add_options(parser.add_argument_group("views"), VIEWS)
     shared.add_estimating(parser, exposure=False)
     tables = {
