@@ -12,7 +12,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.options import FolderOptions
+from blur2view.cli.arguments.shared import FolderOptions
 from blur2view.cli.run import begun, jobs_of, manifest_beside, refuse_shared, run_over
 from blur2view.cli.work import Written
 from blur2view.errors import OutputError

@@ -1,19 +1,14 @@
 """``blur2view to-colmap``: its options and its help."""
 
-from blur2view.cli.arguments import help_text, shared
-from blur2view.cli.arguments.parser import CommandParser
-from blur2view.results.to_colmap import DATABASE, FORMATS, ToColmapDocument, ViewsDocument
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
 
-ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
-DESCRIPTION = """
-Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
-shutter opened and when it closed. They share the photograph's camera and have a rig and a frame, keypoints
-(both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with known
-intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the orientation
-of EXIF is not applied. No files have these names, and mapping needs none; blur2view.mapper_options() has the
-mapper's options, as its defaults refuse such short baselines, and help("blur2view.colmap.mapping") the ways
-to map. With --link the views join a project of yours; blur2view place puts them into its model.
-"""
+from blur2view.cli.arguments.help_text import Rows
+from blur2view.cli.arguments.option import VIEWS, option, refused
+from blur2view.cli.arguments.shared import PhotographOptions
+from blur2view.results.to_colmap import DATABASE, FORMATS, HLOC, ToColmapDocument, ViewsDocument
+
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
@@ -38,47 +33,102 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
-EXAMPLES = (
-    "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
-    "blur2view to-colmap --db project.db --link --sequence frames/*.png",
-    "blur2view to-colmap --format hloc -o hloc a.jpg b.jpg",
-)
-REFUSED = {
-    "--readout": "COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another "
-    "time; a correction of the smears would leave that, the larger error, and would double theirs if the "
-    "order in time, which is mostly unknown, is the other; for the pose use blur2view estimate"
-}
 
 
-OUTPUT = """
---db DB: the database: a new one, or with --link yours
---link: add to a database that holds the photographs and their features
---replace: with --link: write anew what an earlier call has written (after new features, a new network)
---no-backup: with --link: do not copy the database to DB.<time>.bak first
---format: instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files
-    (default: %(default)s)
--o, --output DIR: where --format matches and hloc write
---dry-run: estimate, say what would be written, and write nothing
---json: print one JSON document instead of the summaries, see below
-"""
-VIEWS = """
---skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks it
---[no-]sequence: the photographs are a video in this order, so that neighbours show which view came first;
-    with --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names
-    differ by one in their number)
-"""
+@dataclass(frozen=True, kw_only=True)
+class ToColmapSettings:
+    """Those on which the views of a photograph depend."""
+
+    db: Path | None = option(None, "DB")
+    "the database: a new one, or with --link yours"
+    link: bool = option(False)
+    "add to a database that holds the photographs and their features"
+    skip_movers: bool = option(False, group=VIEWS, rare=True)
+    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
 
 
-def describe(parser: CommandParser) -> None:
-    """Add the options and the help of ``blur2view to-colmap``."""
-    shared.add_photographs(parser)
-    shared.add_output(parser, OUTPUT + shared.TABLE, format={"choices": FORMATS, "default": DATABASE})
-    help_text.add_options(parser.add_argument_group("views"), VIEWS)
-    shared.add_estimating(parser, exposure=False)
-    tables = {
+@dataclass(frozen=True, kw_only=True)
+class ToColmapOptions(ToColmapSettings, PhotographOptions):
+    """The options of ``blur2view to-colmap``.
+
+    Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
+    shutter opened and when it closed. They share the photograph's camera and have a rig and a frame,
+    keypoints (both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with
+    known intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the
+    orientation of EXIF is not applied. No files have these names, and mapping needs none;
+    blur2view.mapper_options() has the mapper's options, as its defaults refuse such short baselines, and
+    help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
+    place puts them into its model.
+    """
+
+    command = "to-colmap"
+    replace: bool = option(False, rare=True)
+    "with --link: write anew what an earlier call has written (after new features, a new network)"
+    backup: bool = option(True, rare=True)
+    "with --link: do not copy the database to DB.<time>.bak first"
+    format: str = option(DATABASE, choices=FORMATS)
+    """instead of a database write into -o: text for COLMAP's matches_importer, or hloc's HDF5 files (default:
+    %(default)s)"""
+    output: Path | None = option(None, "DIR", names="-o --output")
+    "where --format matches and hloc write"
+    dry_run: bool = option(False, rare=True)
+    "estimate, say what would be written, and write nothing"
+    json: bool = option(False)
+    "print one JSON document instead of the summaries, see below"
+    sequence: bool | None = option(None, group=VIEWS)
+    """the photographs are a video in this order, so that neighbours show which view came first; with
+    --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names differ
+    by one in their number)"""
+    timings: bool = True
+    exposure: float | None = None
+    readout: float | None = refused()
+    """COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another time; a
+    correction of the smears would leave that, the larger error, and would double theirs if the order in time,
+    which is mostly unknown, is the other; for the pose use blur2view estimate"""
+
+    tables: ClassVar[dict[str, Rows]] = {
         "what is written": WRITTEN,
         "JSON document of --json": ToColmapDocument,
         "JSON object of a photograph": ViewsDocument,
-        "not here": REFUSED.items(),
     }
-    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)
+    examples = (
+        "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
+        "blur2view to-colmap --db project.db --link --sequence frames/*.png",
+        "blur2view to-colmap --format hloc -o hloc a.jpg b.jpg",
+    )
+
+    def __post_init__(self) -> None:
+        if not self.link and (self.replace or self.skip_movers or not self.backup):
+            raise ValueError("--replace, --skip-movers and --no-backup go with --link")
+        if self.link and self.dask is not None:
+            raise ValueError("--link goes without --dask, whose workers see no database")
+        if self.format == DATABASE and self.output is not None:
+            raise ValueError("-o goes with --format matches or hloc; a database is named with --db alone")
+        if self.format == DATABASE and self.db is None:
+            raise ValueError("name the database with --db")
+        if self.format != DATABASE and (self.output is None or self.db is not None or self.link):
+            raise ValueError(f"--format {self.format} needs -o DIR, and neither --db nor --link")
+        super().__post_init__()
+
+    @property
+    def prints(self) -> bool:
+        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
+        return False
+
+    @property
+    def in_order(self) -> bool | None:
+        """Whether neighbours show which view came first; None: those whose names say so."""
+        return True if self.sequence is None and self.inputs.one_video else self.sequence
+
+    @property
+    def target(self) -> Path:
+        """The database or the folder that is written."""
+        target = self.output if self.db is None else self.db
+        if target is None:
+            raise ValueError("there is neither --db nor -o")
+        return target
+
+    @property
+    def hloc(self) -> bool:
+        """Whether hloc's files are written."""
+        return self.format == HLOC
