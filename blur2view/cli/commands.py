@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from importlib import import_module
 
 from blur2view import __version__
-from blur2view.cli.arguments.help_text import EXIT_CODES, paragraph, table
+from blur2view.cli.arguments.help_text import EXIT_CODES, add_table
 from blur2view.cli.arguments.option import Options, refusals
 from blur2view.cli.arguments.parser import CommandParser, Completion, options_of
 from blur2view.cli.terminal import complain
@@ -29,10 +29,10 @@ COMMANDS = {
     "triage": "sort photographs by their smears: sharp, blurred but of use, unclear, unusable",
 }
 COMPLETION = "--completion"
-DESCRIPTION = """
-One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.
-blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys.
-"""
+DESCRIPTION = (
+    "One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out. "
+    "blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys."
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -127,9 +127,7 @@ def run(options: Options) -> int:
 
 def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
-    parser = CommandParser(
-        prog="blur2view", description=paragraph(DESCRIPTION), epilog=table("exit codes", EXIT_CODES)
-    )
+    parser = CommandParser(prog="blur2view", description=DESCRIPTION)
     parser.add_argument(
         COMPLETION,
         metavar="SHELL",
@@ -143,4 +141,5 @@ def build_parser() -> CommandParser:
     )
     for name, about in COMMANDS.items():
         commands.add_parser(name, help=about, command=name)
+    add_table(parser, "exit codes", EXIT_CODES)
     return parser

@@ -1,4 +1,4 @@
-"""One mistake of each kind: it costs one line with the remedy, writes nothing, and the exit code is not zero."""
+"""One mistake of each kind: it costs one line, with the remedy, and the exit code is not zero."""
 
 import shutil
 from pathlib import Path

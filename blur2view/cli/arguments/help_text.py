@@ -1,14 +1,13 @@
-"""The text of ``--help``: paragraphs, and tables written as "name: explanation"."""
+"""The text of ``--help``: how it is laid out, and tables written as "name: explanation"."""
 
+import argparse
 import re
 import shutil
-import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from typing import Any
 
 from blur2view.results.document import Document
 
-NAME_WIDTH = 24  # columns of the names in the help's tables, as argparse has it
 EXIT_CODES = """
 0: done; a photograph without F is a result, with its reason
 1: something failed: one line on stderr each, other photographs are done all the same
@@ -22,39 +21,23 @@ MANIFEST = """
 Rows = str | type[Document] | Mapping[str, str]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Help:
-    """What the help of a command says besides its options; ``--help`` leaves the tables out."""
+class Layout(argparse.HelpFormatter):
+    """As argparse has it, no wider than is read with ease; a text of several lines keeps them."""
 
-    description: str
-    examples: tuple[str, ...]
-    tables: Mapping[str, Rows] = field(default_factory=dict)
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=min(max(shutil.get_terminal_size().columns, 60), 110) - 2)
 
-
-def width() -> int:
-    """Return the columns that the help may fill."""
-    return min(max(shutil.get_terminal_size().columns, 60), 110) - 2
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
-def paragraph(text: str) -> str:
-    """Return a text in lines of the terminal's width."""
-    return textwrap.fill(" ".join(text.split()), width())
+def add_table(parser: Any, title: str, rows: Rows) -> None:
+    """Add a titled list to what the help shows below the options: of a text, or of a document its keys.
 
-
-def table(title: str, rows: Rows) -> str:
-    """Return a titled list of names and their explanations, of a document its keys.
-
-    Of a text lines as "name: explanation", of which further ones are indented.
+    A text has lines as "name: explanation", of which further ones are indented.
     """
     if isinstance(rows, str):
-        whole = filter(None, re.sub(r"\n +", " ", rows).splitlines())
-        named = [line.split(": ", 1) for line in whole]
-    else:
-        named = list(map(list, rows.explanations() if isinstance(rows, type) else rows.items()))
-    lines = [f"{title}:"]
-    for name, text in named:
-        first = f"  {name}".ljust(NAME_WIDTH - 1) + " "
-        start = first if len(first) == NAME_WIDTH else " " * NAME_WIDTH
-        lines += [] if start is first else [first.rstrip()]
-        lines.append(textwrap.fill(text, width(), initial_indent=start, subsequent_indent=" " * NAME_WIDTH))
-    return "\n".join(lines)
+        rows = dict(line.split(": ", 1) for line in re.sub(r"\n +", " ", rows).splitlines() if line)
+    group = parser.add_argument_group(title)
+    for name, text in rows.explanations() if isinstance(rows, type) else rows.items():
+        group._group_actions.append(argparse.Action([], "", metavar=name, help=text.replace("%", "%%")))

@@ -9,7 +9,7 @@ work both inherit.
 import ast
 import inspect
 import textwrap
-from argparse import SUPPRESS, BooleanOptionalAction
+from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import cache
@@ -17,16 +17,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
-from blur2view.cli.arguments.help_text import Rows, paragraph
+from blur2view.cli.arguments.help_text import Rows
 from blur2view.cli.arguments.values import file_path, positive
 from blur2view.cli.terminal import QUIET, SHORT, VERBOSE
 
 INPUT, OUTPUT, VIEWS = "input", "output", "views"
 MANY, CAMERA, ESTIMATION = "many photographs", "camera", "estimation"
 GROUPS = {
-    INPUT: "",
-    OUTPUT: "",
-    VIEWS: "",
+    INPUT: None,
+    OUTPUT: None,
+    VIEWS: None,
     MANY: "A manifest beside the results, JSON lines, says what is done. Ctrl-C, a kill or a power cut loses "
     "only the photographs in hand.",
     CAMERA: "Known intrinsics give the essential matrix E and the pose. Without these options the focal "
@@ -50,7 +50,7 @@ def option(
     convert: Callable[[str], Any] | None = None,
     **shown: Any,
 ) -> Any:
-    """Return the field of an option, which the text below it explains; without one no help shows it.
+    """Return the field of an option, which the text below it explains.
 
     It is called ``names``, by default --NAME, a flag that is true without it --no-NAME, and one that may also
     be None both; what has neither a default (`MISSING`) nor names is an argument. Options with one word of
@@ -120,13 +120,12 @@ def add_options(parser: Any, kind: type[Options]) -> None:
     for one in declared(kind):
         group, either = one.metadata["group"], one.metadata["either"]
         if group not in groups:
-            groups[group] = parser.add_argument_group(group, paragraph(GROUPS[group]) or None)
+            groups[group] = parser.add_argument_group(group, GROUPS[group])
         if either and either not in groups:
             groups[either] = groups[group].add_mutually_exclusive_group()
         names, settings = _settings(one)
         action = groups[either or group].add_argument(*names, **settings)
-        action.help = texts(kind).get(one.name, SUPPRESS)
-        vars(action).update(one.metadata["shown"])
+        vars(action).update({"help": texts(kind).get(one.name), **one.metadata["shown"]})
 
 
 def _settings(one: Field[Any]) -> tuple[list[str], dict[str, Any]]:

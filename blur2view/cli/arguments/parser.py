@@ -2,12 +2,11 @@
 
 import argparse
 import copy
-import inspect
 import re
 from importlib import import_module
 from typing import Any, NoReturn
 
-from blur2view.cli.arguments.help_text import EXIT_CODES, paragraph, table
+from blur2view.cli.arguments.help_text import EXIT_CODES, Layout, add_table
 from blur2view.cli.arguments.option import Options, add_options, declared, refusals
 from blur2view.cli.arguments.values import file_path
 from blur2view.cli.terminal import printable
@@ -33,14 +32,15 @@ class CommandParser(argparse.ArgumentParser):
     """
 
     def __init__(self, *, command: str = "", **settings: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
+        super().__init__(formatter_class=Layout, **settings)
         self.command = command
         self.kind: type[Options] | None = None
 
     def of(self, kind: type[Options]) -> "CommandParser":
         """Return the parser with the options of a command."""
         self.kind = kind
-        self.description = paragraph(inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[2])
+        self.description = " ".join((kind.__doc__ or "").partition("\n\n")[2].split())
+        self.epilog = "\n  ".join(["examples:", *kind.examples])
         text = "show all options, files and JSON keys, and exit"
         self.add_argument("--help-all", nargs=0, action=HelpAll, help=text)
         add_options(self, kind)
@@ -68,11 +68,6 @@ class CommandParser(argparse.ArgumentParser):
         """The names of all options."""
         return set(self.filled()._option_string_actions)
 
-    @property
-    def examples(self) -> str:
-        """The examples of the command."""
-        return "\n  ".join(["examples:", *self.kind.examples]) if self.kind else ""
-
     def format_help(self) -> str:
         """Return the help: of a command what matters most, until ``--help-all`` is asked for."""
         if self.kind is None:
@@ -87,16 +82,9 @@ class CommandParser(argparse.ArgumentParser):
                 short.help = re.split(r"; |\. |, see below| \(default", action.help or "")[0]
                 formatter.add_argument(short)
         formatter.end_section()
-        formatter.add_text(self.examples)
+        formatter.add_text(self.epilog)
         formatter.add_text(f"all options, files and JSON keys: {self.prog} --help-all")
         return formatter.format_help()
-
-    def format_all(self, kind: type[Options]) -> str:
-        """Return the whole help of a command."""
-        here = {"not here": why} if (why := refusals(kind)) else {}
-        tables = {**kind.tables, **here, "exit codes": EXIT_CODES}
-        self.epilog = "\n\n".join([*(table(title, rows) for title, rows in tables.items()), self.examples])
-        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Exit with one line, in which what a terminal would obey is written as escapes."""
@@ -117,7 +105,10 @@ class HelpAll(argparse.Action):
 
     def __call__(self, parser: Any, *_: Any) -> None:
         """Print everything and end the program."""
-        print(parser.format_all(parser.kind), end="")
+        here = {"not here": why} if (why := refusals(parser.kind)) else {}
+        for title, rows in (parser.kind.tables | here | {"exit codes": EXIT_CODES}).items():
+            add_table(parser, title, rows)
+        print(argparse.ArgumentParser.format_help(parser), end="")
         parser.exit()
 
 
@@ -132,7 +123,8 @@ class Completion(argparse.Action):
             parser.error(f"{option} knows {', '.join(shtab.SUPPORTED_SHELLS)}, not {values}")
         (commands,) = (one for one in parser._actions if isinstance(one, argparse._SubParsersAction))
         for command in commands.choices.values():
-            for action in command.filled()._actions:
+            command.description = command.filled().description.partition(". ")[0]  # zsh has room for no more
+            for action in command._actions:
                 if not action.option_strings or action.type is file_path:
                     action.complete = shtab.FILE
         print(shtab.complete(parser, values))

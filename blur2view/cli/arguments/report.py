@@ -1,5 +1,6 @@
 """``blur2view report``: its options and its help."""
 
+from argparse import SUPPRESS
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -45,7 +46,7 @@ class ReportOptions(ReportSettings, PhotographOptions):
     command = "report"
     output: Path = option(Path("report.html"), "HTML", names="-o --output")
     "the page (default: %(default)s); one of an earlier call is replaced, unless all fail"
-    overwrite: bool = option(False)  # which does nothing here
+    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
 
     tables: ClassVar[dict[str, Rows]] = {"on the page": CONTROLS, "terms of the page": TERMS}
     examples = (

@@ -1,5 +1,6 @@
 """``blur2view to-transforms``: its options and its help."""
 
+from argparse import SUPPRESS
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -45,7 +46,7 @@ class ToTransformsOptions(Options):
     "the file (default: %(default)s); one of an earlier call is replaced"
     dialect: str = option(DIALECTS[0], choices=DIALECTS)
     "whose file (default: %(default)s)"
-    overwrite: bool = option(False)  # which does nothing here
+    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
 
     tables: ClassVar[dict[str, Rows]] = {"what is written": KEYS}
     examples = (
