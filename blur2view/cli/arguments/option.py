@@ -12,7 +12,6 @@ import textwrap
 from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar, get_args
@@ -88,8 +87,7 @@ class Options:
         return VERBOSE if self.verbose else QUIET if self.quiet else SHORT
 
 
-@cache
-def texts(kind: Any) -> dict[str, str]:
+def texts(kind: type) -> dict[str, str]:
     """Return what stands below the fields of a class and its bases, by their names."""
     found = {}
     for base in reversed(kind.__mro__[:-1]):
@@ -111,12 +109,14 @@ def declared(kind: type[Options]) -> list[Field[Any]]:
 
 def refusals(kind: type[Options]) -> dict[str, str]:
     """Return why a command has not what others have, by the option's name."""
-    return {f"--{one.name}": texts(kind)[one.name] for one in fields(kind) if "refused" in one.metadata}
+    explained = texts(kind)
+    return {f"--{one.name}": explained[one.name] for one in fields(kind) if "refused" in one.metadata}
 
 
 def add_options(parser: Any, kind: type[Options]) -> None:
     """Add the options of a command to its parser."""
     groups: dict[str, Any] = {}
+    explained = texts(kind)
     for one in declared(kind):
         group, either = one.metadata["group"], one.metadata["either"]
         if group not in groups:
@@ -125,7 +125,7 @@ def add_options(parser: Any, kind: type[Options]) -> None:
             groups[either] = groups[group].add_mutually_exclusive_group()
         names, settings = _settings(one)
         action = groups[either or group].add_argument(*names, **settings)
-        vars(action).update({"help": texts(kind).get(one.name), **one.metadata["shown"]})
+        vars(action).update({"help": explained.get(one.name), **one.metadata["shown"]})
 
 
 def _settings(one: Field[Any]) -> tuple[list[str], dict[str, Any]]:
