@@ -3,50 +3,36 @@
 Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
 """
 
-import argparse
 import io
 import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
-from functools import cache
 from importlib import import_module
-from typing import get_type_hints
 
 from blur2view import __version__
-from blur2view.cli.arguments import estimate, place, report, segment, to_colmap, to_transforms, triage
-from blur2view.cli.arguments.help_text import EXIT_CODES, paragraph, table
-from blur2view.cli.arguments.parser import CommandParser, Completion
+from blur2view.cli.arguments.help_text import EXIT_CODES, add_table
+from blur2view.cli.arguments.option import Options, refusals
+from blur2view.cli.arguments.parser import CommandParser, Completion, options_of
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
 FAILED, INTERRUPTED = 1, 130
 COMMANDS = {
-    "estimate": estimate,
-    "segment": segment,
-    "to-colmap": to_colmap,
-    "place": place,
-    "to-transforms": to_transforms,
-    "report": report,
-    "triage": triage,
+    "estimate": "say what the camera did while the shutter was open: F, with intrinsics E and the pose",
+    "segment": "segment what moves by itself from what the camera's motion explains",
+    "to-colmap": "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP",
+    "place": "put the views of a linked project into COLMAP's model of its frames",
+    "to-transforms": "write a COLMAP model with views as transforms.json, for radiance fields of blurred "
+    "photographs",
+    "report": "write one HTML page that shows the result of each photograph",
+    "triage": "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable",
 }
 COMPLETION = "--completion"
-MEANT = {
-    **dict.fromkeys(("--threads", "--workers", "--processes", "-j"), "--jobs"),
-    **dict.fromkeys(("--out", "--outdir", "--out-dir", "--output-dir", "--dir"), "--output"),
-    **dict.fromkeys(("--force", "--replace", "-f", "-y"), "--overwrite"),
-    **dict.fromkeys(("--database", "--database_path", "--database-path"), "--db"),
-    **dict.fromkeys(("--fps", "--step", "--stride", "--skip"), "--every"),
-    **dict.fromkeys(("--shutter", "--shutter-speed", "--time"), "--exposure"),
-    **dict.fromkeys(("--threshold", "--max-blur"), "--max-smear"),
-    **dict.fromkeys(("--intrinsics", "--calibration", "-K"), "--camera"),
-    "-r": "--recursive",
-}
-"""What other programs call our options."""
-DESCRIPTION = """
-One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out.
-blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys.
-"""
+DESCRIPTION = (
+    "One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out. "
+    "blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys."
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -78,20 +64,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+def parse(arguments: Sequence[str] | None) -> Options:
     """Return the options; wrong usage ends the program with one line, which names what may be meant."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
     check_command(parser, words)
-    options: argparse.Namespace
-    options, unknown = parser.parse_known_args(words)
+    parsed, unknown = parser.parse_known_args(words)
+    command: CommandParser = parsed.parser
     for word in (word for word in [*unknown, *words] if word.startswith("-")):
-        check_option(options, word.partition("=")[0], known=word not in unknown)
-    if "images" in options:
-        options.images += unknown  # argparse takes those on one side of an option alone
+        check_option(command, word.partition("=")[0], known=word not in unknown)
+    if "images" in parsed:
+        parsed.images += unknown  # argparse takes those on one side of an option alone
     elif unknown:
-        options.usage_error(f"{' '.join(unknown)} is too much; name one")
-    return options
+        command.error(f"{' '.join(unknown)} is too much; name one")
+    return command.read(parsed)
 
 
 def check_command(parser: CommandParser, words: Sequence[str]) -> None:
@@ -113,43 +99,35 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
     parser.error(f"{named[0]} is no command; there are {', '.join(COMMANDS)}")
 
 
-def check_option(options: argparse.Namespace, word: str, *, known: bool) -> None:
+def check_option(parser: CommandParser, word: str, *, known: bool) -> None:
     """End the program where a word is no option of the command; argparse takes -output for -o utput."""
-    error, command = options.usage_error, options.command
-    names = option_names(command)
+    command, names = parser.command, parser.names
     if f"-{word}" in names:
-        error(f"{word} has one dash; did you mean -{word}?")
+        parser.error(f"{word} has one dash; did you mean -{word}?")
     if known:
         return
-    if why := getattr(COMMANDS[command], "REFUSED", {}).get(word):
-        error(f"{word} is not for {command}: {why}")
+    if why := refusals(options_of(command)).get(word):
+        parser.error(f"{word} is not for {command}: {why}")
     if owners := [f"blur2view {other}" for other in COMMANDS if word in option_names(other)]:
-        error(f"{word} is an option of {', '.join(owners)}, not of {command}")
-    near = {MEANT.get(word)} & names or get_close_matches(word, sorted(names), 1)
-    error(f"{word} is no option of {command}" + "".join(f"; did you mean {name}?" for name in near))
+        parser.error(f"{word} is an option of {', '.join(owners)}, not of {command}")
+    near = get_close_matches(word, sorted(names), 1, 0.75)
+    parser.error(f"{word} is no option of {command}" + "".join(f"; did you mean {name}?" for name in near))
 
 
-@cache
 def option_names(command: str) -> set[str]:
     """Return the names of a command's options."""
-    parser = CommandParser(describe=COMMANDS[command].describe).described()
-    return {name for action in parser._actions for name in action.option_strings}
+    return CommandParser(command=command).names
 
 
-def run(parsed: argparse.Namespace) -> int:
+def run(options: Options) -> int:
     """Return the exit code of a command; what it needs is imported only now."""
-    from blur2view.cli.options import read_options
-
-    command = import_module(f"blur2view.cli.{parsed.command.replace('-', '_')}")
-    kind = get_type_hints(command.run)["options"]
-    return int(command.run(read_options(parsed, kind)))
+    command = import_module(f"blur2view.cli.{options.command.replace('-', '_')}")
+    return int(command.run(options))
 
 
 def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
-    parser = CommandParser(
-        prog="blur2view", description=paragraph(DESCRIPTION), epilog=table("exit codes", EXIT_CODES)
-    )
+    parser = CommandParser(prog="blur2view", description=DESCRIPTION)
     parser.add_argument(
         COMPLETION,
         metavar="SHELL",
@@ -161,6 +139,7 @@ def build_parser() -> CommandParser:
     commands = parser.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND", parser_class=CommandParser
     )
-    for name, command in COMMANDS.items():
-        commands.add_parser(name, help=command.ABOUT, describe=command.describe)
+    for name, about in COMMANDS.items():
+        commands.add_parser(name, help=about, command=name)
+    add_table(parser, "exit codes", EXIT_CODES)
     return parser

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from blur2view.cli.options import EstimateOptions
+from blur2view.cli.arguments.estimate import EstimateOptions, EstimateSettings
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
 from blur2view.cli.work import DocumentWork, made
@@ -12,11 +12,10 @@ from blur2view.runs.job import Job, Made
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateWork(DocumentWork[EstimateDocument]):
+class EstimateWork(EstimateSettings, DocumentWork[EstimateDocument]):
     """The work on one photograph."""
 
     kind = EstimateDocument
-    full_field: bool
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -24,12 +23,12 @@ class EstimateWork(DocumentWork[EstimateDocument]):
         document = EstimateDocument.of(one)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
         contents = {} if files is None else result_contents(files, document, one, full_field=self.full_field)
-        return made(one, document if self.json else None, summary, contents)
+        return made(one, document if self.prints_documents else None, summary, contents)
 
 
 def run(options: EstimateOptions) -> int:
     """Return the exit code, after estimating every photograph."""
-    work = EstimateWork.of(options, full_field=options.full_field, json=options.json or options.jsonl)
+    work = EstimateWork.of(options)
     return run_with_files(
         options, ESTIMATE, work, lambda done, failed: EstimatesDocument(estimates=done, failures=failed)
     )

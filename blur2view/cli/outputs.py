@@ -12,7 +12,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.options import FolderOptions
+from blur2view.cli.arguments.shared import FolderOptions
 from blur2view.cli.run import begun, jobs_of, manifest_beside, refuse_shared, run_over
 from blur2view.cli.work import Written
 from blur2view.errors import OutputError
@@ -194,10 +194,15 @@ def result_contents(
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
     picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
-    used = {"ends": matches.ends, "match_sigma_px": matches.sampson_px}
-    used |= {"inlier_mask": geometry.inlier_mask, "swapped": geometry.swapped}
     arrays = io.BytesIO()
-    np.savez(arrays, **stored_smears(grid, full_field=full_field), **used)  # type: ignore[arg-type]
+    np.savez(
+        arrays,
+        **stored_smears(grid, full_field=full_field),  # type: ignore[arg-type]
+        ends=matches.ends,
+        match_sigma_px=matches.sampson_px,
+        inlier_mask=geometry.inlier_mask,
+        swapped=geometry.swapped,
+    )
     contents = arrays.getvalue(), png(picture), (document.to_json() + "\n").encode()
     return dict(zip(files.paths, contents, strict=True))
 

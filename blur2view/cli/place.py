@@ -3,9 +3,9 @@
 import math
 import os
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
+from blur2view.cli.arguments.place import PlaceOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
 from blur2view.colmap.placement import Placement, place_views
@@ -15,22 +15,6 @@ from blur2view.output_files import write_files, writing
 from blur2view.photographs.inputs import list_photographs
 
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlaceOptions:
-    """Those of ``blur2view place``."""
-
-    database: Path
-    model: Path
-    photographs: Path
-    fraction: float | None
-    output: Path
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        if self.fraction is not None and not 0 < self.fraction < math.inf:
-            raise ValueError(f"--fraction must be positive and finite, got {self.fraction}")
 
 
 def run(options: PlaceOptions) -> int:

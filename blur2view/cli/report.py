@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from blur2view import __version__
-from blur2view.cli.options import ReportOptions
+from blur2view.cli.arguments.report import ReportOptions, ReportSettings
 from blur2view.cli.run import End, begun, jobs_of, manifest_beside, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
@@ -27,10 +27,8 @@ FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within 
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportWork(EstimatingWork[None, Entry]):
+class ReportWork(ReportSettings, EstimatingWork[None, Entry]):
     """The work on one photograph."""
-
-    mask: bool
 
     def __call__(self, job: Job[None]) -> Made[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
@@ -63,7 +61,7 @@ def run(options: ReportOptions) -> int:
     A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted run
     leaves a page of what is done.
     """
-    work = ReportWork.of(options, mask=options.mask)
+    work = ReportWork.of(options)
     images, page = options.inputs.paths, options.output
     check_file(page, "page", images)
     with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:

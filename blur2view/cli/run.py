@@ -10,7 +10,7 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import Any, Generic
 
-from blur2view.cli.options import PhotographOptions
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
 from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError

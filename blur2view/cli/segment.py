@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blur2view.cli.options import SegmentCommandOptions
+from blur2view.cli.arguments.segment import SegmentOptions, SegmentSettings
 from blur2view.cli.outputs import MASK, MASKS, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
 from blur2view.cli.work import DocumentWork, made
@@ -18,12 +18,10 @@ from blur2view.segmentation.mask import segment
 
 
 @dataclass(frozen=True, kw_only=True)
-class SegmentWork(DocumentWork[MaskDocument]):
+class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
     """The work on one photograph."""
 
     kind = MaskDocument
-    masks: MaskFormat | None  # write masks for this program, too
-    ignore_unobservable: bool  # in the masks for the program
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
@@ -34,24 +32,19 @@ class SegmentWork(DocumentWork[MaskDocument]):
         summary = mask_summary(document, mask, files, self.verbosity)
         further = []
         if self.masks is not None:
-            further = [self.masks.picture(mask.labels, ignore_unobservable=self.ignore_unobservable)]
+            ignore = self.unobservable == "ignore"
+            further = [MaskFormat(self.masks).picture(mask.labels, ignore_unobservable=ignore)]
         contents = {} if files is None else mask_contents(files, document, one.image, mask, further)
-        return made(one, document if self.json else None, summary, contents)
+        return made(one, document if self.prints_documents else None, summary, contents)
 
 
-def run(options: SegmentCommandOptions) -> int:
+def run(options: SegmentOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
     masks = None if options.masks is None else MaskFormat(options.masks)
-    work = SegmentWork.of(
-        options,
-        masks=masks,
-        ignore_unobservable=masks is not None and options.unobservable == "ignore",
-        json=options.json or options.jsonl,
-    )
     return run_with_files(
         options,
         MASK,
-        work,
+        SegmentWork.of(options),
         lambda done, failed: MasksDocument(masks=done, failures=failed),
         None if masks is None else lambda photograph: MASKS / masks.path(photograph),
     )

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from blur2view.cli.options import ToColmapOptions
+from blur2view.cli.arguments.to_colmap import ToColmapOptions
 from blur2view.cli.run import FAILED, End, begun, colmap_names, manifest_beside, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
@@ -23,7 +23,7 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    work = ViewsWork.of(options, database=options.db, link=options.link, skip_movers=options.skip_movers)
+    work = ViewsWork.of(options)
     photographs, failures = name_photographs(options)
     path = None if options.dry_run else manifest_beside(options.db)
     files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]

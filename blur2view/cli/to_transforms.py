@@ -1,13 +1,12 @@
 """The command ``blur2view to-transforms``: a model with views as transforms.json."""
 
 import json
-import math
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from blur2view import __version__
+from blur2view.cli.arguments.to_transforms import ToTransformsOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap.models import pictures_of, read_model
 from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
@@ -15,22 +14,6 @@ from blur2view.errors import OutputError
 from blur2view.output_files import check_file, write_files, writing
 
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
-
-
-@dataclass(frozen=True, kw_only=True)
-class ToTransformsOptions:
-    """Those of ``blur2view to-transforms``."""
-
-    model: Path
-    photographs: Path | None
-    exposure: float
-    output: Path
-    dialect: str
-    verbosity: int
-
-    def __post_init__(self) -> None:
-        if not 0 < self.exposure < math.inf:
-            raise ValueError(f"--exposure must be positive and finite, got {self.exposure}")
 
 
 def run(options: ToTransformsOptions) -> int:

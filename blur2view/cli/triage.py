@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from blur2view.arrays import Array
-from blur2view.cli.options import TriageOptions
+from blur2view.cli.arguments.triage import TriageOptions
 from blur2view.cli.run import (
     End,
     Finished,

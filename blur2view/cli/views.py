@@ -10,7 +10,7 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.options import ToColmapOptions
+from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
 from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
@@ -99,18 +99,14 @@ def refusal(path: Path, name: str) -> DatabaseError | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewsWork(EstimatingWork[NamedPhotograph, ExposureViews]):
+class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]):
     """The work on one photograph, whose field, which is large, is not kept."""
-
-    database: Path | None
-    link: bool
-    skip_movers: bool
 
     def __call__(self, job: Job[NamedPhotograph]) -> Made[ExposureViews]:
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
-        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.database, plan, self.run))
+        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.db, plan, self.run))
         if plan is None:
             views = views_of(photograph.name, one.estimate)
         else:

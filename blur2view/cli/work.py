@@ -5,7 +5,7 @@ The network is loaded once in each process: bytes do not depend on its threads.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from multiprocessing import parent_process
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from blur2view import __version__
 from blur2view.arrays import Array
 from blur2view.camera.intrinsics import Intrinsics
-from blur2view.cli.options import PhotographOptions
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.terminal import TILE, Progress
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, RunError
@@ -77,10 +77,10 @@ class EstimatingWork(Work[Target, Kept]):
     verbosity: int
 
     @classmethod
-    def of(cls, options: PhotographOptions, **own: Any) -> Self:
-        """Return the work that the options of a command ask for, after loading the network."""
-        network, level = CommandNetwork.of(options.model), options.verbosity
-        return cls(run=options.run, network=network, timings=options.timings, verbosity=level, **own)
+    def of(cls, options: PhotographOptions) -> Self:
+        """Return the work, of what has its names in the options of a command, after loading the network."""
+        own = {one.name: getattr(options, one.name) for one in fields(cls) if one.name != "network"}
+        return cls(network=CommandNetwork.of(options.model), **own)
 
     def estimated(
         self, job: Job[Target], *, as_stored: bool = False, camera_of: CameraOf | None = None
@@ -115,11 +115,11 @@ class DocumentWork(EstimatingWork[ResultFiles | None, Written | None]):
     """Work whose document is written beside other files, and kept where it is printed."""
 
     kind: ClassVar[Any]  # type of the document
-    json: bool
+    prints_documents: bool
 
     def restored(self, job: Job[ResultFiles | None], stored: Any) -> Written | None:
         """Return the document that an earlier call has written."""
-        if not self.json or job.target is None:
+        if not self.prints_documents or job.target is None:
             return None
         content = parse_json(read_regular(job.target.document))
         document: Written = restore(self.kind, content)
@@ -141,7 +141,7 @@ def _features(path: Path, content: bytes, max_memory_gib: float) -> Features:
     return features_of(read_image(path, max_memory_gib=max_memory_gib, content=content))
 
 
-NOT_OF_A_RESULT = {"verbosity", "json", "max_memory_gib", "model", "database"}
+NOT_OF_A_RESULT = {"verbosity", "prints_documents", "max_memory_gib", "model", "db"}
 """What a work holds besides that on which results depend; the network's file stands for its name."""
 
 

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -123,9 +124,9 @@ def test_options_reach_the_steps(run: Call, moving: Path) -> None:
 
 
 def test_defaults_are_those_of_the_dataclasses() -> None:
-    parsed = cli.build_parser().parse_args(["estimate", "a.jpg"])
-    assert parsed.beta == SelectOptions().beta
-    assert parsed.max_error == EstimatorOptions().max_error_px
+    options: Any = cli.parse(["estimate", "a.jpg"])
+    assert (options.beta, options.run.select) == (SelectOptions.beta, SelectOptions())
+    assert options.run.options == EstimatorOptions()
 
 
 def test_many_photographs_show_progress_to_a_person(

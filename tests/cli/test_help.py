@@ -6,12 +6,17 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from blur2view.cli import commands as cli
+from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.parser import CommandParser
+from blur2view.cli.arguments.segment import SegmentOptions
 from blur2view.results import document, estimate, masks, table, to_colmap
 from blur2view.results.document import Document
+from tests.support.calls import call_program
 
 COMPLETE = r"""
 eval "$("$1" -m blur2view --completion bash)"
@@ -59,6 +64,32 @@ except SystemExit:
     return set(ast.literal_eval(done.stdout.splitlines()[-1]))
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class MoreOptions(SegmentOptions):
+    """Those of segment, and one more.
+
+    Segment.
+    """
+
+    floor: float = option(0.5, "SHARE", rare=True)
+    "least share of the picture that moves (default: %(default)s)"
+
+
+def test_an_option_is_declared_once(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = CommandParser(prog="segment").of(MoreOptions)
+    for words, code, printed in (
+        (["--help-all"], 0, "--floor SHARE least share of the picture that moves (default: 0.5)"),
+        (["a.png", "--floor", "x"], 2, "segment: --floor: expected a number, got 'x' (see segment --help)"),
+    ):
+        with pytest.raises(SystemExit) as caught:
+            parser.parse_args(words)
+        captured = capsys.readouterr()
+        assert caught.value.code == code and printed in " ".join((captured.out + captured.err).split())
+    assert "--floor" not in parser.format_help()
+    options: Any = parser.read(parser.parse_args(["a.png", "--floor", "0.25"]))
+    assert options.floor == 0.25 and options.masks is None
+
+
 @pytest.mark.parametrize("option", ["--version", "--help"])
 def test_program_starts_without_what_takes_time(option: str) -> None:
     assert imported_by(option) == set()
@@ -71,10 +102,7 @@ def test_help_of_a_command_imports_no_network_and_no_colmap(command: str) -> Non
 
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        cli.main([command, "--help-all"])
-    assert caught.value.code == 0
-    text = capsys.readouterr().out
+    text = call_program(capsys, command, "--help-all").out
     own = () if command in WITHOUT_ESTIMATE else ("camera:", "estimation:")
     sections = ("input:", "output:", *own, "exit codes:", "examples:")
     places = [text.index(f"\n{section}\n") for section in sections]
@@ -89,10 +117,8 @@ def test_help_fits_a_screen_and_shows_an_example(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    with pytest.raises(SystemExit) as caught:
-        cli.main([command, "--help"])
-    text = capsys.readouterr().out
-    assert caught.value.code == 0 and len(text.splitlines()) <= 60
+    text = call_program(capsys, command, "--help").out
+    assert len(text.splitlines()) <= 60
     assert "\nexamples:\n" in text and text.endswith(f"blur2view {command} --help-all\n")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.options import TriageOptions, read_options
+from blur2view.cli.arguments.triage import TriageOptions
 from blur2view.cli.triage import Classifier, list_text, use_of
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row
@@ -188,8 +188,9 @@ def test_what_is_out_of_focus_is_never_sharp(
 def test_near_the_limit_a_frame_follows_the_one_before_and_no_other_photograph_does(
     names: tuple[str, str], frames_of_video: tuple[int | None, int | None], words: list[str], last: str
 ) -> None:
-    parsed = cli.build_parser().parse_args(["triage", "a.png", *words])
-    classify = Classifier(read_options(parsed, TriageOptions))
+    options = cli.parse(["triage", "a.png", *words])
+    assert isinstance(options, TriageOptions)
+    classify = Classifier(options)
     uses = [
         classify(Row(name=name, frame=frame, verdict="PLANAR", smear_px=smear_px)).use
         for name, frame, smear_px in zip(names, frames_of_video, (2.0, 3.1), strict=True)

@@ -85,8 +85,8 @@ def test_every_pixel_of_the_full_field_is_read_as_a_grid(tmp_path: Path) -> None
     np.testing.assert_allclose(some.sigma_px, whole.sigma_px[20, 10], rtol=1e-6)
     for name in ("sigma_px", "sigma_rad"):
         np.testing.assert_array_equal(getattr(read.at_pixels(), name), getattr(whole, name))
-    vectors = (to_double_angle(field.displacement) for field in (read.at_pixels(), whole))
-    np.testing.assert_allclose(*vectors, atol=1e-3)
+    found, true = (to_double_angle(field.displacement) for field in (read.at_pixels(), whole))
+    np.testing.assert_allclose(found, true, atol=1e-3)
 
 
 @pytest.mark.parametrize("full", [False, True])

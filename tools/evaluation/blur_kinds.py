@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -58,7 +57,7 @@ Namer = Callable[[AnyArray], Named]
 
 def named(estimate: blur2view.Estimate) -> Named:
     """Return what an estimate says; the only place that knows the interface. Unknown lengths are 0."""
-    blur: Any = estimate.blur  # type: ignore[attr-defined]
+    blur = estimate.blur
     grid, smears = estimate.grid, estimate.grid.smears()
     names = ("defocus_px", "smear_px", "width_px", "moving_share")
     return Named(

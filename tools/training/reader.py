@@ -24,7 +24,7 @@ HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it 
 MOVED_PX, DEFOCUSED_PX = (1.5, 2.5), (1.6, 2.4)
 """Lengths of smears, and radii, between which a cell comes to count as smeared, and as out of focus."""
 PREVAILS = 0.7, 1.1
-"""Length of a smear over the radius out of focus between which it comes to show: a disc hides shorter ones."""
+"""Length of a smear over the radius out of focus between which it comes to show: a disc hides others."""
 
 
 class Circular(nn.Module):

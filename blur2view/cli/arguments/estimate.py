@@ -1,16 +1,14 @@
 """``blur2view estimate``: its options and its help."""
 
-from blur2view.cli.arguments import help_text, shared
-from blur2view.cli.arguments.parser import CommandParser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from blur2view.cli.arguments.help_text import MANIFEST, Rows
+from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.shared import FolderOptions
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 
-ABOUT = "say what the camera did while the shutter was open: F, with intrinsics E and the pose"
-DESCRIPTION = """
-Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the fundamental
-matrix F between what the camera saw when the shutter opened and when it closed, with known intrinsics the
-essential matrix and the pose. Where no F can be trusted the configuration and its reason say why. Prints two
-lines about one photograph, one line about each of several; with -o writes files beside each other.
-"""
 CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
@@ -35,34 +33,42 @@ FILES = """
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
     uncertainty (sigma)
 """
-EXAMPLES = (
-    "blur2view estimate models/sample.jpg -o out",
-    "blur2view estimate photographs --recursive -o results --resume",
-    "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
-    "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv --jsonl | head",
-    'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
-)
 
 
-OUTPUT = """
--o, --output DIR: write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below
-"""
-FULL_FIELD = """
---full-field: write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16
-    bytes a pixel
-"""
+@dataclass(frozen=True, kw_only=True)
+class EstimateSettings:
+    """Those on which the files of a photograph depend."""
+
+    full_field: bool = option(False, rare=True)
+    """write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 bytes a
+    pixel"""
 
 
-def describe(parser: CommandParser) -> None:
-    """Add the options and the help of ``blur2view estimate``."""
-    shared.add_photographs(parser)
-    results = OUTPUT + shared.OVERWRITE + FULL_FIELD + shared.STREAM
-    shared.add_output(parser, results + shared.SEQUENCE + shared.TIMINGS + shared.TABLE)
-    shared.add_estimating(parser, exposure=True)
-    tables = {
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(EstimateSettings, FolderOptions):
+    """The options of ``blur2view estimate``.
+
+    Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the
+    fundamental matrix F between what the camera saw when the shutter opened and when it closed, with known
+    intrinsics the essential matrix and the pose. Where no F can be trusted the configuration and its reason
+    say why. Prints two lines about one photograph, one line about each of several; with -o writes files
+    beside each other.
+    """
+
+    command = "estimate"
+    output: Path | None = option(None, "DIR", names="-o --output")
+    "write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below"
+
+    tables: ClassVar[dict[str, Rows]] = {
         "configurations, in COLMAP's names": CONFIGURATIONS,
-        "files of -o": FILES + help_text.MANIFEST,
+        "files of -o": FILES + MANIFEST,
         "JSON document of --json": EstimatesDocument,
         "JSON document of a photograph": EstimateDocument,
     }
-    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)
+    examples = (
+        "blur2view estimate models/sample.jpg -o out",
+        "blur2view estimate photographs --recursive -o results --resume",
+        "blur2view estimate clip.mp4 --every 10 --from 2s --json > estimates.json",
+        "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv --jsonl | head",
+        'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
+    )

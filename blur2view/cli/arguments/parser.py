@@ -3,23 +3,20 @@
 import argparse
 import copy
 import re
-from collections.abc import Callable
-from pathlib import Path
+from importlib import import_module
 from typing import Any, NoReturn
 
+from blur2view.cli.arguments.help_text import EXIT_CODES, Layout, add_table
+from blur2view.cli.arguments.option import Options, add_options, declared, refusals
+from blur2view.cli.arguments.values import file_path
 from blur2view.cli.terminal import printable
+from blur2view.errors import CameraError
 
-BRIEF = {
-    *("recursive", "every", "output", "db", "link", "format", "csv", "keep", "max_smear", "blurred", "mask"),
-    *("masks", "photographs", "dialect", "json", "verbosity", "focal", "camera", "exposure", "sequence"),
-    *("extract", "best", "every_best", "in_order", "jobs", "resume", "help", "help_all"),
-}
-"""Options that ``--help`` shows, by the names that argparse keeps their values by."""
 MESSAGES = {
     "^argument ": "",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
-    "invalid (int|float) value: ": "expected a number, got ",
+    r"invalid \w+ value: ": "expected a number, got ",
     "expected one argument": "needs a value behind it",
     "not allowed with argument (.*)": r"does not go with \1; choose one of them",
     "invalid choice: (.*) \\(choose from (.*)\\)": r"expected one of \2, got \1",
@@ -28,49 +25,64 @@ MESSAGES = {
 
 
 class CommandParser(argparse.ArgumentParser):
-    """A parser whose options are described when it is used, so that other commands start faster.
+    """A parser with the options of a command's dataclass, which is imported when it is used.
 
-    ``describe`` adds them. ``--help`` has those of `BRIEF` alone, in a few words each, and ``examples``;
-    ``--help-all`` all, with what ``tables`` makes.
+    ``--help`` has those that are not rare, in a few words each, and the examples; ``--help-all`` all, and the
+    tables.
     """
 
-    examples = ""
+    def __init__(self, *, command: str = "", **settings: Any) -> None:
+        super().__init__(formatter_class=Layout, **settings)
+        self.command = command
+        self.kind: type[Options] | None = None
 
-    def __init__(self, *, describe: Callable[["CommandParser"], None] | None = None, **settings: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
-        self._describe = describe
-        self.tables: Callable[[], list[str]] = list
-        self._brief = describe is not None
-
-    def described(self) -> "CommandParser":
-        """Return the parser with its options."""
-        if self._describe is not None:
-            describe, self._describe = self._describe, None
-            text = "show all options, files and JSON keys, and exit"
-            self.add_argument("--help-all", nargs=0, action=HelpAll, help=text)
-            describe(self)
-            self.set_defaults(usage_error=self.error)
+    def of(self, kind: type[Options]) -> "CommandParser":
+        """Return the parser with the options of a command."""
+        self.kind = kind
+        self.description = " ".join((kind.__doc__ or "").partition("\n\n")[2].split())
+        self.epilog = "\n  ".join(["examples:", *kind.examples])
+        text = "show all options, files and JSON keys, and exit"
+        self.add_argument("--help-all", nargs=0, action=HelpAll, help=text)
+        add_options(self, kind)
+        self.set_defaults(parser=self)
         return self
 
+    def filled(self) -> "CommandParser":
+        """Return the parser with the options of its command."""
+        return self.of(options_of(self.command)) if self.command and self.kind is None else self
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Return the options as argparse does, after describing them."""
-        return super(CommandParser, self.described()).parse_known_args(args, namespace)
+        """Return the options as argparse does."""
+        return super(CommandParser, self.filled()).parse_known_args(args, namespace)
+
+    def read(self, parsed: argparse.Namespace) -> Options:
+        """Return the options of the command; what they refuse is a usage error."""
+        kind = self.kind or Options
+        try:
+            return kind(**{one.name: getattr(parsed, one.name) for one in declared(kind)})
+        except (ValueError, CameraError) as error:
+            self.error(str(error))
+
+    @property
+    def names(self) -> set[str]:
+        """The names of all options."""
+        return set(self.filled()._option_string_actions)
 
     def format_help(self) -> str:
         """Return the help: of a command what matters most, until ``--help-all`` is asked for."""
-        if not self._brief:
+        if self.kind is None:
             return super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(None, [action for action in self._actions if not action.option_strings], [])
         formatter.add_text(self.description)
         formatter.start_section("options")
         for action in sorted(self._actions, key=lambda action: action.dest.startswith("help")):
-            if action.dest in BRIEF or not action.option_strings:
+            if not getattr(action, "rare", False):
                 short = copy.copy(action)
                 short.help = re.split(r"; |\. |, see below| \(default", action.help or "")[0]
                 formatter.add_argument(short)
         formatter.end_section()
-        formatter.add_text(self.examples)
+        formatter.add_text(self.epilog)
         formatter.add_text(f"all options, files and JSON keys: {self.prog} --help-all")
         return formatter.format_help()
 
@@ -81,12 +93,21 @@ class CommandParser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
 
 
+def options_of(command: str) -> type[Options]:
+    """Return the options of a command: of ``to-colmap`` ToColmapOptions, imported now."""
+    module = import_module(f"blur2view.cli.arguments.{command.replace('-', '_')}")
+    kind: type[Options] = getattr(module, f"{command.title().replace('-', '')}Options")
+    return kind
+
+
 class HelpAll(argparse.Action):
     """The option ``--help-all``."""
 
     def __call__(self, parser: Any, *_: Any) -> None:
         """Print everything and end the program."""
-        parser.epilog = "\n\n".join([*parser.tables(), parser.examples])
+        here = {"not here": why} if (why := refusals(parser.kind)) else {}
+        for title, rows in (parser.kind.tables | here | {"exit codes": EXIT_CODES}).items():
+            add_table(parser, title, rows)
         print(argparse.ArgumentParser.format_help(parser), end="")
         parser.exit()
 
@@ -94,9 +115,7 @@ class HelpAll(argparse.Action):
 class Completion(argparse.Action):
     """The option ``--completion``."""
 
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: Any = None
-    ) -> None:
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: str | None = None) -> None:
         """Print the script of a shell and end the program."""
         import shtab
 
@@ -104,15 +123,9 @@ class Completion(argparse.Action):
             parser.error(f"{option} knows {', '.join(shtab.SUPPORTED_SHELLS)}, not {values}")
         (commands,) = (one for one in parser._actions if isinstance(one, argparse._SubParsersAction))
         for command in commands.choices.values():
-            for action in command.described()._actions:
-                if not action.option_strings or action.type is output_path:
+            command.description = command.filled().description.partition(". ")[0]  # zsh has room for no more
+            for action in command._actions:
+                if not action.option_strings or action.type is file_path:
                     action.complete = shtab.FILE
         print(shtab.complete(parser, values))
         parser.exit()
-
-
-def output_path(text: str) -> Path:
-    """Return the path of what will be written."""
-    if "\0" in text:
-        raise argparse.ArgumentTypeError("a path has no null character")
-    return Path(text)

@@ -1,19 +1,14 @@
 """``blur2view report``: its options and its help."""
 
 from argparse import SUPPRESS
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-from blur2view.cli.arguments import help_text, shared
-from blur2view.cli.arguments.parser import CommandParser
+from blur2view.cli.arguments.help_text import Rows
+from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.shared import PhotographOptions
 
-ABOUT = "write one HTML page that shows the result of each photograph"
-DESCRIPTION = """
-Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of the
-photographs, sortable by verdict, length of the smears and name; for each the picture with smears, inliers,
-epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models that competed,
-F, the timings, and the JSON document of blur2view estimate to download. A photograph that fails is a card
-with its reason. It needs a browser of 2023 or later.
-"""
 CONTROLS = """
 click or tap: a smear: its ends and, where there is no H, both epipolar lines
 hover: the values of a smear
@@ -27,28 +22,34 @@ epipole: where epipolar lines meet: the camera moved towards it or from it
 P(moves): probability that a pixel moves by itself, of the motion mask
 uncertainty: standard deviation (sigma) of a smear that the network predicts, pixels
 """
-EXAMPLES = (
-    "blur2view report clip.mp4 --every 10 -o report.html",
-    "blur2view report a.jpg --focal 525 --no-mask",
-)
 
 
-OUTPUT = """
--o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless all fail
---overwrite: which does nothing here
---no-mask: without the motion mask: faster
-"""
+@dataclass(frozen=True, kw_only=True)
+class ReportSettings:
+    """Those on which the entry of a photograph depends."""
+
+    mask: bool = option(True)
+    "without the motion mask: faster"
 
 
-def describe(parser: CommandParser) -> None:
-    """Add the options and the help of ``blur2view report``."""
-    shared.add_photographs(parser)
-    shared.add_output(
-        parser,
-        OUTPUT + shared.SEQUENCE + shared.TIMINGS + shared.TABLE,
-        output={"default": Path("report.html")},
-        overwrite={"action": "store_true", "help": SUPPRESS},
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions(ReportSettings, PhotographOptions):
+    """The options of ``blur2view report``.
+
+    Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
+    the photographs, sortable by verdict, length of the smears and name; for each the picture with smears,
+    inliers, epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models
+    that competed, F, the timings, and the JSON document of blur2view estimate to download. A photograph that
+    fails is a card with its reason. It needs a browser of 2023 or later.
+    """
+
+    command = "report"
+    output: Path = option(Path("report.html"), "HTML", names="-o --output")
+    "the page (default: %(default)s); one of an earlier call is replaced, unless all fail"
+    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
+
+    tables: ClassVar[dict[str, Rows]] = {"on the page": CONTROLS, "terms of the page": TERMS}
+    examples = (
+        "blur2view report clip.mp4 --every 10 -o report.html",
+        "blur2view report a.jpg --focal 525 --no-mask",
     )
-    shared.add_estimating(parser, exposure=True)
-    tables = {"on the page": CONTROLS, "terms of the page": TERMS}
-    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)

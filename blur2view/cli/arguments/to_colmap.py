@@ -1,19 +1,14 @@
 """``blur2view to-colmap``: its options and its help."""
 
-from blur2view.cli.arguments import help_text, shared
-from blur2view.cli.arguments.parser import CommandParser
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from blur2view.cli.arguments.help_text import Rows
+from blur2view.cli.arguments.option import VIEWS, option, refused
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
 
-ABOUT = "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP"
-DESCRIPTION = """
-Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
-shutter opened and when it closed. They share the photograph's camera and have a rig and a frame, keypoints
-(both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with known
-intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the orientation
-of EXIF is not applied. No files have these names, and mapping needs none; blur2view.mapper_options() has the
-mapper's options, as its defaults refuse such short baselines, and help("blur2view.colmap.mapping") the ways
-to map. With --link the views join a project of yours; blur2view place puts them into its model.
-"""
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
@@ -32,46 +27,83 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
     project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
     sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
     COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
+--format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
+    blur2view.colmap.text_formats has both commands
+--format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
-EXAMPLES = (
-    "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
-    "blur2view to-colmap --db project.db --link --sequence frames/*.png",
-)
-REFUSED = {
-    "--readout": "COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another "
-    "time; a correction of the smears would leave that, the larger error, and would double theirs if the "
-    "order in time, which is mostly unknown, is the other; for the pose use blur2view estimate"
-}
 
 
-OUTPUT = """
---db DB: the database: a new one, or with --link yours
---link: add to a database that holds the photographs and their features
---replace: with --link: write anew what an earlier call has written (after new features, a new network)
---no-backup: with --link: do not copy the database to DB.<time>.bak first
---dry-run: estimate, say what would be written, and write nothing
---json: print one JSON document instead of the summaries, see below
-"""
-VIEWS = """
---skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks it
---[no-]sequence: the photographs are a video in this order, so that neighbours show which view came first;
-    with --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names
-    differ by one in their number)
-"""
+@dataclass(frozen=True, kw_only=True)
+class ToColmapSettings:
+    """Those on which the views of a photograph depend."""
+
+    db: Path = option(MISSING, "DB", names="--db")
+    "the database: a new one, or with --link yours"
+    link: bool = option(False)
+    "add to a database that holds the photographs and their features"
+    skip_movers: bool = option(False, group=VIEWS, rare=True)
+    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
 
 
-def describe(parser: CommandParser) -> None:
-    """Add the options and the help of ``blur2view to-colmap``."""
-    shared.add_photographs(parser)
-    shared.add_output(parser, OUTPUT + shared.TABLE, db={"required": True})
-    help_text.add_options(parser.add_argument_group("views"), VIEWS)
-    shared.add_estimating(parser, exposure=False)
-    tables = {
+@dataclass(frozen=True, kw_only=True)
+class ToColmapOptions(ToColmapSettings, PhotographOptions):
+    """The options of ``blur2view to-colmap``.
+
+    Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
+    shutter opened and when it closed. They share the photograph's camera and have a rig and a frame,
+    keypoints (both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with
+    known intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the
+    orientation of EXIF is not applied. No files have these names, and mapping needs none;
+    blur2view.mapper_options() has the mapper's options, as its defaults refuse such short baselines, and
+    help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
+    place puts them into its model.
+    """
+
+    command = "to-colmap"
+    replace: bool = option(False, rare=True)
+    "with --link: write anew what an earlier call has written (after new features, a new network)"
+    backup: bool = option(True, rare=True)
+    "with --link: do not copy the database to DB.<time>.bak first"
+    dry_run: bool = option(False, rare=True)
+    "estimate, say what would be written, and write nothing"
+    json: bool = option(False)
+    "print one JSON document instead of the summaries, see below"
+    sequence: bool | None = option(None, group=VIEWS)
+    """the photographs are a video in this order, so that neighbours show which view came first; with
+    --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names differ
+    by one in their number)"""
+    timings: bool = True
+    exposure: float | None = None
+    readout: float | None = refused()
+    """COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another time; a
+    correction of the smears would leave that, the larger error, and would double theirs if the order in time,
+    which is mostly unknown, is the other; for the pose use blur2view estimate"""
+
+    tables: ClassVar[dict[str, Rows]] = {
         "what is written": WRITTEN,
         "JSON document of --json": ToColmapDocument,
         "JSON object of a photograph": ViewsDocument,
-        "not here": REFUSED.items(),
     }
-    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)
+    examples = (
+        "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
+        "blur2view to-colmap --db project.db --link --sequence frames/*.png",
+    )
+
+    def __post_init__(self) -> None:
+        if not self.link and (self.replace or self.skip_movers or not self.backup):
+            raise ValueError("--replace, --skip-movers and --no-backup go with --link")
+        if self.link and self.dask is not None:
+            raise ValueError("--link goes without --dask, whose workers see no database")
+        super().__post_init__()
+
+    @property
+    def prints(self) -> bool:
+        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
+        return False
+
+    @property
+    def in_order(self) -> bool | None:
+        """Whether neighbours show which view came first; None: those whose names say so."""
+        return True if self.sequence is None and self.inputs.one_video else self.sequence

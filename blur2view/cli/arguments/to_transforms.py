@@ -1,19 +1,15 @@
 """``blur2view to-transforms``: its options and its help."""
 
 from argparse import SUPPRESS
+from dataclasses import MISSING, dataclass
 from pathlib import Path
+from typing import ClassVar
 
-from blur2view.cli.arguments import help_text, shared
-from blur2view.cli.arguments.parser import CommandParser
+from blur2view.cli.arguments import values
+from blur2view.cli.arguments.help_text import Rows
+from blur2view.cli.arguments.option import INPUT, Options, option
 from blur2view.colmap import DIALECTS
 
-ABOUT = "write a COLMAP model with views as transforms.json, for radiance fields of blurred photographs"
-DESCRIPTION = """
-Write a COLMAP model with the views NAME#open and NAME#close, as blur2view place writes it, as the
-transforms.json that trainers of radiance fields read: instant-ngp, which lets each ray of a frame look from a
-random instant of its exposure, or the motion-blur fork of nerfstudio. The world is the model's, in its unit.
-help("blur2view.colmap.transforms") has all conventions with their sources.
-"""
 KEYS = """
 transform_matrix: world_from_camera at mid exposure; axes x right, y up, z backwards (OpenGL)
 fl_x, cx, k1, ...: COLMAP's own numbers; above the frames, or in each if they have several cameras
@@ -25,37 +21,36 @@ nerfstudio: camera_linear_velocity (units of the model per second) and camera_an
     sparse_pc.ply beside the file
 order in time: which view came first does not matter to a photograph blurred by a global shutter
 """
-EXAMPLES = (
-    "blur2view to-transforms with_views",
-    "blur2view to-transforms with_views --images frames -o ngp/transforms.json",
-    "blur2view to-transforms with_views --dialect nerfstudio --exposure 0.02 -o splat/transforms.json",
-)
 
 
-INPUT = """
-model MODEL: folder of a COLMAP model with views
---images DIR: folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
-    MODEL/project.ini, or else images beside the file)
---exposure S: exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities
-    shows in a photograph (default: %(default)g, velocities per exposure)
-"""
-OUTPUT = """
--o, --output JSON: the file (default: %(default)s); one of an earlier call is replaced
---dialect: whose file (default: %(default)s)
---overwrite: which does nothing here
-"""
+@dataclass(frozen=True, kw_only=True)
+class ToTransformsOptions(Options):
+    """The options of ``blur2view to-transforms``.
 
+    Write a COLMAP model with the views NAME#open and NAME#close, as blur2view place writes it, as the
+    transforms.json that trainers of radiance fields read: instant-ngp, which lets each ray of a frame look
+    from a random instant of its exposure, or the motion-blur fork of nerfstudio. The world is the model's, in
+    its unit. help("blur2view.colmap.transforms") has all conventions with their sources.
+    """
 
-def describe(parser: CommandParser) -> None:
-    """Add the options and the help of ``blur2view to-transforms``."""
-    help_text.add_options(
-        parser.add_argument_group("input"), INPUT, images={"dest": "photographs"}, exposure={"default": 1.0}
+    command = "to-transforms"
+    model: Path = option(MISSING, "MODEL", group=INPUT)
+    "folder of a COLMAP model with views"
+    photographs: Path | None = option(None, "DIR", group=INPUT, names="--images")
+    """folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
+    MODEL/project.ini, or else images beside the file)"""
+    exposure: float = option(1.0, "S", group=INPUT, convert=values.exposure)
+    """exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities shows
+    in a photograph (default: %(default)g, velocities per exposure)"""
+    output: Path = option(Path("transforms.json"), "JSON", names="-o --output")
+    "the file (default: %(default)s); one of an earlier call is replaced"
+    dialect: str = option(DIALECTS[0], choices=DIALECTS)
+    "whose file (default: %(default)s)"
+    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
+
+    tables: ClassVar[dict[str, Rows]] = {"what is written": KEYS}
+    examples = (
+        "blur2view to-transforms with_views",
+        "blur2view to-transforms with_views --images frames -o ngp/transforms.json",
+        "blur2view to-transforms with_views --dialect nerfstudio --exposure 0.02 -o splat/transforms.json",
     )
-    shared.add_output(
-        parser,
-        OUTPUT,
-        output={"default": Path("transforms.json")},
-        dialect={"choices": DIALECTS, "default": DIALECTS[0]},
-        overwrite={"action": "store_true", "help": SUPPRESS},
-    )
-    help_text.explain(parser, DESCRIPTION, {"what is written": KEYS}, EXAMPLES)

@@ -1,9 +1,13 @@
 """``blur2view triage``: its options and its help."""
 
-from blur2view.cli.arguments import help_text, shared
-from blur2view.cli.arguments.parser import CommandParser
-from blur2view.cli.arguments.values import amount, best, radius
-from blur2view.cli.options import Amount
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from blur2view.cli.arguments.help_text import Rows
+from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.shared import PhotographOptions
+from blur2view.cli.arguments.values import Amount, amount, best, radius
 from blur2view.results.table import Row
 
 MAX_SMEAR = Amount(number=3.0)
@@ -11,17 +15,8 @@ MAX_SMEAR = Amount(number=3.0)
 that a photograph shares with itself under fresh noise are still matched (``python -m
 tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
 others)."""
-
 MAX_DEFOCUS = 2.0
 """Largest radius out of focus, pixels, of a photograph that is called sharp."""
-
-ABOUT = "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable"
-DESCRIPTION = """
-Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table of
-all, and a list, or a folder, of those to use for structure from motion: the sharp ones, the sharpest ones, or
-the sharpest of every few neighbours. Unlike the variance of the Laplacian this does not confuse a lack of
-texture with blur.
-"""
 USES = """
 sharp: the median of all smears of the picture is at most --max-smear, and the radius out of focus of what
     is in focus, if anything is, at most --max-defocus; kept
@@ -45,47 +40,60 @@ LIST = """
     The folder must hold nothing else, and nothing in it is replaced
 --every-best: of every N neighbours in a video or folder one is kept, and another where it shows another view
 """
-EXAMPLES = (
-    "blur2view triage clip.mp4 --every-best 6 --extract frames",
-    "blur2view triage clip.mp4 --best 300 --extract frames",
-    "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
-    "blur2view triage frames --keep frames/keep.txt --max-smear 3 --blurred",
-    "blur2view estimate @frames/keep.txt -o results",
-    "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
-)
 
 
-OUTPUT = """
---keep LIST: write the list of photographs to keep, see below
---extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
---max-smear PX: the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal
-    (default: %(default)s, up to which half of its SIFT features are still matched)
---max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
-"""
-CHOICE = """
---blurred: keep the blurred ones, too, that geometry can use
---best N: keep the N sharpest, by the width of all of the blur, or as 50%% of all
---every-best N: keep the sharpest of every N neighbours, and of each view among them
-"""
-FRAMES = """
---sequence: the photographs of a folder are the frames of a video in this order: near the limit each is as
-    sharp as the one before, as frames of a video are anyway
---overwrite: replace a list that was changed since it was written, too, if it names nothing but these
-    photographs
-"""
+@dataclass(frozen=True, kw_only=True)
+class TriageOptions(PhotographOptions):
+    """The options of ``blur2view triage``.
 
+    Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
+    of all, and a list, or a folder, of those to use for structure from motion: the sharp ones, the sharpest
+    ones, or the sharpest of every few neighbours. Unlike the variance of the Laplacian this does not confuse
+    a lack of texture with blur.
+    """
 
-def describe(parser: CommandParser) -> None:
-    """Add the options and the help of ``blur2view triage``."""
-    shared.add_photographs(parser)
-    output = parser.add_argument_group("output")
-    limit = {"type": amount, "default": MAX_SMEAR}
-    defocus = {"type": radius, "default": MAX_DEFOCUS}
-    help_text.add_options(output, shared.TABLE + OUTPUT, max_smear=limit, max_defocus=defocus)
-    help_text.add_options(output.add_mutually_exclusive_group(), CHOICE, best={"type": best})
-    in_order = {"action": "store_true", "dest": "in_order"}
-    help_text.add_options(output, FRAMES + shared.TIMINGS, sequence=in_order)
-    shared.add_verbosity(output)
-    shared.add_estimating(parser, exposure=True)
-    tables = {"uses": USES, "columns of --csv": Row, "the list": LIST}
-    help_text.explain(parser, DESCRIPTION, tables, EXAMPLES)
+    command = "triage"
+    keep: Path | None = option(None, "LIST")
+    "write the list of photographs to keep, see below"
+    extract: Path | None = option(None, "DIR")
+    "write the photographs to keep into a folder, frames of videos as PNG, see below"
+    max_smear: Amount = option(MAX_SMEAR, "PX", convert=amount)
+    """the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal (default:
+    %(default)s, up to which half of its SIFT features are still matched)"""
+    max_defocus: float = option(MAX_DEFOCUS, "PX", convert=radius)
+    "the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)"
+    blurred: bool = option(False, either="choice")
+    "keep the blurred ones, too, that geometry can use"
+    best: Amount | None = option(None, "N", convert=best, either="choice")
+    "keep the N sharpest, by the width of all of the blur, or as 50%% of all"
+    every_best: int | None = option(None, "N", either="choice")
+    "keep the sharpest of every N neighbours, and of each view among them"
+    in_order: bool = option(False, names="--sequence")
+    """the photographs of a folder are the frames of a video in this order: near the limit each is as sharp as
+    the one before, as frames of a video are anyway"""
+    overwrite: bool = option(False, rare=True)
+    """replace a list that was changed since it was written, too, if it names nothing but these
+    photographs"""
+    sequence: bool | None = False
+
+    tables: ClassVar[dict[str, Rows]] = {"uses": USES, "columns of --csv": Row, "the list": LIST}
+    examples = (
+        "blur2view triage clip.mp4 --every-best 6 --extract frames",
+        "blur2view triage clip.mp4 --best 300 --extract frames",
+        "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
+        "blur2view triage frames --keep frames/keep.txt --max-smear 3 --blurred",
+        "blur2view estimate @frames/keep.txt -o results",
+        "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
+    )
+
+    def __post_init__(self) -> None:
+        if self.resume and self.csv is None and self.keep is None and self.extract is None:
+            raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
+        if self.selects and self.keep is None and self.extract is None:
+            raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
+        super().__post_init__()
+
+    @property
+    def selects(self) -> bool:
+        """Whether photographs are kept by their order of blur, whatever they are of use for."""
+        return self.best is not None or self.every_best is not None

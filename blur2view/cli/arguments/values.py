@@ -1,19 +1,52 @@
 """The values of options: numbers with their units, frames, paths."""
 
-import argparse
 import math
-
-from blur2view.cli.options import Amount
+from argparse import ArgumentTypeError
+from dataclasses import dataclass
+from pathlib import Path
 
 LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below is asked about
+SHORTEST_S = 1e-9  # no shutter and no flash is as short
 FILM_MM = 36.0  # width of 35-mm film
+
+
+@dataclass(frozen=True, kw_only=True)
+class Amount:
+    """A number, or a percentage of what is known later."""
+
+    number: float
+    percent: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.number:g}{'%' if self.percent else ''}"
+
+
+def file_path(text: str) -> Path:
+    """Return the path of a file or a folder."""
+    if "\0" in text:
+        raise ArgumentTypeError("a path has no null character")
+    return Path(text)
 
 
 def positive(text: str) -> int:
     """Return a number of 1 or more."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text}")
+        raise ArgumentTypeError(f"must be 1 or more, got {text}")
     return int(text)
+
+
+def seed(text: str) -> int:
+    """Return a number of 0 or more."""
+    if int(text) < 0:
+        raise ArgumentTypeError(f"must not be negative, got {text}")
+    return int(text)
+
+
+def positive_float(text: str) -> float:
+    """Return a positive and finite number."""
+    if not 0 < float(text) < math.inf:
+        raise ArgumentTypeError(f"must be positive and finite, got {text}")
+    return float(text)
 
 
 def number_and_unit(text: str, *units: str) -> tuple[str, str]:
@@ -29,9 +62,17 @@ def seconds(text: str) -> float:
     try:
         value = float(above) / (float(below) if slash else 1.0) / (1000 if unit == "ms" else 1)
     except (ValueError, ZeroDivisionError):
-        raise argparse.ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
+        raise ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
     if not unit and LONG_S < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s or {text}ms")
+        raise ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s or {text}ms")
+    return value
+
+
+def exposure(text: str) -> float:
+    """Return the seconds of an exposure."""
+    value = seconds(text)
+    if not SHORTEST_S < value < math.inf:
+        raise ArgumentTypeError(f"must be above {SHORTEST_S:g} s and finite, got {text}")
     return value
 
 
@@ -41,11 +82,11 @@ def pixels(text: str) -> float:
     try:
         value = float(amount)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"expected pixels as 800, got {text}") from None
+        raise ArgumentTypeError(f"expected pixels as 800, got {text}") from None
     if unit != "px" and (unit or 0 < value < SHORT_PX):
         share = f"{value:g} mm of 35-mm film are {value / FILM_MM:.2f} of the picture's width"
         query = f"{text} is not in pixels;" if unit else f"{text} pixels or millimetres?"
-        raise argparse.ArgumentTypeError(f"{query} {share}; write pixels, as {value:g}px, or --camera exif")
+        raise ArgumentTypeError(f"{query} {share}; write pixels, as {value:g}px, or --camera exif")
     return value
 
 
@@ -56,7 +97,7 @@ def radius(text: str) -> float:
     except ValueError:
         value = 0.0
     if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected pixels above 0, as 2, got {text}")
+        raise ArgumentTypeError(f"expected pixels above 0, as 2, got {text}")
     return value
 
 
@@ -67,7 +108,7 @@ def frame_or_seconds(text: str) -> int | float:
     except ValueError:
         value = -1
     if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}")
+        raise ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}")
     return value
 
 
@@ -78,7 +119,7 @@ def amount(text: str) -> Amount:
     except ValueError:
         value = math.nan
     if not 0 <= value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number as 3 or a percentage as 50%, got {text}")
+        raise ArgumentTypeError(f"expected a number as 3 or a percentage as 50%, got {text}")
     return Amount(number=value, percent=text.endswith("%"))
 
 
@@ -87,5 +128,5 @@ def best(text: str) -> Amount:
     value = amount(text)
     whole = value.number.is_integer() or value.percent
     if not whole or not 0 < value.number <= (100 if value.percent else math.inf):
-        raise argparse.ArgumentTypeError(f"expected a number of photographs as 300 or 50%, got {text}")
+        raise ArgumentTypeError(f"expected a number of photographs as 300 or 50%, got {text}")
     return value

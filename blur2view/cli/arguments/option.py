@@ -1,0 +1,146 @@
+"""An option of a command, declared once: as the field of a frozen dataclass, with its help below it.
+
+The parser, both helps, the completion of a shell, the errors and what a command reads come from that field. A
+command has its own options and those of its base classes; one that it declares anew without `option` is not
+offered. Those that the work on a photograph needs, too, stand in a class ``...Settings``, which options and
+work both inherit.
+"""
+
+import ast
+import inspect
+import textwrap
+from argparse import BooleanOptionalAction
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, ClassVar, get_args
+
+from blur2view.cli.arguments.help_text import Rows
+from blur2view.cli.arguments.values import file_path, positive
+from blur2view.cli.terminal import QUIET, SHORT, VERBOSE
+
+INPUT, OUTPUT, VIEWS = "input", "output", "views"
+MANY, CAMERA, ESTIMATION = "many photographs", "camera", "estimation"
+GROUPS = {
+    INPUT: None,
+    OUTPUT: None,
+    VIEWS: None,
+    MANY: "A manifest beside the results, JSON lines, says what is done. Ctrl-C, a kill or a power cut loses "
+    "only the photographs in hand.",
+    CAMERA: "Known intrinsics give the essential matrix E and the pose. Without these options the focal "
+    "length of EXIF, where there is one, is a hint, and nothing is called calibrated. What is stated here is "
+    "believed; if EXIF says 1.4 times as much or as little, a line says so.",
+    ESTIMATION: "A smear is the path of a scene point in the picture while the shutter was open; its two "
+    "ends are a match whose order in time is unknown.",
+}
+"""Groups of options in the order of ``--help-all``, with what stands above them."""
+CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: positive, float: float}
+"""What makes a value of a word, by the type of the field; ValueError or ArgumentTypeError of a wrong one."""
+
+
+def option(
+    default: Any,
+    metavar: str | None = None,
+    *,
+    group: str = OUTPUT,
+    names: str = "",
+    either: str = "",
+    convert: Callable[[str], Any] | None = None,
+    **shown: Any,
+) -> Any:
+    """Return the field of an option, which the text below it explains.
+
+    It is called ``names``, by default --NAME, a flag that is true without it --no-NAME, and one that may also
+    be None both; what has neither a default (`MISSING`) nor names is an argument. Options with one word of
+    ``either`` exclude each other; ``convert`` is by default that of `CONVERT`. ``shown`` are attributes of
+    argparse, as choices; ``rare``, if --help-all alone has the option; and what the text has, as %(cutoff)s.
+    """
+    metadata = {"group": group, "names": names.split(), "either": either, "convert": convert}
+    return field(default=default, metadata={**metadata, "shown": {"metavar": metavar, **shown}})
+
+
+def refused() -> Any:
+    """Return the field of an option of other commands that this one has not, for the reason below it."""
+    return field(default=None, metadata={"refused": True})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What every command has, and what its help says.
+
+    The description is the text of the class below its first line.
+    """
+
+    command: ClassVar[str]
+    examples: ClassVar[tuple[str, ...]]
+    tables: ClassVar[Mapping[str, Rows]] = {}
+
+    verbose: bool = option(False, names="-v --verbose", either="verbosity")
+    "print everything: reasons, matrices, the costs of the models, timings"
+    quiet: bool = option(False, names="-q --quiet", either="verbosity")
+    "print failures only"
+
+    @property
+    def verbosity(self) -> int:
+        """How much is printed: `QUIET`, `SHORT` or `VERBOSE`."""
+        return VERBOSE if self.verbose else QUIET if self.quiet else SHORT
+
+
+def texts(kind: type) -> dict[str, str]:
+    """Return what stands below the fields of a class and its bases, by their names."""
+    found = {}
+    for base in reversed(kind.__mro__[:-1]):
+        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        for above, below in pairwise(definition.body):  # type: ignore[attr-defined]
+            match above, below:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    found[name] = " ".join(text.split())
+    return found
+
+
+def declared(kind: type[Options]) -> list[Field[Any]]:
+    """Return the options of a command, group by group, in each its own before those that it shares."""
+    known = {one.name: one for one in fields(kind) if "group" in one.metadata}
+    names = dict.fromkeys(name for one in kind.__mro__ for name in vars(one).get("__annotations__", ()))
+    own = [known[name] for name in names if name in known]
+    return sorted(own, key=lambda one: list(GROUPS).index(one.metadata["group"]))
+
+
+def refusals(kind: type[Options]) -> dict[str, str]:
+    """Return why a command has not what others have, by the option's name."""
+    explained = texts(kind)
+    return {f"--{one.name}": explained[one.name] for one in fields(kind) if "refused" in one.metadata}
+
+
+def add_options(parser: Any, kind: type[Options]) -> None:
+    """Add the options of a command to its parser."""
+    groups: dict[str, Any] = {}
+    explained = texts(kind)
+    for one in declared(kind):
+        group, either = one.metadata["group"], one.metadata["either"]
+        if group not in groups:
+            groups[group] = parser.add_argument_group(group, GROUPS[group])
+        if either and either not in groups:
+            groups[either] = groups[group].add_mutually_exclusive_group()
+        names, settings = _settings(one)
+        action = groups[either or group].add_argument(*names, **settings)
+        vars(action).update({"help": explained.get(one.name), **one.metadata["shown"]})
+
+
+def _settings(one: Field[Any]) -> tuple[list[str], dict[str, Any]]:
+    """Return what argparse must know to read an option: its names, and how."""
+    needed, names, flag = one.default is MISSING, one.metadata["names"], one.name.replace("_", "-")
+    kinds = get_args(one.type) or (one.type,)
+    how = {
+        "type": one.metadata["convert"] or next((CONVERT[kind] for kind in kinds if kind in CONVERT), None)
+    }
+    if one.type is bool:
+        how = {"action": "store_false" if one.default else "store_true"}
+        flag = f"no-{flag}" if one.default else flag
+    elif one.type == bool | None:
+        how = {"action": BooleanOptionalAction}
+    if needed and not names:
+        return [one.name], how | ({"nargs": "+"} if one.type == list[str] else {})
+    how |= {"required": True} if needed else {"default": one.default}
+    return names or [f"--{flag}"], how | {"dest": one.name}
