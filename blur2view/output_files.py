@@ -19,7 +19,7 @@ SIGNS = {
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
-    ".csv": (b"name,verdict,parallax,smear_px,",),
+    ".csv": (b"name,verdict,parallax,",),
 }
 # of one file, whatever it is called
 KINDS = {"page": ".html", "table": ".csv", "file": ".json", "point cloud": ".ply"}

@@ -131,7 +131,7 @@ def test_nobody_else_prints(tmp_path: Path, tiny_model: Path) -> None:
     chunk = (7).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
     (tmp_path / "a.png").write_bytes(content[:33] + chunk + content[33:])
     done = program("estimate", tmp_path / "a.png", tmp_path / "absent.png", "--model", tiny_model)
-    assert done.returncode == 1 and "a.png: Out of focus" in done.stdout
+    assert done.returncode == 1 and "a.png: Too dark" in done.stdout
     assert done.stderr == f"blur2view: {tmp_path / 'absent.png'}: no such file; check the path\n"
 
 

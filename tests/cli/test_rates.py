@@ -53,13 +53,16 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_rates_of_a_swinging_camera_have_their_signs_and_sizes(results: Path) -> None:
-    rows, true = table(results / "t.csv"), swinging().rates
+    whole, true = table(results / "t.csv"), swinging().rates
+    moved = [index for index, row in enumerate(whole) if row["rate_unit"]]  # others are sharp
+    assert len(moved) >= 0.8 * FRAMES and {row["blur"] for row in whole} <= {"camera moved", "sharp"}
+    rows, true = [whole[index] for index in moved], true[moved]
     rates = rates_of(rows)
     assert (np.sum(rates * true, axis=1) > 0).mean() >= 0.98
     assert min(np.corrcoef(rates[:, axis], true[:, axis])[0, 1] for axis in range(3)) > 0.95
     assert np.median(np.linalg.norm(rates - true, axis=1)) < 0.15 * np.median(np.linalg.norm(true, axis=1))
-    assert [int(row["frame"]) for row in rows] == list(range(FRAMES))
-    stamps = [float(row["timestamp_s"]) for row in rows]
+    assert [int(row["frame"]) for row in whole] == list(range(FRAMES))
+    stamps = [float(row["timestamp_s"]) for row in whole]
     np.testing.assert_allclose(stamps, np.arange(FRAMES) / FRAMES_PER_S, atol=1e-5)
     assert {row["rate_unit"] for row in rows} == {"rad/s"}
     assert np.mean([float(row["time_confidence"]) > 0.8 for row in rows]) > 0.9
@@ -70,6 +73,8 @@ def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None
     camera = Camera.from_focal(FOCAL_PX, SIZE)
     for row, path in zip(rows, sorted((results / "out" / "swing").glob("*.json")), strict=True):
         document = json.loads(path.read_text())
+        if document["cam2_from_cam1"] is None:
+            continue
         vector = rotation_vector(np.array(document["cam2_from_cam1"]["rotation"]))
         rate = np.array([document[axis] for axis in AXES])
         np.testing.assert_allclose(rate * EXPOSURE_S, vector)

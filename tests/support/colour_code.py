@@ -83,7 +83,8 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
     apart = np.stack([-2 * x, -2 * y, np.ones_like(x), np.ones_like(x)])  # |v - e|^2 = (v - 2 e) v + e^2
     spread = np.where(np.arange(BINS), BIN_WIDTH * length, 2 * STILL_PX) ** 2
     kinds = np.full((DIRECTIONS, BINS, len(KINDS)), -SURE)
-    kinds[:, 0, SHARP], kinds[:, 1:, SMEARED] = SURE, SURE
+    kinds[:, :2, SHARP], kinds[:, :2, SMEARED] = SURE, -SURE  # up to 2 px
+    kinds[:, 2:, SMEARED] = SURE
     constants = {
         "read": read,
         "apart": apart.reshape(4, -1),

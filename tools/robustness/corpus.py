@@ -34,7 +34,10 @@ def start(folder: Path, words: list[str], **streams: Any) -> Popen[bytes]:
     """Start a call in a folder, in a group of processes of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"}
     streams = {"stdout": DEVNULL, "stderr": PIPE} | streams
-    return Popen([*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams)
+    call: Popen[bytes] = Popen(
+        [*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams
+    )
+    return call
 
 
 def blurred(rng: Rng, size: tuple[int, int] = SIZE) -> Image.Image:

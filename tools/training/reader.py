@@ -184,8 +184,9 @@ class Reader(nn.Module):
         x = torch.relu(self.first(x))
         x = self.norms[0](x + torch.relu(self.second(x)))
         x = torch.relu(self.third(self.gather1(x)))
-        y: Tensor = self.norms[1](x + torch.relu(self.fourth(x)))
-        return y + self.isotropic(cepstra, scalars)
+        y = self.norms[1](x + torch.relu(self.fourth(x)))
+        windows: Tensor = y + self.isotropic(cepstra, scalars)
+        return windows
 
     def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Compute logits and features of an octave, given those of the smaller one.
