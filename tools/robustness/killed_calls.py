@@ -35,6 +35,7 @@ CALLS = (
     "to-colmap --db project.db --link",
     "to-colmap --db project.db --link --no-backup --replace",
 )
+LOGS = "-wal", "-shm"
 NOT_COMPARED = (".manifest.jsonl", "-wal", "-shm", ".bak")  # order of lines; logs that rows() reads; names
 State = dict[str, object]
 
@@ -56,7 +57,8 @@ def lost(folder: Path, before: State, after: State) -> list[str]:
 
     ``before`` and ``after`` are what was left by nothing and by a call that nobody disturbs.
     """
-    whole = [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.name.startswith(".")]
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    whole = [path for path in files if not path.name.startswith(".") and not path.name.endswith(LOGS)]
     found = [f"{path.name} {why}" for path in whole if (why := flaw(path))]
     backups = [path for path in whole if path.suffix == ".bak"]
     found += [f"{path.name} is no copy" for path in backups if rows(path) != before["project.db"]]
