@@ -31,6 +31,7 @@ from blur2view.segmentation.pixels import (
     parts_above,
     to_pixels,
 )
+from blur2view.smears.blur import BlurKind
 
 ROUNDS = 2  # fits of the camera's motion, the second without what moves
 STILL_PX = 1.0  # median displacement of the camera's motion below which it stands still
@@ -38,7 +39,7 @@ SHARED = 0.4  # of what is read in the picture: from there on it is open which m
 # Mean deviations off the lines, where parallax is proven, below which a part is at another depth: of ten such
 # parts of 175 development scenes the eight that stand still have 0.1 to 1.3, the two that move 1.5 and 1.7.
 OFF_LINES = 1.35
-DEPTH_MOVES = 0.1  # probability of moving that is left to these
+DEPTH_MOVES = 0.1  # probability of moving that is left to these, and where nothing is found to move
 # The probability of which a part has pixels, and of what share of it: before a camera that moves more, for
 # depth looks like motion (a parked car of a street: 0.6 in 0.15 of it, which chose the share).
 BEFORE_MOVING, BEFORE_STILL = (0.6, 0.2), (0.55, 0.0)
@@ -81,7 +82,8 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
     The camera's motion is one smooth field through the smears and, where there is one, F. What departs from
     both, and where the picture is blurred otherwise than the camera's motion blurs it, is weighed by a small
     network (`classifier`); the camera's motion is then fitted again without what moves. Where parallax is
-    proven, parts on the epipolar lines are at another depth and stand still. Unobservable is what is smooth,
+    proven, parts on the epipolar lines are at another depth and stand still. Where the camera did not move
+    (`Estimate.blur`), what is smeared moves. Unobservable is what is smooth,
     what is read badly, and what may as well move as stand still.
 
     Parameters
@@ -105,13 +107,16 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
     F = geometry.F if estimate.shutter is None else None  # a shutter's F is not of the ends as recorded
     cells = Cells.of(grid, estimate.camera)
     gradients = gradients_of(image, grid.cells.shape[:2], grid.stride)
-    median_px, moving, read = _log_odds(cells, F, gradients, rng)
+    kind = estimate.blur.kind
+    median_px, moving, read = _log_odds(cells, F, gradients, rng if kind.of_camera else None)
     hidden = smooth(gradients)
     moves, reads = (_share(np.where(hidden, -np.inf, odds)) for odds in (moving, read))
     size_px = grid.stride // FINER
     hidden = hidden.repeat(size_px, axis=0)[: image.shape[0]].repeat(size_px, axis=1)[:, : image.shape[1]]
     probability = to_pixels(moves, size_px, image)
     probability[hidden] = 0  # outlines follow edges, also into what is smooth
+    if not (kind.of_camera or kind is BlurKind.CAMERA_AT_REST):
+        probability *= np.float32(DEPTH_MOVES)
     parts = moving_parts(probability, *(BEFORE_MOVING if median_px >= STILL_PX else BEFORE_STILL))
     if F is not None and geometry.parallax is Parallax.PROVEN and median_px >= STILL_PX:
         off_lines = off_lines_px(cells, F) / off_lines_error_px(cells)
@@ -131,12 +136,16 @@ def segment(estimate: Estimate, image: AnyArray, rng: np.random.Generator | None
 
 
 def _log_odds(
-    cells: Cells, F: Array | None, gradients: Array, rng: np.random.Generator
+    cells: Cells, F: Array | None, gradients: Array, rng: np.random.Generator | None
 ) -> tuple[float, Array, Array]:
-    """Return the camera's median motion, pixels, and log-odds (FINER h, FINER w) of moving and of reading."""
+    """Return the camera's median motion, pixels, and log-odds (FINER h, FINER w) of moving and of reading.
+
+    Without a generator the camera is at rest.
+    """
     weight: Array = np.ones(cells.sigma_px.shape)
     for _ in range(ROUNDS):
-        motion = camera_field(cells, weight, rng)
+        at_rest = np.zeros_like(cells.displacement)
+        motion = at_rest if rng is None else camera_field(cells, weight, rng)
         moving, read = shipped().log_odds(evidence(cells, motion, F, gradients))
         moves = cv2.resize(_share(moving), weight.shape[::-1], interpolation=cv2.INTER_AREA)
         weight = 1 - np.asarray(moves, float)

@@ -29,8 +29,8 @@ MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
 MOVER, MOVER_SHARE = 0.6, 0.025
 """Probability with which cells must be smeared, and the share of the picture that such cells must cover in
-one piece, for something to move before a camera at rest (of 16 made-up photographs each: at most 0.025 of sharp
-ones, at least 0.032 where a mover is found at all)."""
+one piece, for something to move before a camera at rest (of 16 made-up photographs each: at most 0.025 of
+sharp ones, at least 0.032 where a mover is found at all)."""
 IN_FOCUS = 0.2
 """Share of what is not smeared that must be sharp, of a photograph that is not out of focus: its subject."""
 DARK, BRIGHT = 0.02, 0.98
@@ -162,7 +162,7 @@ def largest_mover(kinds: NDArray[np.float64]) -> float:
     """Return the share of the picture of the largest connected part that is smeared."""
     moves = (kinds[..., [SMEARED, BOTH]].sum(-1) > MOVER).astype(np.uint8)
     areas = cv2.connectedComponentsWithStats(moves, connectivity=4)[2][1:, cv2.CC_STAT_AREA]
-    return float(np.max(areas, initial=0)) / moves.size
+    return float(np.max(areas, initial=0) / moves.size)
 
 
 def nothing_seen(image: AnyArray) -> str:

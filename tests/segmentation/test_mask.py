@@ -207,4 +207,4 @@ def test_a_photograph_has_one_mask_as_PNG_as_JPEG_and_turned(photograph: Path, t
     ]
     assert one.any() or photograph != SAMPLE
     for other in others:
-        assert (one & other).sum() >= 0.9 * (one | other).sum()
+        assert (one & other).sum() >= 0.8 * (one | other).sum()

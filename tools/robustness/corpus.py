@@ -30,14 +30,11 @@ FORMATS = {  # that Pillow writes, and modes of each
 ODD_SIZES = ((1, 1), (15, 400), (16, 16), (17, 900), (2000, 16), (64, 65), (31, 33))
 
 
-def start(folder: Path, words: list[str], **streams: Any) -> Popen[bytes]:
+def start(folder: Path, words: list[str], **streams: Any) -> Popen[Any]:
     """Start a call in a folder, in a group of processes of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"}
     streams = {"stdout": DEVNULL, "stderr": PIPE} | streams
-    call: Popen[bytes] = Popen(
-        [*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams
-    )
-    return call
+    return Popen([*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams)
 
 
 def blurred(rng: Rng, size: tuple[int, int] = SIZE) -> Image.Image:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import time
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from pathlib import Path
@@ -28,8 +27,9 @@ from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
 from blur2view.networks.spectra import PEAK_LAGS_PX
-from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from blur2view.smears.likelihood import read_smears
 from tools.metrics import DIRECTION_MIN_PX
+from tools.training.pool import Batch, Pool, load_shard, octaves_of
 from tools.training.reader import (
     Reader,
     ReaderOptions,
@@ -44,13 +44,9 @@ from tools.training.reader_data import Example
 from tools.training.run import TrainingRun
 from tools.training.schedule import warm_cosine
 
-Batch = dict[str, Tensor]
-
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
 FIRST_SHARDS, STEPS_PER_SHARD = 12, 40
-PICTURE_CELLS = 80
-"""Cells of a picture of 320x256, which sizes of batches are counted in."""
 WARM_UP_STEPS = 200
 LARGEST_GRADIENT = 1.0
 COARSE_WEIGHT = 0.3
@@ -107,71 +103,6 @@ class ReaderTraining:
     def __post_init__(self) -> None:
         if self.cepstra not in ("both", "comb", "trend"):
             raise ValueError(f"expected cepstra both, comb or trend, got {self.cepstra}")
-
-
-class Pool:
-    """The newest shards, in memory."""
-
-    def __init__(self, folder: Path, most: int) -> None:
-        self.folder, self.most = folder, most
-        self.shards: dict[int, Example] = {}
-
-    def grow_to(self, count: int) -> None:
-        """Hold the newest of the first `count` shards; wait for those that are still being made."""
-        wanted = range(max(0, count - self.most), count)
-        self.shards = {number: shard for number, shard in self.shards.items() if number in wanted}
-        for number in wanted:
-            if number not in self.shards:
-                self.shards[number] = load_shard(wait_for(self.folder / f"{number:06d}.npz"))
-
-    def batch(self, rng: np.random.Generator, count: int) -> Batch:
-        """Return random examples of one size, half mirrored: `count`, or as many cells in larger ones.
-
-        Sizes are as frequent as their shards.
-        """
-        shards = [shard for _, shard in sorted(self.shards.items())]
-        cells = cells_in(shards[int(rng.integers(len(shards)))])
-        alike = [shard for shard in shards if cells_in(shard) == cells]
-        rows = []
-        for _ in range(max(1, count * PICTURE_CELLS // cells)):
-            shard = alike[int(rng.integers(len(alike)))]
-            k = int(rng.integers(len(shard["v0"])))
-            row = {key: array[k] for key, array in shard.items()}
-            rows.append(mirrored(row) if rng.random() < 0.5 else row)
-        return {key: torch.from_numpy(np.stack([row[key] for row in rows])).float() for key in rows[0]}
-
-
-def cells_in(shard: Example) -> int:
-    """Return how many cells a picture of a shard has."""
-    return int(np.prod(shard["v0"].shape[1:3]))
-
-
-def wait_for(path: Path, poll_s: float = 2.0) -> Path:
-    """Return a path as soon as there is a file."""
-    while not path.exists():
-        time.sleep(poll_s)
-    return path
-
-
-def load_shard(path: Path) -> Example:
-    """Return the arrays of a shard."""
-    with np.load(path) as file:
-        return {key: file[key] for key in file.files}
-
-
-def mirrored(row: Example) -> Example:
-    """Mirror an example left to right: its cells, its directions (k becomes -k) and its truth."""
-    back = (-np.arange(DIRECTIONS)) % DIRECTIONS
-    flipped = {key: array[:, ::-1] for key, array in row.items()}
-    for k in range(octaves_of(row)):
-        flipped[f"C{k}"] = flipped[f"C{k}"][:, :, back]
-        flipped[f"d{k}"] = flipped[f"d{k}"] * np.array([-1, 1], row[f"d{k}"].dtype)
-    return flipped
-
-
-def octaves_of(row: Mapping[str, Any]) -> int:
-    """Return how many octaves an example, or a batch of them, holds."""
-    return sum(key.startswith("v") for key in row)
 
 
 def showing(cepstra: str, row: Mapping[str, Any]) -> dict[str, Any]:
@@ -247,7 +178,7 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
         "length_ratio": float(np.exp(np.median(ratio))),
         "length_spread": float(np.median(np.abs(ratio - np.median(ratio)))),
         "kinds_right": float(torch.cat(kinds).mean()),
-        "radius_bins": float(torch.cat(radii).mean()),
+        "radius_bins": float(torch.cat(radii).sum() / max(len(torch.cat(radii)), 1)),
     }
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -11,21 +12,15 @@ import torch
 
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.likelihood import DIRECTIONS
+from tools.rendering.shaken import ShakeOptions
 from tools.training import reader_data, recipe
+from tools.training.pool import Pool, load_shard, mirrored
 from tools.training.reader import Reader
 from tools.training.reader_data import Sources, cells_of, load_photos, make_shard, write_shards
 from tools.training.recipe import Recipe, make
-from tools.training.train_reader import (
-    Pool,
-    ReaderTraining,
-    Run,
-    difference_of,
-    load_average,
-    load_shard,
-    mirrored,
-    showing,
-    train,
-)
+from tools.training.train_reader import ReaderTraining, Run, difference_of, load_average, showing, train
+
+MOVING = partial(ShakeOptions, still_share=0.0, rest_share=0.0, focus_still_share=0.0)
 
 pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
 
@@ -45,6 +40,7 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
     folder = tmp_path_factory.mktemp("examples")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
+        patch.setattr(reader_data, "ShakeOptions", MOVING)
         write_shards(folder, range(2), sources)
     return folder
 
@@ -53,6 +49,7 @@ def test_shard_depends_on_its_number_alone_and_is_kept(
     shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
+    monkeypatch.setattr(reader_data, "ShakeOptions", MOVING)
     write_shards(shards, range(2), sources)
     assert capfd.readouterr().out == ""
     once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
