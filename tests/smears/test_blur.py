@@ -14,7 +14,8 @@ ROWS, COLUMNS = 12, 16
 
 def grid(kinds: NDArray[np.int_], radius: float = 4.0, length: float = 0.3) -> SmearGrid:
     """Return a grid whose cells are surely of these kinds, (h, w) of indices."""
-    one = grid_of(np.full((*kinds.shape, 2), [length, 0]), stride=32)
+    lengths = np.where(np.isin(kinds, (2, 3)), 9.0, length)
+    one = grid_of(lengths[..., None] * [1.0, 0.0], stride=32)
     told = 0.002 + 0.99 * np.eye(len(KINDS))[kinds]
     blur = np.concatenate([np.full((*kinds.shape, 1), radius), told], -1).astype(np.float32)
     return SmearGrid(cells=one.cells, blur=blur, stride=32, shape=one.shape)
