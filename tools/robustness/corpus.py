@@ -82,8 +82,9 @@ def make_corpus(folder: Path, seed: int) -> None:
         database.execute("PRAGMA journal_mode = DELETE")  # pycolmap turns on write-ahead logs
     place = "place linked.db model frames --fraction 0.4 -o views"
     for words in ("to-colmap --link --no-backup --db linked.db frames", place):
-        if start(folder, words.split()).wait() != 0:
-            raise SystemExit(f"{words}: fails with whole inputs")
+        call = start(folder, words.split())
+        if (said := call.communicate()[1]) or call.returncode:
+            raise SystemExit(f"{words}: fails with whole inputs: {said}")
     for name in ("model", "views"):
         pycolmap.Reconstruction(folder / name).write_text(folder / f"{name}_text")
     shutil.copy(shipped_file("smear.onnx"), folder)

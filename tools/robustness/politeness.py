@@ -6,7 +6,7 @@ import shutil
 import sqlite3
 import zipfile
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -99,7 +99,7 @@ def snapshot(folder: Path) -> dict[str, object]:
 def _files(call: Call) -> Iterator[str]:
     """Complain about files that are not whole, are temporary, or that nothing was to be written to."""
     after = snapshot(call.folder)
-    outputs = tuple(word for option, word in pairwise(call.words) if option in OUTPUTS)
+    outputs = tuple(word.split("/")[0] for option, word in pairwise(call.words) if option in OUTPUTS)
     linked = "--link" in call.words and call.code == 0
     new = [name for name, content in after.items() if content != call.before.get(name)]
     yield from (f"removes {name}" for name in call.before if name not in after and not name.endswith("-shm"))
@@ -136,7 +136,7 @@ def flaw(path: Path) -> str:
             case ".html" | ".png":
                 return "" if data.rstrip().endswith((b"</html>", b"IEND\xaeB`\x82")) else "is cut"
             case ".db":
-                with closing(sqlite3.connect(path)) as database:
+                with copied(path) as database:
                     found = database.execute("PRAGMA integrity_check").fetchall()
                     found += database.execute("PRAGMA foreign_key_check").fetchall()
                 return "" if found == [("ok",)] else f"is damaged: {found}"
@@ -145,18 +145,24 @@ def flaw(path: Path) -> str:
     return ""
 
 
-def rows(path: Path) -> set[tuple[object, ...]]:
-    """Return the rows of all tables but SQLite's own, of a copy of a database; none if it is unreadable."""
-    errors = (sqlite3.Error, UnicodeDecodeError, OverflowError, OSError)
-    with TemporaryDirectory() as name, suppress(*errors):
+@contextmanager
+def copied(path: Path) -> Iterator[sqlite3.Connection]:
+    """Open a copy of a database with its log: what lies beside the database stays as it is."""
+    with TemporaryDirectory() as name:
         for end in ("", "-wal", "-journal"):
             if (beside := Path(f"{path}{end}")).is_file():
                 shutil.copyfile(beside, f"{name}/copy{end}")
         with closing(sqlite3.connect(f"{name}/copy")) as database:
-            database.text_factory = bytes
-            names = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
-            tables = [table.decode() for (table,) in names if table != b"sqlite_sequence"]
-            return {(table, *row) for table in tables for row in database.execute(f'SELECT * FROM "{table}"')}
+            yield database
+
+
+def rows(path: Path) -> set[tuple[object, ...]]:
+    """Return the rows of all tables of a database but SQLite's own; none if it cannot be read."""
+    with suppress(sqlite3.Error, UnicodeDecodeError, OverflowError, OSError), copied(path) as database:
+        database.text_factory = bytes
+        names = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        tables = [table.decode() for (table,) in names if table != b"sqlite_sequence"]
+        return {(table, *row) for table in tables for row in database.execute(f'SELECT * FROM "{table}"')}
     return set()
 
 
