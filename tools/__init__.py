@@ -10,6 +10,7 @@ from types import TracebackType
 EXTRA_OF = {  # a module that tools import: what to install
     "matplotlib": "train",
     "onnx": "train",
+    "pillow_heif": "heic",
     "playwright": "test",
     "poselib": "train",
     "skimage": "train",

@@ -57,7 +57,7 @@ def test_missing_extra_is_one_line(words: list[str], module: str) -> None:
 
 def test_every_module_of_an_extra_is_known_with_it() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    named = {"skimage": "scikit-image"}
+    named = {"skimage": "scikit-image", "pillow_heif": "pillow-heif"}
     for module, extra in EXTRA_OF.items():
         assert any(line.startswith(named.get(module, module)) for line in extras[extra])
     imported = {name for path in (ROOT / "tools").rglob("*.py") for name in third_party(path)}

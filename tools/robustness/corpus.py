@@ -30,11 +30,16 @@ FORMATS = {  # that Pillow writes, and modes of each
 ODD_SIZES = ((1, 1), (15, 400), (16, 16), (17, 900), (2000, 16), (64, 65), (31, 33))
 
 
-def start(folder: Path, words: list[str], **streams: Any) -> Popen[bytes]:
+def start(
+    folder: Path, words: list[str], stdin: Any = None, stdout: Any = DEVNULL, stderr: Any = PIPE
+) -> Popen[bytes]:
     """Start a call in a folder, in a group of processes of its own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"}
-    streams = {"stdout": DEVNULL, "stderr": PIPE} | streams
-    return Popen([*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams)
+    command, environment = (
+        [*PROGRAM, *words],
+        os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"},
+    )
+    streams = (stdin, stdout, stderr)
+    return Popen(command, -1, None, *streams, cwd=folder, env=environment, start_new_session=True)
 
 
 def blurred(rng: Rng, size: tuple[int, int] = SIZE) -> Image.Image:
@@ -84,7 +89,7 @@ def make_corpus(folder: Path, seed: int) -> None:
     for words in ("to-colmap --link --no-backup --db linked.db frames", place):
         call = start(folder, words.split())
         if (said := call.communicate()[1]) or call.returncode:
-            raise SystemExit(f"{words}: fails with whole inputs: {said}")
+            raise SystemExit(f"{words}: fails with whole inputs: {said!r}")
     for name in ("model", "views"):
         pycolmap.Reconstruction(folder / name).write_text(folder / f"{name}_text")
     shutil.copy(shipped_file("smear.onnx"), folder)
