@@ -35,7 +35,7 @@ CALLS = (
     "to-colmap --db project.db --link",
     "to-colmap --db project.db --link --no-backup --replace",
 )
-LOGS = "-wal", "-shm"
+LOGS = "-wal", "-shm", "-journal"
 NOT_COMPARED = (".manifest.jsonl", "-wal", "-shm", ".bak")  # order of lines; logs that rows() reads; names
 State = dict[str, object]
 
@@ -70,8 +70,9 @@ def changes(call: Popen[bytes], folder: Path, most: float) -> int:
     """Wait until a folder has changed so many times or the call has ended; return how often it changed."""
     seen, count = None, -1
     while count < most and call.poll() is None:
-        now = [(path, path.lstat().st_size) for path in folder.rglob("*") if path.exists()]
-        count, seen = count + (now != seen), now
+        with suppress(FileNotFoundError):
+            now = [(path, path.lstat().st_size) for path in folder.rglob("*")]
+            count, seen = count + (now != seen), now
         time.sleep(0.001)
     return count
 

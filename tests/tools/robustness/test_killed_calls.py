@@ -10,7 +10,7 @@ import pytest
 
 from tools.robustness import corpus
 from tools.robustness.corpus import make_project
-from tools.robustness.killed_calls import CALLS, left, lost, try_call
+from tools.robustness.killed_calls import left, lost, try_call
 
 IN_PLACE = """
 import time
@@ -46,10 +46,3 @@ def test_a_planted_loss_is_found(
     assert came["killed"] + came["ended before"] == 6
     assert ("project.db is lost" in wrong) == (not safe)
     assert not safe or wrong == []
-
-
-@pytest.mark.slow
-def test_a_killed_link_loses_nothing(tmp_path: Path) -> None:
-    words = next(words for words in CALLS if words.endswith("--link"))
-    came, wrong = try_call(tmp_path, words.split(), 2, np.random.default_rng(0))
-    assert wrong == [] and came["killed"] + came["ended before"] == 2
