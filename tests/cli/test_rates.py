@@ -55,7 +55,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_rates_of_a_swinging_camera_have_their_signs_and_sizes(results: Path) -> None:
     whole, true = table(results / "t.csv"), swinging().rates
     moved = [index for index, row in enumerate(whole) if row["rate_unit"]]  # others are sharp
-    assert len(moved) >= 0.8 * FRAMES and {row["blur"] for row in whole} <= {"camera moved", "sharp"}
+    assert len(moved) >= 0.7 * FRAMES and {row["blur"] for row in whole} <= {"camera moved", "sharp"}
     rows, true = [whole[index] for index in moved], true[moved]
     rates = rates_of(rows)
     assert (np.sum(rates * true, axis=1) > 0).mean() >= 0.98
