@@ -233,6 +233,11 @@ def hint(rows: Sequence[Row], options: TriageOptions) -> str:
         return "--blurred keeps the blurred ones that are of use, --best 50% the sharper half"
     if all(row.error for row in rows):
         return "no photograph could be read"
+    radii = [row.defocus_px for row in rows if row.use == OUT_OF_FOCUS and row.defocus_px is not None]
+    if radii:
+        return (
+            f"the least out of focus is so by {min(radii):.3g} px, --max-defocus is {options.max_defocus:g}"
+        )
     lengths = [row.smear_px for row in rows if row.smear_px is not None]
     if not lengths:
         return "no photograph shows texture"

@@ -106,6 +106,23 @@ def stored_photographs(path: Path) -> set[str]:
         return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
 
 
+def _write_cameras(path: Path, cameras: Iterable[Any]) -> None:
+    """Write a database of cameras, pycolmap.Camera, each with a rig of its own; OSError if that fails."""
+    import pycolmap
+
+    with TemporaryDirectory() as folder:  # where its write-ahead log disturbs nobody
+        try:
+            with pycolmap.Database.open(Path(folder) / "new.db") as opened:
+                for camera in cameras:
+                    sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
+                    rig = pycolmap.Rig()
+                    rig.add_ref_sensor(sensor)
+                    opened.write_rig(rig)
+        except RuntimeError as error:  # of pycolmap alone
+            raise OSError(str(error)) from None
+        shutil.copyfile(Path(folder) / "new.db", path)
+
+
 @contextmanager
 def new_database(
     path: Path, cameras: Iterable[Any] = (), *, replace: bool = False
@@ -114,20 +131,11 @@ def new_database(
 
     It holds nothing but cameras, pycolmap.Camera, numbered from 1, each with a rig of its own.
     """
-    import pycolmap
-
     if not replace:
         refuse_existing(path)
     beside = half_written(path)
     try:
-        with TemporaryDirectory() as folder:  # where its write-ahead log disturbs nobody
-            with pycolmap.Database.open(Path(folder) / "new.db") as opened:
-                for camera in cameras:
-                    sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
-                    rig = pycolmap.Rig()
-                    rig.add_ref_sensor(sensor)
-                    opened.write_rig(rig)
-            shutil.copyfile(Path(folder) / "new.db", beside)
+        _write_cameras(beside, cameras)
         with closing(sqlite3.connect(beside, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
             database.execute("PRAGMA foreign_keys = ON")
@@ -142,7 +150,7 @@ def new_database(
         else:
             refuse_existing(path)  # may have come meanwhile
         beside.replace(path)
-    except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: pycolmap's
+    except (sqlite3.Error, OSError) as error:
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
     finally:

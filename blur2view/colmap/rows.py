@@ -88,4 +88,7 @@ def put_pair(
 
 def _insert(database: Connection, table: str, **row: object) -> int:
     """Insert a row; return its id."""
-    return database.execute(insertion(table, row), tuple(row.values())).lastrowid or 0
+    number = database.execute(insertion(table, row), tuple(row.values())).lastrowid
+    if number is None:
+        raise RuntimeError(f"SQLite gave no id to a row of {table}")
+    return number

@@ -17,7 +17,7 @@ frame goes from ``transform_matrix_start`` to ``transform_matrix_end``; ``transf
 tools look from. ``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as
 a + b u + c v + d r, r random in [0, 1]; [0, 0, 0, 1] is a global shutter, open from start to end.
 ``sharpness`` is relative: a frame goes if its own is not above ``sharpness_discard_threshold`` (0 unless
-written) times its neighbours' mean. Ours is that of `blur2view triage`. A position p becomes
+written) times its neighbours' mean. Ours is 1 / (1 + median smear in pixels). A position p becomes
 ``scale`` p + ``offset`` and should lie near the unit cube; ours puts the cameras as far from the median of
 the points as ``colmap2nerf.py`` does (mean 4, times NERF_SCALE 0.33), in its box of ``aabb_scale`` 16.
 

@@ -14,7 +14,7 @@ from blur2view.networks.cepstral_peak import refine_on_cepstrum
 from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, patient, session_errors
 from blur2view.networks.octaves import doubled, joined, octaves
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra
-from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_kinds, read_radii
+from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears, with_unseen
 
 Floats = NDArray[np.float32]
@@ -50,7 +50,7 @@ class OctaveReader:
                 joined(own, doubled(coarse, own.shape[:2]))
                 for own, coarse in ((fine, smears), (fine_radii, radii))
             )
-        told = read_kinds(kinds)
+        told = softmax(kinds)
         cells = refine_on_cepstrum(read_smears(smears), spectra, self.threads)
         cells = with_unseen(cells, told[..., CANNOT_TELL])
         return np.concatenate([cells, read_radii(radii)[..., None], told], -1)

@@ -143,9 +143,9 @@ def _log_odds(
     Without a generator the camera is at rest.
     """
     weight: Array = np.ones(cells.sigma_px.shape)
-    for _ in range(ROUNDS):
-        at_rest = np.zeros_like(cells.displacement)
-        motion = at_rest if rng is None else camera_field(cells, weight, rng)
+    motion = np.zeros_like(cells.displacement)
+    for _ in range(1 if rng is None else ROUNDS):
+        motion = motion if rng is None else camera_field(cells, weight, rng)
         moving, read = shipped().log_odds(evidence(cells, motion, F, gradients))
         moves = cv2.resize(_share(moving), weight.shape[::-1], interpolation=cv2.INTER_AREA)
         weight = 1 - np.asarray(moves, float)

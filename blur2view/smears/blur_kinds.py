@@ -32,11 +32,6 @@ def softmax(logits: Floats) -> Floats:
     return np.asarray(values / values.sum(-1, keepdims=True), np.float32)
 
 
-def read_kinds(logits: Floats) -> Floats:
-    """Return the probabilities of `KINDS`, (h, w, 5), of their logits."""
-    return softmax(logits)
-
-
 def read_radii(logits: Floats) -> Floats:
     """Return the radii out of focus (h, w), pixels, of logits (h, w, bins): means of their logarithms."""
     return np.asarray(np.exp(softmax(logits) @ np.log(radii_px(logits.shape[-1]))), np.float32)

@@ -10,7 +10,7 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.triage import Classifier, list_text, use_of
+from blur2view.cli.triage import Classifier, hint, list_text, use_of
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row
 from tests.support.calls import Call
@@ -229,3 +229,11 @@ def test_a_list_that_would_be_waited_for_is_refused(call: Call, moving: Path, tm
     (tmp_path / "keep.txt").symlink_to("/proc/kmsg")
     done = call("triage", moving, "--keep", tmp_path / "keep.txt")
     assert done == 1 and "is no list of an earlier call" in done.err
+
+
+def test_where_all_are_out_of_focus_the_hint_says_by_how_much() -> None:
+    options = cli.parse(["triage", "a.png"])
+    assert isinstance(options, TriageOptions)
+    rows = [Row(use="out of focus", defocus_px=radius, smear_px=0.5) for radius in (4.0, 2.5)]
+    expected = "the least out of focus is so by 2.5 px, --max-defocus is 2"
+    assert hint(rows, options) == expected

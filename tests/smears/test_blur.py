@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.smears.blur import Blur, BlurKind, blur_of
-from blur2view.smears.blur_kinds import KINDS, radii_px, read_kinds, read_radii
+from blur2view.smears.blur_kinds import KINDS, radii_px, read_radii, softmax
 from blur2view.smears.grid import SmearGrid
 from tests.support.grids import grid_of
 
@@ -86,7 +86,7 @@ def test_smears_have_one_direction_whatever_their_signs_and_smooth_cells_no_say(
 
 
 def test_logits_are_read_as_probabilities_and_radii() -> None:
-    assert read_kinds(np.zeros((2, 3, 5), np.float32)).sum(-1) == pytest.approx(1)
+    assert softmax(np.zeros((2, 3, 5), np.float32)).sum(-1) == pytest.approx(1)
     logits = np.full((1, 1, 24), -30, np.float32)
     logits[..., 9] = 0
     assert read_radii(logits)[0, 0] == pytest.approx(radii_px(24)[9]) == pytest.approx(2.8, rel=1e-3)

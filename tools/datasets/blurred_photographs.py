@@ -7,7 +7,6 @@ Discs have their radius; a polygon stands for the disc of its second moment (r^2
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
+from blur2view.smears.blur import BlurKind
 from tools.evaluation.even_blur import GAMMA, kernel
 from tools.rendering.sensor import SensorOptions, add_noise, log_uniform
 from tools.rendering.textures import read_photograph
@@ -33,17 +33,6 @@ MOVER_SHARE, MOVER_PX, MOST_MOVERS = (0.03, 0.25), (10.0, 40.0), 3
 PLACES = 4  # tried for every cut-out: a mover without any texture would be no question
 FAINT = 1e-3  # smeared alpha under which nothing moves; a filter's rounding is far below
 FINE = 16  # samples of a pixel along each side, of the edge of an aperture
-
-
-class BlurKind(StrEnum):
-    """What a picture is, in the words of ``estimate.blur.kind``."""
-
-    SHARP = "sharp"
-    OUT_OF_FOCUS = "out of focus"
-    MOVED = "camera moved"
-    AT_REST = "camera at rest"
-    BOTH = "out of focus and moved"
-    UNKNOWN = "cannot tell"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -214,13 +203,13 @@ def pictures_of(
         yield taken(rng, blurred(light, disc), kind=kind, radius_px=radius_px, blades=blades)
     for smear_px in SMEARS_PX:
         smeared = blurred(light, kernel(smear_px, direction(rng)))
-        take = taken_dim(rng, smeared, kind=BlurKind.MOVED, smear_px=smear_px)
+        take = taken_dim(rng, smeared, kind=BlurKind.CAMERA_MOVED, smear_px=smear_px)
         yield from take if smear_px == DIMMED_PX else [next(take)]
     for radius_px, smear_px in BOTH_PX:
         disc, blades = defocus(radius_px)
         both = blurred(blurred(light, disc), kernel(smear_px, direction(rng)))
         sizes: dict[str, Any] = {"radius_px": radius_px, "blades": blades, "smear_px": smear_px}
-        yield taken(rng, both, kind=BlurKind.BOTH, **sizes)
+        yield taken(rng, both, kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, **sizes)
     for _ in range(composites):
         scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))
-        yield taken(rng, scene, kind=BlurKind.AT_REST, moving=moving)
+        yield taken(rng, scene, kind=BlurKind.CAMERA_AT_REST, moving=moving)

@@ -21,7 +21,8 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
-from tools.datasets.blurred_photographs import BlurKind, Picture, pictures_of, radiance_of
+from blur2view.smears.blur import BlurKind
+from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
 from tools.evaluation.even_blur import photograph_parser, photographs_of
 from tools.evaluation.sharp_or_not import BASELINES, auc, best_accuracy
 from tools.pages import publish, table
@@ -61,7 +62,7 @@ def named(estimate: blur2view.Estimate) -> Named:
     grid, smears = estimate.grid, estimate.grid.smears()
     names = ("defocus_px", "smear_px", "width_px", "moving_share")
     return Named(
-        kind=BlurKind(str(blur.kind)),
+        kind=blur.kind,
         sure=smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * smears.sigma_px),
         stride=grid.stride,
         window_px=grid.window_px or grid.stride,
@@ -112,7 +113,7 @@ def seen(photograph: int, picture: Picture, namer: Namer | None) -> Seen:
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
     said, moving = None if namer is None else namer(image), picture.moving
     blur: dict[str, float] = {}
-    if not picture.coding and picture.kind != BlurKind.AT_REST:
+    if not picture.coding and picture.kind != BlurKind.CAMERA_AT_REST:
         blur = {} if said is None else {OURS: said.width_px}
         blur |= {name: measure(image) for name, measure in BASELINES.items()}
     found = Seen(photograph=photograph, picture=replace(picture, file=b"", moving=None), said=said, blur=blur)
@@ -147,7 +148,7 @@ def name_lines(rows: list[Seen]) -> list[str]:
     groups: dict[str, list[Seen]] = {}
     for one in plain:
         groups.setdefault(one.picture.name, []).append(one)
-    for kind, px in ((BlurKind.OUT_OF_FOCUS, UNUSABLE_RADIUS_PX), (BlurKind.MOVED, UNUSABLE_SMEAR_PX)):
+    for kind, px in ((BlurKind.OUT_OF_FOCUS, UNUSABLE_RADIUS_PX), (BlurKind.CAMERA_MOVED, UNUSABLE_SMEAR_PX)):
         some = [one for one in plain if one.picture.kind == kind and is_unusable(one.picture)]
         groups[f"{kind}, from {px} px"] = some
     return table(f"blur | pictures | {KINDS}", [(k, len(v), *names_of(v)) for k, v in groups.items()])
@@ -181,7 +182,7 @@ def sharpness_lines(rows: list[Seen]) -> list[str]:
     judged = [one for one in rows if one.blur]
     sharp = [one for one in judged if one.picture.kind == BlurKind.SHARP]
     far = [one for one in judged if is_unusable(one.picture)]
-    kinds = (BlurKind.OUT_OF_FOCUS, BlurKind.MOVED, BlurKind.BOTH)
+    kinds = (BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED)
     lines = []
     for name in sharp[0].blur:
         low, high = ([one.blur[name] for one in some] for some in (sharp, far))
@@ -204,26 +205,29 @@ def dim_lines(rows: list[Seen]) -> list[str]:
     lines = []
     for name, some in dim.items():
         told = [(full[one.photograph, name.partition(",")[0]], said) for one, said in some]
-        pairs = [(said.smear_px, px) for px, said in told if px > 0 and said.kind != BlurKind.UNKNOWN]
+        pairs = [(said.smear_px, px) for px, said in told if px > 0 and said.kind != BlurKind.CANNOT_TELL]
         figures = ("-", "-")
         if pairs and some[0][0].picture.smear_px:
             ratio = np.divide(*np.transpose(pairs))
             figures = (f"{np.median(ratio):.3f}", f"{(np.abs(ratio - 1) <= LENGTH_ERROR).mean():.2f}")
         long = sum(said.smear_px > 2 * max(one.picture.smear_px, SURE_PX / 2) for one, said in some)
         lines.append((name, len(some), *figures, long, *names_of(one for one, _ in some)))
-    note = (
-        f'Ratios without what is called "{BlurKind.UNKNOWN}"; of sharp pictures, smears above {SURE_PX:g} px.'
-    )
+    without = f'Ratios without what is called "{BlurKind.CANNOT_TELL}"'
+    note = f"{without}; of sharp pictures, smears above {SURE_PX:g} px."
     head = f"blur | pictures | smear over that undimmed | within 10 % | above twice the true one | {KINDS}"
     return [note, "", *table(head, lines)]
 
 
 def rest_lines(rows: list[Seen]) -> list[str]:
     """Return what is said of a camera at rest before something that moves."""
-    some = [(one, one.said) for one in rows if one.said is not None and one.picture.kind == BlurKind.AT_REST]
+    some = [
+        (one, one.said)
+        for one in rows
+        if one.said is not None and one.picture.kind == BlurKind.CAMERA_AT_REST
+    ]
     if not some:
         return ["No composites."]
-    named_so = np.mean([said.kind == BlurKind.AT_REST for _, said in some])
+    named_so = np.mean([said.kind == BlurKind.CAMERA_AT_REST for _, said in some])
     sure = np.mean([one.still_sure for one, _ in some], axis=0)
     moves, found = np.mean([(one.moves, said.moving_share) for one, said in some], axis=0)
     figures = (f"{named_so:.3f}", *(f"{share:.4f}" for share in sure), f"{moves:.2f}", f"{found:.2f}")

@@ -92,13 +92,10 @@ def pixels(text: str) -> float:
 
 def radius(text: str) -> float:
     """Return a positive number of pixels."""
-    try:
-        value = float(text.removesuffix("px"))
-    except ValueError:
-        value = 0.0
-    if not 0 < value < float("inf"):
+    value = amount(text.removesuffix("px"))
+    if value.percent or not value.number:
         raise ArgumentTypeError(f"expected pixels above 0, as 2, got {text}")
-    return value
+    return value.number
 
 
 def frame_or_seconds(text: str) -> int | float:

@@ -12,8 +12,9 @@ import pytest
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
+from blur2view.smears.blur import BlurKind
 from tools.datasets import blurred_photographs as made
-from tools.datasets.blurred_photographs import BlurKind, Picture
+from tools.datasets.blurred_photographs import Picture
 from tools.evaluation import blur_kinds
 from tools.evaluation.blur_kinds import Named, Seen
 from tools.evaluation.even_blur import GAMMA
@@ -118,7 +119,9 @@ def test_all_kinds_and_sizes_are_made_and_every_file_is_read(photographs: Path) 
     assert {"out of focus 8 px", "camera moved 25 px", "out of focus and moved 4 px and 12 px"} < set(names)
     assert {"sharp, 1/16", "camera moved 12 px, 12 bits"} < set(names)
     assert all(5 <= one.blades <= 9 for one in found if one.kind == BlurKind.OUT_OF_FOCUS)
-    assert {blur_kinds.is_unusable(one) for one in found if one.kind == BlurKind.BOTH} == {True}
+    assert {blur_kinds.is_unusable(one) for one in found if one.kind == BlurKind.OUT_OF_FOCUS_AND_MOVED} == {
+        True
+    }
     for one in found:
         image = blur2view.read_image(Path(f"a{one.suffix}"), content=one.file)
         assert image.shape == (224, 320, 3)
@@ -196,8 +199,8 @@ def test_what_is_wrong_is_counted(photographs: Path) -> None:
         if picture.coding == "1/16":
             return replace(said, smear_px=25.0)
         if picture.coding == "1/8":
-            return replace(said, kind=BlurKind.UNKNOWN, smear_px=0.0)
-        return replace(said, kind=BlurKind.MOVED, defocus_px=0.8 * said.defocus_px, sure=~said.sure)
+            return replace(said, kind=BlurKind.CANNOT_TELL, smear_px=0.0)
+        return replace(said, kind=BlurKind.CAMERA_MOVED, defocus_px=0.8 * said.defocus_px, sure=~said.sure)
 
     text = blur_kinds.page(told(photographs, change))
     assert "| out of focus, from 3 px | 6 | 0 | 0 | 6 | 0 | 0 | 0 |" in text
@@ -212,7 +215,9 @@ def test_a_still_cell_has_no_pixel_that_moves_and_its_window_may() -> None:
     moving, sure = np.zeros((96, 160), np.float32), np.zeros((3, 5), bool)
     moving[40:50, 70:80] = 0.5  # inside the cell (1, 2)
     sure[1, 2] = sure[1, 1] = True
-    picture = Picture(file=b"", suffix=".jpg", kind=BlurKind.AT_REST, moving=np.zeros((96, 160), np.float32))
+    picture = Picture(
+        file=b"", suffix=".jpg", kind=BlurKind.CAMERA_AT_REST, moving=np.zeros((96, 160), np.float32)
+    )
     said = replace(said_of(replace(picture, file=cv2.imencode(".png", moving)[1].tobytes())), sure=sure)
     assert blur_kinds.still_sure(moving, replace(said, window_px=96)) == pytest.approx((1 / 14, 0 / 6))
     sure[0, 0] = True

@@ -93,7 +93,7 @@ def test_targets_are_finite_whatever_the_shards_hold_and_valid_by_the_first_bit(
 
 def test_batch_depends_only_on_seed_and_number_whoever_makes_it() -> None:
     batches, other = (CropBatches(coded_scenes(), seed=seed, batch=2, side=SIDE) for seed in (3, 4))
-    made = list(DataLoader(batches, batch_size=None, sampler=range(3), num_workers=1))
+    made = list(DataLoader(batches, batch_size=None, sampler=range(3), num_workers=2))
     for k, (images, targets) in enumerate(made):
         assert torch.equal(images, batches[k][0]) and torch.equal(targets, batches[k][1])
     assert not torch.equal(made[0][0], made[1][0]) and not torch.equal(made[0][0], other[0][0])
