@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
 from blur2view.errors import ImageError, within_memory
-from blur2view.input_files import MAX_PIXELS, read_regular
+from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 # Four cells of the network's grid: anything smaller shows no smear.
@@ -52,7 +52,7 @@ def read_image(
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
-    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
+    JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
     are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
@@ -123,7 +123,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             return _develop(path, encoded, as_stored, max_memory_gib), 65535
         if is_heic(encoded):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
-        with Image.open(io.BytesIO(encoded)) as photo:
+        with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
             if (pictures := _pictures(photo)) > 1:
                 raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")

@@ -25,7 +25,7 @@ GOOD, OTHER, SIZE = "good.jpg", "other.jpg", (240, 180)
 FORMATS = {  # that Pillow writes, and modes of each
     "JPEG": "RGB L CMYK", "PNG": "RGB RGBA L LA P 1 I;16", "TIFF": "RGB RGBA L CMYK 1 I;16 F I",
     "WEBP": "RGB RGBA", "BMP": "RGB L P", "HEIF": "RGB", "GIF": "P", "PPM": "RGB L", "TGA": "RGB RGBA",
-    "ICO": "RGBA", "JPEG2000": "RGB L", "PCX": "RGB", "SGI": "RGB", "DDS": "RGBA",
+    "ICO": "RGBA", "JPEG2000": "RGB L", "PCX": "RGB", "EPS": "RGB L CMYK",
 }  # fmt: skip
 ODD_SIZES = ((1, 1), (15, 400), (16, 16), (17, 900), (2000, 16), (64, 65), (31, 33))
 
