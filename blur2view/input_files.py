@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
 # Of a photograph: above medium-format sensors (150 megapixels), just below where Pillow itself refuses (179).
 MAX_PIXELS = 175_000_000
-# That are read, by Pillow's names; of the others one is a program, PostScript, for which it calls Ghostscript.
+# What is read, by Pillow's names. Of the others it calls Ghostscript for one, PostScript, which is a program.
 FORMATS = ("JPEG", "PNG", "BMP", "GIF", "PPM", "TIFF", "WEBP", "AVIF", "JPEG2000", "TGA")
 BY_EXTRAS = ("HEIF",)  # where pillow-heif has been registered
 MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more

@@ -18,7 +18,7 @@ from blur2view.geometry.rotation import rotation_vector
 from tools.arguments import existing, parser_of
 from tools.pages import table
 
-Motions = dict[str, Array]  # by the photograph's name without its suffix: rotation vector and translation (2, 3)
+Motions = dict[str, Array]  # by the photograph's name without suffix: rotation vector and translation (2, 3)
 
 
 def placed_motions(folder: Path) -> Motions:
@@ -51,7 +51,7 @@ def page(placed: Motions, measured: Motions) -> str:
     """Return the medians over the photographs that both have, as Markdown."""
     names = sorted(placed.keys() & measured.keys())
     if not names:
-        raise OutputError("no photograph with both views has a truth of its name; name the folder of NAME.npz")
+        raise OutputError("no photograph with both views has a truth; name the folder of NAME.npz")
     r, t = np.array([placed[name] for name in names]).swapaxes(0, 1)
     r_true, t_true = np.array([measured[name] for name in names]).swapaxes(0, 1)
     scaled = r_true * (r * r_true).sum() / (r_true**2).sum()
