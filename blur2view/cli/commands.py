@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import import_module
+from itertools import pairwise
 
 from blur2view import __version__
 from blur2view.cli.arguments.help_text import EXIT_CODES, add_table
@@ -68,6 +69,7 @@ def parse(arguments: Sequence[str] | None) -> Options:
     """Return the options; wrong usage ends the program with one line, which names what may be meant."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
+    check_empty(parser, words)
     check_command(parser, words)
     parsed, unknown = parser.parse_known_args(words)
     command: CommandParser = parsed.parser
@@ -78,6 +80,15 @@ def parse(arguments: Sequence[str] | None) -> Options:
     elif unknown:
         command.error(f"{' '.join(unknown)} is too much; name one")
     return command.read(parsed)
+
+
+def check_empty(parser: CommandParser, words: Sequence[str]) -> None:
+    """End the program where an argument is empty, which would stand for the current folder."""
+    for before, word in pairwise(["", *words]):
+        option = word[:-1] if word.startswith("--") and word.endswith("=") else before
+        if not word or option != before:
+            name = option if option.startswith("-") else "an input"
+            parser.error(f"{name} is empty; is it a variable that is not set?")
 
 
 def check_command(parser: CommandParser, words: Sequence[str]) -> None:

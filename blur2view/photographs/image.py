@@ -35,6 +35,7 @@ RAW_SUFFIXES = frozenset(
 )
 RAW_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM")
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
@@ -108,7 +109,10 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
     try:
         return read_regular(path)
     except FileNotFoundError:
-        raise ImageError(f"{path}: no such file; check the path") from None
+        remedy = "check the path"
+        if path.is_symlink():
+            remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
+        raise ImageError(f"{path}: no such file; {remedy}") from None
     except IsADirectoryError:
         raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
     except OSError as error:
@@ -152,8 +156,11 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        listed = _may_be_list(path, encoded)
-        remedy = f"if it lists photographs, write @{path}" if listed else "convert it to JPEG, PNG or TIFF"
+        remedy = "convert it to JPEG, PNG or TIFF"
+        if encoded.startswith(SQLITE):
+            remedy = "a COLMAP database goes to --camera, to-colmap --db or place"
+        elif _may_be_list(path, encoded):
+            remedy = f"if it lists photographs, write @{path}"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
         raise

@@ -37,7 +37,7 @@ class PhotographOptions(Options):
     begin with # and name no file). What is named twice is done once"""
     recursive: bool = option(False, group=INPUT)
     "folders stand for their subfolders, too"
-    every: int = option(1, "N", group=INPUT)
+    every: int = option(1, "N", group=INPUT, convert=values.frames)
     "of a video take one frame in N (default: all)"
     first: float = option(0, "FRAME", group=INPUT, names="--from", convert=values.frame_or_seconds, rare=True)
     "the first frame of a video: a number from 0, or a time as 12.5s"
