@@ -78,8 +78,10 @@ def run(options: TriageOptions) -> int:
         whole, chosen = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
             _check_folder(options, chosen.values(), path)
+        if keep is not None:
+            kept = [one for one in kept if listable(names[one])]
         if keep is not None and (whole or not options.selects):
-            write_text(keep, list_text([names[one] for one in kept]))
+            write_text(keep, "".join(f"{names[one]}\n" for one in kept))
             if manifest is not None:
                 manifest.append_target(keep)
         if options.extract is not None and whole:
@@ -88,7 +90,7 @@ def run(options: TriageOptions) -> int:
             extract(options.extract, chosen)
     if options.verbosity > QUIET:
         print(closing_line(finished, options, len(kept)))
-    return finished.exit_code
+    return finished.exit_code or int(len(kept) < len(chosen))
 
 
 def selected(options: TriageOptions, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
@@ -116,12 +118,13 @@ def _view(path: Path) -> Array | None:
         return None
 
 
-def list_text(names: Sequence[str]) -> str:
-    """Return COLMAP's list of images, one a line; a name with a line break, which none holds, is left out."""
-    for name in names:
-        if name.splitlines() != [name]:
-            complain(OutputError(f"{name}: has a line break in its name, which no list holds; rename it"))
-    return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
+def listable(name: str) -> bool:
+    """Return whether COLMAP's list of images, one a line, can hold a name; what it cannot is complained of."""
+    if name.splitlines() == [name.strip()]:
+        return True
+    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
+    complain(OutputError(f"{name}: {why}"))
+    return False
 
 
 def _check_list(options: TriageOptions, names: Collection[str], manifest: Manifest | None) -> None:

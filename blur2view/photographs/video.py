@@ -16,7 +16,9 @@ SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", "
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 KEPT = 3  # frames: one and both beside it
-TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
+# Containers round the number of frames: what is missing of the last second, or of the last quarter of less than
+# four, was never there. AVI counts them; at most the last two stand for frames that hide in others.
+TAIL_S, TAIL_SHARE, TAIL_AVI = 1.0, 0.25, 2
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000
 # By the degrees clockwise by which OpenCV turns frames upright.
@@ -145,13 +147,19 @@ class _Reader:
         announced = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if number >= announced:
             raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
-        missing_s = (announced - self.position) / max(self.capture.get(cv2.CAP_PROP_FPS), 1.0)
-        if self.broken or missing_s <= TAIL_S:
+        if self.broken or announced - self.position <= self._tail(announced):
             raise EndOfVideo(f"{self.video}: has {self.position} frames")
         self.broken = True
         raise ImageError(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
+
+
+    def _tail(self, announced: int) -> float:
+        """Return how many frames may be missing at the end of a whole video."""
+        if self.video.suffix.lower() == ".avi":
+            return TAIL_AVI
+        return min(TAIL_S * max(self.capture.get(cv2.CAP_PROP_FPS), 1.0), max(TAIL_SHARE * announced, 1))
 
 
 @lru_cache(maxsize=1)

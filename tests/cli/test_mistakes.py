@@ -38,7 +38,7 @@ MISTAKES = [
     ("estimate b.png", "b.png: no such file; check the path"),
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),
     ("estimate @missing.txt", "name a file that holds one name on each line"),
-    ("estimate a.png -o notes.txt", "choose another folder with -o"),
+    ("estimate a.png -o notes.txt", "(File exists); name another folder"),
     ("report a.png -o mine.html", "name another with -o or remove it"),
     ("estimate a.png --camera exif", "give it with --focal"),
     ("estimate a.png --camera PINHOLE,640,400,500,500,320,200", "is for 640x400 pixels, the photograph has"),

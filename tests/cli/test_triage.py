@@ -204,9 +204,13 @@ def test_a_dark_photograph_is_called_unclear(frames: Path, call: Call) -> None:
     assert ": unclear (no texture): Too dark: cannot tell" in line and "1 unclear: smooth or dark" in last
 
 
-def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list_text(["a.png", "b\nc.png", "d e.png"]) == "a.png\nd e.png\n"
-    assert "b\\nc.png: has a line break" in capsys.readouterr().err
+def test_what_no_list_holds_is_not_counted_as_kept(frames: Path, call: Call, tmp_path: Path) -> None:
+    for name in ("a\nb.png", "c d.png"):
+        shutil.copy(frames / "still.png", frames / name)
+    done = call("triage", frames, "--keep", tmp_path / "keep.txt")
+    assert done == 1 and "a\\nb.png: has a line break" in done.line
+    assert (tmp_path / "keep.txt").read_text() == "c d.png\nstill.png\n"
+    assert "; 2 kept; wrote" in done.out
 
 
 def test_limit_in_per_cent_follows_the_size(frames: Path, call: Call, tmp_path: Path) -> None:
