@@ -48,7 +48,9 @@ class TriageOptions(PhotographOptions):
 
     Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
     of all, and a list, or a folder, of those to use for structure from motion: the sharp ones, the sharpest
-    ones, or the sharpest of every few neighbours. Unlike the variance of the Laplacian this does not confuse
+    ones, or the sharpest of every few neighbours. A photograph is sharp; blurred but of use, where geometry
+    explains its smears; out of focus; unusable, where nothing explains them; or unclear, where it is too smooth
+    or too dark to show any. Unlike the variance of the Laplacian this does not confuse
     a lack of texture with blur.
     """
 
