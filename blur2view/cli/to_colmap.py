@@ -13,7 +13,6 @@ from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
 
@@ -130,9 +129,7 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
 def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
     name = printable(one.name)
     if not one.num_matches:
-        unsure = linked and one.config not in NO_GEOMETRY
-        reason = "no feature of yours has a smear that can be used" if unsure else one.reason
-        return f"{name}: {one.action}, no matches: {reason} [{one.config}]"
+        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
     moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
     if one.translation_known:
         moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"

@@ -119,7 +119,7 @@ def _view(path: Path) -> Array | None:
 
 
 def listable(name: str) -> bool:
-    """Return whether COLMAP's list of images, one a line, can hold a name; what it cannot is complained of."""
+    """Return whether COLMAP's list of images, one a line, can hold a name, after a line if it cannot."""
     if name.splitlines() == [name.strip()]:
         return True
     why = "has a line break in its name, or a blank at its end, which no list holds; rename it"

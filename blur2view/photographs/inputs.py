@@ -3,6 +3,7 @@
 import codecs
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,6 +19,7 @@ from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]")  # what a photograph begins with, and no list holds
+SHOWN = 3  # folders of a count
 MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
 
 
@@ -37,6 +39,14 @@ class Inputs:
         """Whether all are frames of one video, and so in the order of time."""
         frames = [frame_of(path) for path in self.paths]
         return len({frame and frame[0] for frame in frames}) == 1 and frames[0] is not None
+
+    @property
+    def counted(self) -> str:
+        """How many photographs there are, and in which folders and videos the most of them."""
+        folders = Counter(path.parent for path in self.paths)
+        shown = [f"{count} in {path}" for path, count in folders.most_common(SHOWN)]
+        others = f" and {len(folders) - SHOWN} more folders" * (len(folders) > SHOWN)
+        return f"{len(self.paths)} photographs: {', '.join(shown)}{others}"
 
     def is_folder(self, path: Path) -> bool:
         """Return whether this is a folder that cannot be used, and so no photograph."""

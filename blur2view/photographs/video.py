@@ -19,8 +19,8 @@ SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", "
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 KEPT = 3  # frames: one and both beside it
-# Containers round the number of frames: what is missing of the last second, or of the last quarter of less than
-# four, was never there. AVI counts them; at most the last two stand for frames that hide in others.
+# Containers round the number of frames: what is missing of the last second, or of the last quarter of less
+# than four, was never there. AVI counts them; at most the last two stand for frames that hide in others.
 TAIL_S, TAIL_SHARE, TAIL_AVI = 1.0, 0.25, 2
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000

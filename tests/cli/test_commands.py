@@ -136,6 +136,7 @@ def test_many_photographs_show_progress_to_a_person(
     captured = run(still, moving)
     assert captured == 0
     assert "2/2" in captured.err and "photo" in captured.err
+    assert captured.err.startswith(f"2 photographs: 2 in {still.parent}\n")
     assert captured.out.startswith(f"{still}: Sharp")
     done = run(still)
     assert done == 0 and done.err == ""

@@ -10,7 +10,7 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.triage import Classifier, hint, list_text, use_of
+from blur2view.cli.triage import Classifier, hint, use_of
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row
 from tests.support.calls import Call

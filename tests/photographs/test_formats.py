@@ -164,5 +164,5 @@ def test_no_frame_is_read_behind_damage(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(video, "_opened", lambda path: damaged)
     read_frame(Path("damaged.mkv"), 1)
     for number in (2, 3):
-        with pytest.raises(EndOfVideo, match="has 2 frames"):
+        with pytest.raises(ImageError, match=r"(has|ends after) 2 "):
             read_frame(Path("damaged.mkv"), number)
