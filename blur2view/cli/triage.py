@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -159,8 +160,11 @@ def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifes
 
 
 def _check_folder(options: TriageOptions, files: Collection[str], manifest: Path | None) -> None:
-    """Refuse a folder for the pictures that holds others than these, or files of the call."""
+    """Refuse a folder for the pictures that holds others than these, or photographs or files of the call."""
     if options.extract is not None:
+        here = {os.path.realpath(path.parent) for path in options.inputs.paths}
+        if os.path.realpath(options.extract) in here:
+            raise OutputError(f"{options.extract}: holds the photographs themselves; name an empty folder")
         besides = [one for one in (options.csv, options.keep, manifest) if one is not None]
         refuse_others(options.extract, files, besides)
 

@@ -38,6 +38,7 @@ SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
+LIST_SUFFIXES = frozenset(["", ".txt", ".list", ".lst"])
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
@@ -109,6 +110,8 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
         return read_regular(path)
     except FileNotFoundError:
         remedy = "check the path"
+        if set(path.name) & set("*?["):
+            remedy = "no name fits this pattern, or it stands in quotes"
         if path.is_symlink():
             remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
         raise ImageError(f"{path}: no such file; {remedy}") from None
@@ -173,12 +176,12 @@ _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
 def _may_be_list(path: Path, content: bytes) -> bool:
-    """Return whether a file is text and not named as a photograph."""
+    """Return whether a file is text and named as one."""
     try:
         content.decode()
     except UnicodeDecodeError:
         return False
-    return path.suffix.lower() not in PHOTOGRAPH_SUFFIXES and b"\0" not in content
+    return path.suffix.lower() in LIST_SUFFIXES and b"\0" not in content
 
 
 def is_raw(path: Path, encoded: bytes) -> bool:

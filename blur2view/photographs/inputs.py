@@ -105,6 +105,8 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             )
         elif word.startswith(LIST):
             path = Path(word[1:])
+            if not path.name:
+                raise ImageError(f"{word}: name a list behind {LIST}, as {LIST}list.txt")
             for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES)):
                 beside = path.parent / name
                 there = [p for p in (name, beside) if os.path.lexists(p)]

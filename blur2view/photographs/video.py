@@ -80,8 +80,9 @@ def frame_numbers(
     )
     numbers = range(begin, min(end, count - 1) + 1, every)
     if not numbers:
+        start = f"{first:g} s" if isinstance(first, float) else first
         raise ImageError(
-            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {first} to {end}"
+            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {start} to {end}"
         )
     return numbers
 

@@ -13,6 +13,7 @@ from blur2view.cli.terminal import printable
 from blur2view.errors import CameraError
 
 MESSAGES = {
+    r"^argument -(\w)/--\w+: ignored explicit argument '(\w+)'": r"-\1\2 has one dash; did you mean --\1\2?",
     "^argument ": "",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",

@@ -131,6 +131,11 @@ def amount(text: str) -> Amount:
     return Amount(number=value, percent=text.endswith("%"))
 
 
+def smear(text: str) -> Amount:
+    """Return a length in pixels, or a percentage."""
+    return amount(text.removesuffix("px"))
+
+
 def best(text: str) -> Amount:
     """Return a number of photographs, 1 or more, or a percentage above 0 and at most 100."""
     value = amount(text)
