@@ -3,15 +3,13 @@
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.support.many_photographs import SAMPLE, command, environment
+from tools.robustness.traps import set_traps, trapped_path
 
-PROGRAMS = ("gs", "gswin64c", "djpeg", "xv", "convert", "magick", "ffmpeg", "ffprobe", "dcraw", "sh")
-"""What libraries for pictures and videos are known to call, and a shell."""
 POSTSCRIPT = """%!PS-Adobe-3.0 EPSF-3.0
 %%BoundingBox: 0 0 80 64
 %%EndComments
@@ -20,27 +18,15 @@ showpage
 """
 
 
-def trap(folder: Path) -> Path:
-    """Write programs of all these names, which leave a mark, into a new folder; return the mark."""
-    mark = folder.with_name("ran")
-    folder.mkdir()
-    for name in PROGRAMS:
-        program = folder / name
-        program.write_text(f"#!{sys.executable}\nopen({str(mark)!r}, 'a').write({name!r})\n")
-        program.chmod(0o755)
-    return mark
-
-
 @pytest.mark.skipif(os.name != "posix", reason="programs are found by their names on PATH")
 def test_a_photograph_that_is_a_program_starts_none(tmp_path: Path) -> None:
-    mark, names = trap(tmp_path / "bin"), ("a.jpg", "b.eps", "c.avi", "d.dng", "e.pdf")
+    mark, names = set_traps(tmp_path / "bin"), ("a.jpg", "b.eps", "c.avi", "d.dng", "e.pdf")
     for name in names:
         (tmp_path / name).write_text(POSTSCRIPT)
-    paths = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
     call = subprocess.run(
         command("estimate", "--jobs", "1", *names),
         cwd=tmp_path,
-        env=environment() | {"PATH": paths},
+        env=environment() | {"PATH": trapped_path(tmp_path / "bin")},
         capture_output=True,
         text=True,
     )

@@ -3,6 +3,7 @@
 Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
 """
 
+import argparse
 import io
 import os
 import sys
@@ -18,7 +19,7 @@ from blur2view.cli.arguments.parser import CommandParser, Completion, options_of
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
-FAILED, INTERRUPTED = 1, 130
+FAILED, INTERRUPTED, UNREAD = 1, 130, 141
 COMMANDS = {
     "estimate": "say what the camera did while the shutter was open: F, with intrinsics E and the pose",
     "segment": "segment what moves by itself from what the camera's motion explains",
@@ -39,7 +40,8 @@ DESCRIPTION = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Return the exit code of the command line, after running it; its words are the process's by default.
 
-    0: done (a degenerate scene is a result), 1: a named error, 2: usage, 130: interrupted.
+    0: done (a degenerate scene is a result), 1: a named error, 2: usage, 130: interrupted, 141: nobody reads
+    any more what is printed.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
@@ -59,8 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             complain(Blur2ViewError(f"{error.filename}: cannot be used ({reason})"))
             return FAILED
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):  # whose reader, for example head, wants no more
-            print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
+        if isinstance(error, BrokenPipeError):  # its reader, for example head, wants no more
+            return UNREAD
+        print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
         return FAILED
     return code
 
@@ -146,6 +149,7 @@ def build_parser() -> CommandParser:
         help="print what completes commands and options in bash, zsh or tcsh; in ~/.bashrc: "
         'eval "$(blur2view --completion bash)"',
     )
+    parser.add_argument("--help-all", action="help", help=argparse.SUPPRESS)
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND", parser_class=CommandParser

@@ -121,8 +121,13 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
     total += f"; backup {printable(document.backup)}" if document.backup else ""
     undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
-    if undecided and not linked:
-        total += f"; the translation of {undecided} is undecided, COLMAP makes no points from those"
+    if undecided:
+        total += f"; the translation of {undecided} is undecided: "
+        total += (
+            "the depth of their points comes from your other photographs"
+            if linked
+            else ("COLMAP makes no points from those")
+        )
     return "\n".join([*lines, total])
 
 
@@ -135,6 +140,6 @@ def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
         moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
     elif not linked:
         counts = f"none of {one.num_matches} matches is written as an inlier"
-    order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
+    order = f"known by neighbours ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

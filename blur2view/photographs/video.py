@@ -1,6 +1,9 @@
 """Frames of videos, read in order by OpenCV; ``VIDEO/000120`` is the path of frame 120."""
 
 import math
+import os
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -98,6 +101,41 @@ def read_frame(video: Path, number: int, *, beside: bool = False) -> NDArray[np.
     except ImageError:
         reader.broken = broken if beside else reader.broken
         raise
+
+
+def read_video(
+    path: str | os.PathLike[str], *, every: int = 1, first: int | float = 0, last: int | float | None = None
+) -> Iterator[NDArray[np.float32]]:
+    """Return an iterator over the frames of a video as `read_image` returns photographs.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; all that OpenCV's FFmpeg reads.
+    every : int
+        Take one frame in as many.
+    first, last : int or float
+        The first frame and the last, which is included: an integer is a number from 0, a float seconds.
+
+    Returns
+    -------
+    iterator of ndarray of shape (H, W, 3), float32
+        RGB in [0, 1], sRGB-coded, upright; one frame at a time is in memory.
+
+    Raises
+    ------
+    ImageError, ValueError
+        If the video cannot be read, or ends too early; of numbers that are none of it.
+    """
+    video = Path(path)
+    numbers = frame_numbers(video, every=every, first=first, last=last)
+    return _frames(_Reader(video), numbers)
+
+
+def _frames(reader: "_Reader", numbers: range) -> Iterator[NDArray[np.float32]]:
+    with suppress(EndOfVideo):
+        for number in numbers:
+            yield np.ascontiguousarray(reader.read(number)[..., ::-1], np.float32) / np.float32(255)
 
 
 def frame_time(video: Path, number: int) -> float | None:

@@ -167,3 +167,15 @@ def test_written_overlay_is_the_drawn_one(run: Call, moving: Path, tiny_model: P
     result = estimate(photo, network=SmearNetwork(tiny_model))
     drawn = draw_overlay(photo, result.grid, result.matches, result.geometry)
     np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
+
+
+def test_the_next_command_is_told_to_who_watches_and_can_be_pasted(
+    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    odd = moving.rename(moving.with_name("a b.png"))
+    assert "next: " not in run(odd).out
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    assert run(odd).out.endswith(f"next: blur2view report '{odd}' -o report.html\n")
+    assert run(odd, still).out.endswith(f"next: blur2view triage '{odd}' {still} --csv table.csv\n")
+    for words in ((odd, "-q"), (odd, "--json"), (odd, odd.with_name("none.png"))):
+        assert "next: " not in run(*words).out

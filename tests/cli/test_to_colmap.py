@@ -197,6 +197,19 @@ def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: P
     ]
 
 
+def test_linked_photographs_say_where_depth_and_order_are_from(project: Path) -> None:
+    plan = link_of(only_plan(project, "still.png"))[0]
+    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
+    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), views)
+    open_ = replace(document, translation_known=False, time_known=True, time_confidence=0.99)
+    whole = ToColmapDocument(
+        target="p.db", dry_run=False, backup=None, photographs=[open_], kept=[], failures=[]
+    )
+    line, total = summary(whole, linked=True).splitlines()
+    assert "translation undecided" in line and "order in time known by neighbours (99 % sure)" in line
+    assert total.endswith("undecided: the depth of their points comes from your other photographs")
+
+
 def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path], project: Path) -> None:
     write_picture(photos[0], colour_code(np.ones((64, 80, 2)), 1.0))
     code, _, err = run("--db", project, "--link", photos[0])
