@@ -1,4 +1,4 @@
-"""From half cells to pixels: outlines from the picture, connected parts, and their description."""
+"""From places to pixels: outlines from the picture, connected parts, and their description."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.smears.field import upsample_grid
+from blur2view.segmentation.inputs import PLACE_PX
 
 Mask = NDArray[np.bool_]
-# Probabilities: of every pixel of a part that moves; below the second it stands still.
-LEAST_MOVING, MOST_STILL = 0.3, 0.12
-LEAST_AREA_PX = 1600  # of a part: a window of the network reads 96 x 96 pixels
-REDUCED = 4  # pixels to one in which outlines are followed
-GUIDE_RADIUS, GUIDE_EPS = 6, 1e-3  # reduced pixels; squared levels
+Floats = NDArray[np.float32]
+
+THRESHOLD = 0.5
+"""Probability that a moving part reaches somewhere."""
+REACH = 0.5
+"""Probability that it has everywhere, over the threshold."""
+LEAST_AREA_PX = 1600
+"""Of a part: a window of the smear network reads 96 x 96 pixels."""
+GUIDE_PLACES, GUIDE_EPS = 9, 1e-3
+"""Side of the windows in which outlines follow the picture, places; squared levels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,37 +46,39 @@ class MovingRegion:
     probability: float
 
 
-def to_pixels(places: NDArray[np.float32], size_px: int, image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Resample values in [0, 1] of places (h, w) to the pixels of an image (H, W, 3), along its edges.
+def to_pixels(places: Floats, image: Floats) -> Floats:
+    """Resample probabilities (h, w) of places to the pixels of an image (H, W, 3), along its edges.
 
-    A place has ``size_px`` pixels a side; together they cover the image.
+    Places of 4 x 4 pixels cover the image.
 
     References
     ----------
-    He, Sun and Tang, Guided image filtering, PAMI 2013.
+    He and Sun, Fast guided filter, arXiv 1505.00996.
     """
     height, width = image.shape[:2]
-    zoom = max(size_px // REDUCED, 1)
-    coarse = upsample_grid(places[..., None], zoom)[..., 0]
+    rows, columns = -(-height // PLACE_PX), -(-width // PLACE_PX)
+    values = np.ascontiguousarray(places[:rows, :columns])
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    missing = [(0, n * size_px - side) for n, side in zip(places.shape, grey.shape, strict=True)]
-    padded = np.pad(grey, missing, mode="symmetric")
-    small = cv2.resize(padded, coarse.shape[::-1], interpolation=cv2.INTER_AREA)
-    guided = np.asarray(cv2.ximgproc.guidedFilter(small, coarse, GUIDE_RADIUS, GUIDE_EPS), np.float32)
-    pixels = upsample_grid(guided[..., None], size_px // zoom)[:height, :width, 0]
+    guide = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)
+    mean, level = _mean(guide), _mean(values)
+    slope = (_mean(guide * values) - mean * level) / (_mean(guide * guide) - mean**2 + GUIDE_EPS)
+    offset = _mean(level - slope * mean)
+    pixels = cv2.resize(_mean(slope), (width, height), interpolation=cv2.INTER_LINEAR)
+    pixels *= grey
+    pixels += cv2.resize(offset, (width, height), interpolation=cv2.INTER_LINEAR)
     return np.clip(pixels, 0, 1)
 
 
-def moving_parts(probability: NDArray[np.float32], least: float, share: float) -> Mask:
-    """Mark the connected parts (H, W) that may move everywhere and are large enough.
+def _mean(values: AnyArray) -> Floats:
+    return np.asarray(cv2.blur(values, (GUIDE_PLACES, GUIDE_PLACES)), np.float32)
 
-    More than a ``share`` of each, 0 to 1, has a probability of at least ``least``.
-    """
-    likely = probability >= LEAST_MOVING
+
+def moving_parts(probability: Floats, threshold: float) -> Mask:
+    """Mark the connected parts (H, W) that reach a threshold, as far as half of it reaches, and are large enough."""
+    likely = probability >= REACH * threshold
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
-    area = stats[:, cv2.CC_STAT_AREA]
-    moves = np.bincount(part[probability >= least], minlength=len(stats)) > share * area
-    moves &= area >= LEAST_AREA_PX
+    moves = np.bincount(part[probability >= threshold], minlength=len(stats)) > 0
+    moves &= stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA_PX
     moves[0] = False
     return np.asarray(moves[part])
 

@@ -176,10 +176,10 @@ def test_scale_of_sigma_has_no_exponents_that_would_be_cut_off() -> None:
 @pytest.mark.parametrize(
     ("still", "moving", "expected"),
     [
-        (100, 0, "nothing moves"),
-        (75, 0, "nothing moves; motion is unobservable in 25%"),
-        (22, 0, "motion is unobservable in 78%; elsewhere nothing moves"),
-        (0.01, 0, "motion is unobservable in 99%; elsewhere nothing moves"),
+        (100, 0, "no mover found"),
+        (75, 0, "no mover found; motion is unobservable in 25%"),
+        (22, 0, "motion is unobservable in 78%; elsewhere no mover found"),
+        (0.01, 0, "motion is unobservable in 99%; elsewhere no mover found"),
         (0, 0, "motion is unobservable everywhere"),
         (18, 4, "motion is unobservable in 78%; elsewhere 1 moving part, 4.0% of the photograph"),
         (99.96, 0.04, "1 moving part, under 0.1% of the photograph"),

@@ -1,0 +1,134 @@
+"""Make the examples that the mover network learns from: pictures with known movers, read and measured.
+
+``python -m tools.training.mover_data OUT --photos FOLDER... --scenes render/train --shards 100`` writes
+numbered shards of 16 pictures of 640x480: things before photographs (`tools.rendering.things`) and, a third of
+them, rendered scenes of 640x512 (`tools.datasets.shards`), cut. Every picture goes through the camera, the
+smear network and the fit of its geometry, as a user's does. Shard k depends on k and the sources only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import estimate
+from blur2view.segmentation.camera_motion import Cells, camera_field
+from blur2view.segmentation.inputs import Picture, of_cells, of_places
+from tools.arguments import existing
+from tools.datasets.shards import Scenes, decode_linear, require_shards
+from tools.rendering.shaken import ShakeOptions, processed
+from tools.rendering.things import Things, ThingOptions, photographed_things
+from tools.training.reader_data import LONGEST_PX, load_photos
+
+Array = NDArray[Any]
+
+PICTURES = 16
+"""In a shard."""
+RENDERED_SHARE = 0.33
+OPTIONS = ThingOptions()
+CAMERA = ShakeOptions(size=OPTIONS.size, reduced_share=0.15)
+READ_PX, READ_SHARE = 2.0, 0.25
+"""Error of a smear that is still read right: constant, and of its length."""
+CAMERA_SHARE = 0.5
+"""Share of pictures whose camera's motion is fitted with the movers left out, as in a second round."""
+
+
+def rendered(rng: np.random.Generator, scenes: Scenes) -> Things:
+    """Return a rendered scene, cut to size and mirrored at random."""
+    k = int(rng.integers(len(scenes)))
+    linear, labels = decode_linear(scenes.linear[k]), scenes.labels[k]
+    smears = scenes.displacement[k].astype(np.float32)
+    if rng.random() < 0.5:
+        linear, labels = linear[:, ::-1], labels[:, ::-1]
+        smears = smears[:, ::-1] * np.array([-1, 1], np.float32)
+    if rng.random() < 0.5:
+        linear, labels = linear[::-1], labels[::-1]
+        smears = smears[::-1] * np.array([1, -1], np.float32)
+    width, height = OPTIONS.size
+    known = np.all(np.abs(smears) < LONGEST_PX, axis=-1) & (labels & 1 > 0)  # false for NaN, too
+    moving = np.where(known, labels & 2 == 0, -1).astype(np.float32)
+    rows = slice(0, height // 4)
+    return Things(
+        linear=np.ascontiguousarray(linear[:height, :width]),
+        moving=moving[rows],
+        displacement=np.where(known[..., None], smears, 0)[rows],
+        kind="rendered",
+    )
+
+
+def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) -> dict[str, Array]:
+    """Return what a picture shows: ``places``, ``cells``, and the shares of places that move and are read."""
+    image, _ = processed(rng, things.linear, CAMERA)
+    image = np.clip(np.round(image), 0, 255).astype(np.float32) / 255
+    found = estimate(image, network=network)
+    cells, F = Cells.of(found.grid), found.geometry.F
+    weight = np.ones(cells.sigma_px.shape)
+    if rng.random() < CAMERA_SHARE:
+        weight -= cv2.resize(np.clip(things.moving, 0, 1), weight.shape[::-1], interpolation=cv2.INTER_AREA)
+    motion = np.zeros_like(cells.displacement)
+    if found.blur.kind.of_camera:
+        motion = camera_field(cells, weight, np.random.default_rng(0))
+    picture = Picture(image, weight.shape, found.grid.stride)
+    side = found.grid.stride // 4
+    seen = np.kron(cells.displacement, np.ones((side, side, 1)))
+    error = np.minimum(*(np.linalg.norm(seen - sign * things.displacement, axis=-1) for sign in (1, -1)))
+    read = error < READ_PX + READ_SHARE * np.linalg.norm(things.displacement, axis=-1)
+    return {
+        "places": of_places(picture, cells, motion).astype(np.float16),
+        "cells": of_cells(cells, found.grid, motion, F).astype(np.float16),
+        "moving": things.moving.astype(np.float16),
+        "read": read,
+        "kind": np.array(things.kind),
+    }
+
+
+def make_shard(number: int, photos: list[Array], scenes: list[Path], network: SmearNetwork) -> dict[str, Array]:
+    """Return the examples of one shard, stacked."""
+    rng = np.random.default_rng([43, number])
+    with np.load(scenes[int(rng.integers(len(scenes)))]) as file:
+        pool = Scenes(**{key: file[key] for key in file.files})
+    rows = []
+    for _ in range(PICTURES):
+        of_scenes = rng.random() < RENDERED_SHARE
+        things = rendered(rng, pool) if of_scenes else photographed_things(rng, photos, OPTIONS)
+        rows.append(example_of(rng, things, network))
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=existing, nargs="+", required=True, help="folders of sharp photographs")
+    parser.add_argument("--scenes", type=existing, required=True, help="folder of tools.datasets.shards, 640x512")
+    parser.add_argument("--shards", type=int, default=100, help="(default: %(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    photos, scenes = load_photos(arguments.photos), require_shards(arguments.scenes)
+    network = SmearNetwork(threads=1)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for number in range(arguments.first, arguments.first + arguments.shards):
+        path = arguments.out / f"{number:06d}.npz"
+        if path.exists():
+            continue
+        began = time.perf_counter()
+        temporary = path.with_suffix(".part")
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, **make_shard(number, photos, scenes, network))  # type: ignore[arg-type]
+        temporary.replace(path)
+        print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
