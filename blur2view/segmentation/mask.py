@@ -13,8 +13,8 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
-from blur2view.segmentation.camera_motion import Cells, camera_field
-from blur2view.segmentation.inputs import (
+from blur2view.movers.camera_motion import Cells, camera_field
+from blur2view.movers.inputs import (
     PLACE_PX,
     Picture,
     of_cells,
@@ -22,7 +22,7 @@ from blur2view.segmentation.inputs import (
     off_lines_error_px,
     off_lines_px,
 )
-from blur2view.segmentation.mover_network import shipped
+from blur2view.movers.network import shipped
 from blur2view.segmentation.pixels import (
     THRESHOLD,
     MovingRegion,

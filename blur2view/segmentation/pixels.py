@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.segmentation.inputs import PLACE_PX
+from blur2view.movers.inputs import PLACE_PX
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float32]

@@ -14,7 +14,7 @@ import onnx
 import onnxruntime
 import torch
 
-from blur2view.segmentation.mover_network import INPUTS, OUTPUT
+from blur2view.movers.network import INPUTS, OUTPUT
 from tools.arguments import existing, parser_of, target
 from tools.training.movers import CELLS, PLACES, Movers
 

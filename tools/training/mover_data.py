@@ -1,8 +1,7 @@
 """Make the examples that the mover network learns from: pictures with known movers, read and measured.
 
-``python -m tools.training.mover_data OUT --photos FOLDER... --scenes render/train --shards 100`` writes
-numbered shards of 16 pictures of 640x480: things before photographs (`tools.rendering.things`) and, a third of
-them, rendered scenes of 640x512 (`tools.datasets.shards`), cut. Every picture goes through the camera, the
+``python -m tools.training.mover_data OUT --photos FOLDER --shards 100`` writes numbered shards of 16 pictures of
+640x480: things before photographs (`tools.rendering.things`) and, a share of them, rendered scenes. Every picture goes through the camera, the
 smear network and the fit of its geometry, as a user's does. Shard k depends on k and the sources only.
 """
 
@@ -20,13 +19,13 @@ from numpy.typing import NDArray
 
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.segmentation.camera_motion import Cells, camera_field
-from blur2view.segmentation.inputs import Picture, of_cells, of_places
+from blur2view.movers.camera_motion import Cells, camera_field
+from blur2view.movers.inputs import Picture, of_cells, of_places
 from tools.arguments import existing
-from tools.datasets.shards import Scenes, decode_linear, require_shards
+from tools.rendering.render import RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
-from tools.rendering.things import Things, ThingOptions, photographed_things
-from tools.training.reader_data import LONGEST_PX, load_photos
+from tools.rendering.things import ThingOptions, Things, photographed_things
+from tools.training.reader_data import load_photos
 
 Array = NDArray[Any]
 
@@ -41,25 +40,15 @@ CAMERA_SHARE = 0.5
 """Share of pictures whose camera's motion is fitted with the movers left out, as in a second round."""
 
 
-def rendered(rng: np.random.Generator, scenes: Scenes) -> Things:
-    """Return a rendered scene, cut to size and mirrored at random."""
-    k = int(rng.integers(len(scenes)))
-    linear, labels = decode_linear(scenes.linear[k]), scenes.labels[k]
-    smears = scenes.displacement[k].astype(np.float32)
-    if rng.random() < 0.5:
-        linear, labels = linear[:, ::-1], labels[:, ::-1]
-        smears = smears[:, ::-1] * np.array([-1, 1], np.float32)
-    if rng.random() < 0.5:
-        linear, labels = linear[::-1], labels[::-1]
-        smears = smears[::-1] * np.array([1, -1], np.float32)
-    width, height = OPTIONS.size
-    known = np.all(np.abs(smears) < LONGEST_PX, axis=-1) & (labels & 1 > 0)  # false for NaN, too
-    moving = np.where(known, labels & 2 == 0, -1).astype(np.float32)
-    rows = slice(0, height // 4)
+def rendered(rng: np.random.Generator, photos: Path) -> Things:
+    """Return a rendered scene, two thirds of them with movers, with textures of photographs of a folder."""
+    options = RenderOptions(size=OPTIONS.size, mover_share=0.67, photos=photos)
+    scene = render(int(rng.integers(2**31)), options)
+    known = scene.valid & np.isfinite(scene.displacement).all(axis=-1)
     return Things(
-        linear=np.ascontiguousarray(linear[:height, :width]),
-        moving=moving[rows],
-        displacement=np.where(known[..., None], smears, 0)[rows],
+        linear=scene.linear,
+        moving=np.where(known, ~scene.static, -1).astype(np.float32),
+        displacement=np.where(known[..., None], scene.displacement, 0).astype(np.float32),
         kind="rendered",
     )
 
@@ -90,15 +79,13 @@ def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) 
     }
 
 
-def make_shard(number: int, photos: list[Array], scenes: list[Path], network: SmearNetwork) -> dict[str, Array]:
+def make_shard(number: int, folder: Path, photos: list[Array], network: SmearNetwork) -> dict[str, Array]:
     """Return the examples of one shard, stacked."""
     rng = np.random.default_rng([43, number])
-    with np.load(scenes[int(rng.integers(len(scenes)))]) as file:
-        pool = Scenes(**{key: file[key] for key in file.files})
     rows = []
     for _ in range(PICTURES):
         of_scenes = rng.random() < RENDERED_SHARE
-        things = rendered(rng, pool) if of_scenes else photographed_things(rng, photos, OPTIONS)
+        things = rendered(rng, folder) if of_scenes else photographed_things(rng, photos, OPTIONS)
         rows.append(example_of(rng, things, network))
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
@@ -108,14 +95,13 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--photos", type=existing, nargs="+", required=True, help="folders of sharp photographs")
-    parser.add_argument("--scenes", type=existing, required=True, help="folder of tools.datasets.shards, 640x512")
+    parser.add_argument("--photos", type=existing, required=True, help="folder of sharp photographs")
     parser.add_argument("--shards", type=int, default=100, help="(default: %(default)s)")
     parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    photos, scenes = load_photos(arguments.photos), require_shards(arguments.scenes)
+    photos = load_photos([arguments.photos])
     network = SmearNetwork(threads=1)
     arguments.out.mkdir(parents=True, exist_ok=True)
     for number in range(arguments.first, arguments.first + arguments.shards):
@@ -125,7 +111,7 @@ def main() -> None:
         began = time.perf_counter()
         temporary = path.with_suffix(".part")
         with temporary.open("wb") as file:
-            np.savez_compressed(file, **make_shard(number, photos, scenes, network))  # type: ignore[arg-type]
+            np.savez_compressed(file, **make_shard(number, arguments.photos, photos, network))  # type: ignore[arg-type]
         temporary.replace(path)
         print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
 

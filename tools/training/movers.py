@@ -1,6 +1,6 @@
 """The mover network: a U-Net over places of 4 x 4 pixels which the smears of cells join half way down (torch).
 
-Its inputs are those of :mod:`blur2view.segmentation.inputs`. Two numbers are asked of every place: the
+Its inputs are those of :mod:`blur2view.movers.inputs`. Two numbers are asked of every place: the
 log-odds that it moves by itself, and that its smear is read right.
 """
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from blur2view.segmentation.inputs import OCTAVES
+from blur2view.movers.inputs import OCTAVES
 from tools.arguments import existing, parser_of
 from tools.evaluation.segmentation import average_precision
 from tools.training.movers import Movers

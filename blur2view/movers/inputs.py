@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.sampson import serrmin
-from blur2view.segmentation.camera_motion import Cells
+from blur2view.movers.camera_motion import Cells
 from blur2view.smears.field import to_double_angle, upsample_grid
 from blur2view.smears.grid import SmearGrid
 

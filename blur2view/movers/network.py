@@ -1,6 +1,6 @@
 """The network that finds what moves by itself: a U-Net, ``models/movers.onnx``, run by ONNX Runtime.
 
-Its inputs are those of :mod:`blur2view.segmentation.inputs`; ``tools/training/train_movers.py`` trains it.
+Its inputs are those of :mod:`blur2view.movers.inputs`; ``tools/training/train_movers.py`` trains it.
 """
 
 from __future__ import annotations
