@@ -40,7 +40,8 @@ class MoverNetwork:
         self._session = open_session(self.path, usable_cores())
         names = tuple(node.name for node in self._session.get_inputs())
         if names != INPUTS:
-            raise ModelError(f"{self.path}: is not a mover network; export one with tools/training/export_movers.py")
+            remedy = "export one with tools/training/export_movers.py"
+            raise ModelError(f"{self.path}: is not a mover network; {remedy}")
 
     def log_odds(self, places: Floats, cells: Floats) -> tuple[Floats, Floats]:
         """Return the log-odds (8 h, 8 w) that places move by themselves, and that their smears are read right.

@@ -5,24 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import AnyArray
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
-from blur2view.movers.camera_motion import Cells, camera_field
-from blur2view.movers.inputs import (
-    PLACE_PX,
-    Picture,
-    of_cells,
-    of_places,
-    off_lines_error_px,
-    off_lines_px,
-)
-from blur2view.movers.network import shipped
+from blur2view.movers.camera_motion import Cells
+from blur2view.movers.inputs import off_lines_error_px, off_lines_px
+from blur2view.movers.probability import moving_probability
 from blur2view.segmentation.pixels import (
     THRESHOLD,
     MovingRegion,
@@ -31,12 +23,7 @@ from blur2view.segmentation.pixels import (
     parts_above,
     to_pixels,
 )
-from blur2view.smears.grid import SmearGrid
 
-Floats = NDArray[np.float32]
-
-ROUNDS = 2
-"""Fits of the camera's motion, the second without what moves."""
 STILL_PX = 1.0
 """Median displacement of the camera's motion below which it stands still."""
 SHARED = 0.4
@@ -88,8 +75,8 @@ def segment(
 ) -> MotionMask:
     """Return which pixels move by themselves and which the camera's motion explains.
 
-    The camera's motion is one smooth field through the smears (`camera_motion`), none where the camera did not
-    move (`Estimate.blur`), and, where there is one, F. A network (`mover_network`) weighs what departs from
+    The camera's motion is one smooth field through the smears (`movers.camera_motion`), none where the camera did not
+    move (`Estimate.blur`), and, where there is one, F. A network (`movers.network`) weighs what departs from
     both, and where the picture is blurred otherwise than the camera's motion blurs it; the camera's motion is
     then fitted again without what moves. Where parallax is proven, parts on the epipolar lines are at another
     depth and stand still. Unobservable is what does not seem to move and is smooth, or whose smear is not read.
@@ -118,46 +105,26 @@ def segment(
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(0) if rng is None else rng
     F = geometry.F if estimate.shutter is None else None  # a shutter's F is not of the ends as recorded
-    cells = Cells.of(grid, estimate.camera)
-    picture = Picture(image, grid.cells.shape[:2], grid.stride)
     moves = estimate.blur.kind.of_camera
-    median_px, moving, read = _probabilities(cells, grid, F, picture, rng if moves else None)
-    hidden = picture.smooth()
-    moving[hidden] = 0
-    probability = to_pixels(moving, image)
+    found = moving_probability(image, grid, F, estimate.camera, rng if moves else None)
+    probability = to_pixels(found.moving, image, found.place_px)
     parts = moving_parts(probability, threshold)
-    if F is not None and geometry.parallax is Parallax.PROVEN and median_px >= STILL_PX:
+    if F is not None and geometry.parallax is Parallax.PROVEN and found.camera_px >= STILL_PX:
+        cells = Cells.of(grid, estimate.camera)
         off_lines = off_lines_px(cells, F) / off_lines_error_px(cells)
         depth = parts & ~parts_above(parts, off_lines, OFF_LINES, grid.stride)
         probability[depth] = np.minimum(probability[depth], DEPTH_MOVES)
         parts &= ~depth
     labels = np.full(probability.shape, MotionLabel.UNOBSERVABLE, np.uint8)
-    seen = np.kron((read >= 0.5) & ~hidden, np.ones((PLACE_PX, PLACE_PX), bool))
+    seen = np.kron((found.read >= 0.5) & ~found.smooth, np.ones((found.place_px, found.place_px), bool))
     labels[seen[: image.shape[0], : image.shape[1]]] = MotionLabel.STATIC
     labels[parts] = MotionLabel.MOVING
     return MotionMask(
         labels=labels,
         probability=probability,
         regions=moving_regions(parts, probability),
-        reason=_reason(labels, median_px, with_lines=F is not None),
+        reason=_reason(labels, found.camera_px, with_lines=F is not None),
     )
-
-
-def _probabilities(
-    cells: Cells, grid: SmearGrid, F: Array | None, picture: Picture, rng: np.random.Generator | None
-) -> tuple[float, Floats, Floats]:
-    """Return the camera's median motion, pixels, and probabilities of moving and of reading at all places.
-
-    Without a generator the camera is at rest.
-    """
-    weight: Array = np.ones(cells.sigma_px.shape)
-    motion = np.zeros_like(cells.displacement)
-    for _ in range(1 if rng is None else ROUNDS):
-        motion = motion if rng is None else camera_field(cells, weight, rng)
-        odds = shipped().log_odds(of_places(picture, cells, motion), of_cells(cells, grid, motion, F))
-        moving, read = (np.asarray(1 / (1 + np.exp(-each)), np.float32) for each in odds)
-        weight = 1 - np.asarray(cv2.resize(moving, weight.shape[::-1], interpolation=cv2.INTER_AREA), float)
-    return float(np.median(np.linalg.norm(motion, axis=-1))), moving, read
 
 
 def _reason(labels: NDArray[np.uint8], median_px: float, *, with_lines: bool) -> str:

@@ -46,17 +46,17 @@ class MovingRegion:
     probability: float
 
 
-def to_pixels(places: Floats, image: Floats) -> Floats:
+def to_pixels(places: Floats, image: Floats, place_px: int = PLACE_PX) -> Floats:
     """Resample probabilities (h, w) of places to the pixels of an image (H, W, 3), along its edges.
 
-    Places of 4 x 4 pixels cover the image.
+    Places, squares of ``place_px`` pixels, cover the image.
 
     References
     ----------
     He and Sun, Fast guided filter, arXiv 1505.00996.
     """
     height, width = image.shape[:2]
-    rows, columns = -(-height // PLACE_PX), -(-width // PLACE_PX)
+    rows, columns = -(-height // place_px), -(-width // place_px)
     values = np.ascontiguousarray(places[:rows, :columns])
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     guide = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)

@@ -149,7 +149,7 @@ def test_smears_without_rays_of_a_distorted_camera_do_no_harm() -> None:
     assert np.isfinite(segment(result, photo(with_mover())).probability).all()
 
 
-def test_parts_move_if_they_are_surely_seen_to_somewhere_and_large_enough() -> None:
+def test_parts_move_that_reach_the_threshold_somewhere_and_are_large_enough() -> None:
     probability = np.zeros((200, 200), np.float32)
     probability[:60, :60] = 0.5  # likely everywhere, nowhere sure
     probability[100:140, :60], probability[110, 10] = 0.5, 0.9
@@ -157,10 +157,21 @@ def test_parts_move_if_they_are_surely_seen_to_somewhere_and_large_enough() -> N
     assert 100 < LEAST_AREA_PX < 40 * 60
     expected = np.zeros((200, 200), bool)
     expected[100:140, :60] = True
-    np.testing.assert_array_equal(moving_parts(probability, 0.6, 0), expected)
-    assert not moving_parts(probability, 0.6, 0.2).any()
-    probability[100:140, :20] = 0.9
-    np.testing.assert_array_equal(moving_parts(probability, 0.6, 0.2), expected)
+    np.testing.assert_array_equal(moving_parts(probability, 0.6), expected)
+    expected[:60, :60] = True
+    np.testing.assert_array_equal(moving_parts(probability, 0.5), expected)
+    assert not moving_parts(probability, 0.95).any()
+
+
+def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() -> None:
+    found = estimate_of(with_mover(), F=SIDEWAYS)
+    marked = [
+        (segment(found, photo(with_mover()), threshold=p).labels == MotionLabel.MOVING) for p in (0.9, 0.1)
+    ]
+    assert marked[0].sum() <= marked[1].sum() and not (marked[0] & ~marked[1]).any()
+    for p in (0.0, 1.0):
+        with pytest.raises(ValueError, match="above 0 and below 1"):
+            segment(found, photo(with_mover()), threshold=p)
 
 
 def test_parts_are_described_by_their_own_pixels() -> None:

@@ -1,9 +1,10 @@
-"""Photographs for `tools.evaluation.segmentation`: rendered scenes with movers, and still ones, and things.
+"""Photographs for `tools.evaluation.segmentation`, of one kind: rendered scenes, or things before photographs.
 
 ``python -m tools.datasets.mover_scenes render/movers --scenes 12`` writes ``NNNN.png`` and ``NNNN.npz`` as
 `tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving: few scenes of the
-test split hold movers. ``--kind still`` renders scenes in which nothing moves; ``--kind things`` makes things
-before photographs, of all kinds by turns (`tools.rendering.things`), and needs ``--photos``.
+test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those of
+`tools.rendering.things` and need ``--photos``: a camera that follows a thing, crosses its way, or stands, and
+three in which nothing moves by itself.
 """
 
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from tools.rendering.things import KINDS, ThingOptions, photographed_things
 from tools.training.reader_data import load_photos
 
 FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "things": 10_000_000}
+THINGS = [kind.__name__ for kind in KINDS]
 SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
 
@@ -51,19 +53,20 @@ def write_rendered(
     raise SystemExit(f"only {done} of {scenes} scenes suit, of {TRIES * scenes} seeds")
 
 
-def write_things(out: Path, scenes: int, photos: Path, first_seed: int) -> None:
-    """Write pictures of things, of the kinds by turns; the name of the kind is that of the file."""
+def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
+    """Write pictures of things of a kind."""
     sources = load_photos([photos])
+    options = ThingOptions(kinds=tuple(float(name == kind) for name in THINGS))
     for index in range(scenes):
-        rng, kind = np.random.default_rng(first_seed + index), index % len(KINDS)
-        options = ThingOptions(kinds=tuple(float(k == kind) for k in range(len(KINDS))))
+        rng = np.random.default_rng([FIRST_SEED["things"], THINGS.index(kind), index])
         things = photographed_things(rng, sources, options)
         picture = np.clip(processed(rng, things.linear, ShakeOptions(size=options.size))[0], 0, 255)
-        path = out / f"{things.kind}_{index:04d}.png"
+        path = out / f"{index:04d}.png"
         cv2.imwrite(str(path), picture.astype(np.uint8)[..., ::-1])
         static = things.moving <= 0.5
         truth = {"displacement": things.displacement, "valid": np.ones_like(static), "static": static}
-        np.savez(path.with_suffix(".npz"), **truth, F=np.zeros((0, 3)))  # type: ignore[arg-type]
+        unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": np.zeros((0, 3)), "kind": kind}
+        np.savez(path.with_suffix(".npz"), **truth, **unknown)  # type: ignore[arg-type]
 
 
 def main() -> None:
@@ -71,22 +74,22 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=12)
-    parser.add_argument("--kind", choices=FIRST_SEED, default="movers")
-    parser.add_argument("--photos", type=existing, help="folder of photographs for --kind things")
+    parser.add_argument("--kind", choices=("movers", "still", *THINGS), default="movers")
+    parser.add_argument("--photos", type=existing, help="folder of photographs, of things")
     arguments = parser.parse_args()
-    if (arguments.kind == "things") != (arguments.photos is not None):
-        parser.error("--kind things needs --photos, which the other kinds do not use")
+    kind, scenes, options = arguments.kind, arguments.scenes, test_options(None)
+    if (kind in THINGS) != (arguments.photos is not None):
+        parser.error("--photos belongs to kinds of things, and they need it")
     arguments.out.mkdir(parents=True, exist_ok=True)
     if any(arguments.out.iterdir()):
         raise SystemExit(f"{arguments.out} is not empty")
-    kind, scenes, seed = arguments.kind, arguments.scenes, FIRST_SEED[arguments.kind]
-    options = test_options(None)
-    if kind == "movers":
-        write_rendered(arguments.out, scenes, replace(options, mover_share=1.0), seed, suits)
-    elif kind == "still":
-        write_rendered(arguments.out, scenes, replace(options, mover_share=0.0), seed, lambda _: True)
+    if kind in THINGS:
+        write_things(arguments.out, scenes, arguments.photos, kind)
+    elif kind == "movers":
+        write_rendered(arguments.out, scenes, replace(options, mover_share=1.0), FIRST_SEED[kind], suits)
     else:
-        write_things(arguments.out, scenes, arguments.photos, seed)
+        still = replace(options, mover_share=0.0)
+        write_rendered(arguments.out, scenes, still, FIRST_SEED[kind], lambda _: True)
 
 
 if __name__ == "__main__":

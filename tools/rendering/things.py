@@ -20,15 +20,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform
-from tools.rendering.shaken import (
-    DECODE,
-    Path as Motion,
-    averaged,
-    blob,
-    cell_centres,
-    sample_path,
-    surface,
-)
+from tools.rendering.shaken import DECODE, Path as Motion, averaged, blob, cell_centres, sample_path, surface
 
 Array = NDArray[Any]
 
@@ -70,7 +62,7 @@ class ThingOptions:
     blob_share: float = 0.15
     own_colour_share: float = 0.25
     focus_share: float = 0.15
-    kinds: tuple[float, ...] = (0.27, 0.2, 0.18, 0.11, 0.15, 0.09)
+    kinds: tuple[float, ...] = (0.25, 0.18, 0.18, 0.1, 0.2, 0.09)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,15 +184,17 @@ def standing(rng: np.random.Generator, options: ThingOptions) -> Paths:
 
 def deep(rng: np.random.Generator, options: ThingOptions) -> Paths:
     """Return the paths of a camera that moves sideways past things that stand, nearer than the rest."""
-    camera = replace(sample_path(rng, log_uniform(rng, options.smear_px), options.size[1]), linear=np.zeros((2, 2)))
+    camera = replace(
+        sample_path(rng, log_uniform(rng, options.smear_px), options.size[1]), linear=np.zeros((2, 2))
+    )
     nearer = [float(rng.uniform(1.1, 2.0)) for _ in range(rng.integers(1, 4))]
     return camera, [(replace(camera, shift=k * camera.shift, bend=k * camera.bend), False) for k in nearer]
 
 
-def still(rng: np.random.Generator, options: ThingOptions) -> Paths:
+def unmoved(rng: np.random.Generator, options: ThingOptions) -> Paths:
     """Return the paths of a camera at rest before things at rest, any of them out of focus."""
     rest = sample_path(rng, 0.0, options.size[1])
-    return rest, [(rest, False)] * int(rng.integers(0, 4))
+    return rest, [(rest, False)] * (int(rng.integers(1, 4)) if rng.random() < 0.4 else 0)
 
 
 def flat(rng: np.random.Generator, options: ThingOptions) -> Paths:
@@ -214,7 +208,7 @@ KINDS: tuple[Callable[[np.random.Generator, ThingOptions], Paths], ...] = (
     crossing,
     standing,
     deep,
-    still,
+    unmoved,
     flat,
 )
 
@@ -239,7 +233,7 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
         piece = surface(rng, pick(rng, sources), width, height, 0)
         piece = np.asarray(cv2.resize(piece, options.size)) if piece.shape[:2] != (height, width) else piece
         layers.append(padded(filled(piece, outline, colour), margin))
-    radii = sample_radii(rng, len(layers), still=kind is still, options=options)
+    radii = sample_radii(rng, len(layers), still=kind is unmoved, options=options)
     layers = [defocused(rng, layer, radius) for layer, radius in zip(layers, radii, strict=True)]
     steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
     linear, seen = averaged(layers, paths, options.size, steps)
@@ -268,9 +262,7 @@ def with_parts(
     return found[:5]
 
 
-def sample_radii(
-    rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions
-) -> list[float]:
+def sample_radii(rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions) -> list[float]:
     """Draw the radii out of focus of layers: none, the background's, or a thing's before it."""
     if rng.random() >= (0.7 if still else options.focus_share):
         return [0.0] * count

@@ -58,7 +58,9 @@ class Movers(nn.Module):
             nn.Sequential(layer(before, after, stride=2), layer(after, after))
             for before, after in zip(WIDTHS, WIDTHS[1:], strict=False)
         )
-        self.join = nn.Sequential(layer(WIDTHS[JOINED] + CELLS, WIDTHS[JOINED], 1), layer(*WIDTHS[JOINED:][:1] * 2))
+        self.join = nn.Sequential(
+            layer(WIDTHS[JOINED] + CELLS, WIDTHS[JOINED], 1), layer(*WIDTHS[JOINED:][:1] * 2)
+        )
         self.deepest = nn.Sequential(layer(*WIDTHS[-1:] * 2, dilation=2), layer(*WIDTHS[-1:] * 2, dilation=4))
         self.narrow = nn.ModuleList(
             layer(below, above, 1) for above, below in zip(WIDTHS, WIDTHS[1:], strict=False)

@@ -99,7 +99,9 @@ def validated(network: Movers, paths: list[Path]) -> str:
                 figures.setdefault(f"{kind} AP", []).append(average_precision(score[known], moves[known]))
             else:
                 figures.setdefault(f"{kind} false", []).append(float((score > 0)[known].mean()))
-    return ", ".join(f"{name} {np.mean(values):.3f} ({len(values)})" for name, values in sorted(figures.items()))
+    return ", ".join(
+        f"{name} {np.mean(values):.3f} ({len(values)})" for name, values in sorted(figures.items())
+    )
 
 
 def main() -> None:

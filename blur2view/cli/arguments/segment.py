@@ -26,8 +26,8 @@ class SegmentSettings:
     """Those on which the files of a photograph depend."""
 
     threshold: float = option(THRESHOLD, "P", convert=probability)
-    """probability that a moving part reaches somewhere (default: %(default)s); a lower one misses less of what
-    moves, and marks more of what stands still"""
+    """probability that a moving part reaches somewhere (default: %(default)s); a lower one misses less of
+    what moves, and marks more of what stands still"""
     masks: str | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"))
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
     pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there"""

@@ -29,7 +29,7 @@ def of_kind(name: str, seed: int) -> things.Things:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_moves_by_itself_is_what_is_told(seed: int) -> None:
-    for name in ("deep", "still", "flat"):
+    for name in ("deep", "unmoved", "flat"):
         assert not of_kind(name, seed).moving.any()
     moving = [of_kind(name, seed) for name in ("following", "crossing", "standing")]
     assert all(picture.moving.max() > 0.5 and picture.linear.shape == (64, 96, 3) for picture in moving)
