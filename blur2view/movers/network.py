@@ -44,7 +44,7 @@ class MoverNetwork:
             raise ModelError(f"{self.path}: is not a mover network; {remedy}")
 
     def log_odds(self, places: Floats, cells: Floats) -> tuple[Floats, Floats]:
-        """Return the log-odds (8 h, 8 w) that places move by themselves, and that their smears are read right.
+        """Return the log-odds (8 h, 8 w) that places move, and that their smears are read right.
 
         Parameters
         ----------

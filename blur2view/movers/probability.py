@@ -98,7 +98,7 @@ def moving_probability(
 
 
 def reduced(grid: SmearGrid, factor: int, shape: tuple[int, int]) -> SmearGrid:
-    """Return the smears of a photograph so many times smaller, of this shape: means over cells, in its pixels."""
+    """Return the smears of the photograph so many times smaller, of this shape: means over cells."""
     values = grid.cells if grid.blur is None else np.concatenate([grid.cells, grid.blur], axis=-1)
     missing = [(0, -side % factor) for side in values.shape[:2]]
     padded = np.pad(values, [*missing, (0, 0)], mode="edge")

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.networks.smear_network import rgb_of
-from blur2view.pipeline import Estimate
 from blur2view.movers.camera_motion import Cells
 from blur2view.movers.inputs import off_lines_error_px, off_lines_px
 from blur2view.movers.probability import moving_probability
+from blur2view.networks.smear_network import rgb_of
+from blur2view.pipeline import Estimate
 from blur2view.segmentation.pixels import (
     THRESHOLD,
     MovingRegion,
@@ -29,8 +29,9 @@ STILL_PX = 1.0
 SHARED = 0.4
 """Share of what is read in the picture from which on it is open which motion is the camera's."""
 OFF_LINES = 1.35
-"""Mean deviations off the lines, where parallax is proven, below which a part is at another depth: of ten such
-parts of 175 development scenes the eight that stand still have 0.1 to 1.3, the two that move 1.5 and 1.7."""
+"""Mean deviations off the lines, where parallax is proven, below which a part is at another depth: of ten
+such parts of 175 development scenes the eight that stand still have 0.1 to 1.3, the two that move 1.5 and
+1.7."""
 DEPTH_MOVES = 0.1
 """Probability of moving that is left to these."""
 
@@ -75,11 +76,12 @@ def segment(
 ) -> MotionMask:
     """Return which pixels move by themselves and which the camera's motion explains.
 
-    The camera's motion is one smooth field through the smears (`movers.camera_motion`), none where the camera did not
-    move (`Estimate.blur`), and, where there is one, F. A network (`movers.network`) weighs what departs from
-    both, and where the picture is blurred otherwise than the camera's motion blurs it; the camera's motion is
-    then fitted again without what moves. Where parallax is proven, parts on the epipolar lines are at another
-    depth and stand still. Unobservable is what does not seem to move and is smooth, or whose smear is not read.
+    The camera's motion is one smooth field through the smears (`movers.camera_motion`), none where the camera
+    did not move (`Estimate.blur`), and, where there is one, F. A network (`movers.network`) weighs what
+    departs from both, and where the picture is blurred otherwise than the camera's motion blurs it; the
+    camera's motion is then fitted again without what moves. Where parallax is proven, parts on the epipolar
+    lines are at another depth and stand still. Unobservable is what does not seem to move and is smooth, or
+    whose smear is not read.
 
     Parameters
     ----------

@@ -74,7 +74,10 @@ def _mean(values: AnyArray) -> Floats:
 
 
 def moving_parts(probability: Floats, threshold: float) -> Mask:
-    """Mark the connected parts (H, W) that reach a threshold, as far as half of it reaches, and are large enough."""
+    """Mark the connected parts (H, W) that reach a threshold, and are large enough.
+
+    They go as far as half of it reaches.
+    """
     likely = probability >= REACH * threshold
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     moves = np.bincount(part[probability >= threshold], minlength=len(stats)) > 0

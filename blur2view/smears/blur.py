@@ -28,8 +28,8 @@ BORDER, BORDER_WEIGHT = 0.15, 3.0
 MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
 MOVING, MOVING_SHARE = 0.4, 0.01
-"""Probability with which cells must move, and the share of the picture that such cells must cover in one piece,
-for something to move before a camera at rest."""
+"""Probability with which cells must move, and the share of the picture that such cells must cover in one
+piece, for something to move before a camera at rest."""
 MIXED = 0.02
 """Share of the cells that must be smeared, and share that must not be, for a part of the photograph to be in
 question."""
@@ -119,8 +119,8 @@ class Blur:
 def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | None = None) -> Blur:
     """Return the blur of a photograph; the photograph itself says why nothing can be told.
 
-    Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving`` (h, w)
-    is the probability that cells move by themselves, if the camera is at rest; by default nothing does.
+    Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
+    (h, w) is the probability that cells move by themselves, if the camera is at rest; by default nothing does.
     """
     length, sigma, direction = median_smear(grid)
     if grid.kinds is None or grid.radius_px is None:
@@ -166,7 +166,7 @@ def kind_of(kinds: NDArray[np.float64], moves: NDArray[np.bool_]) -> BlurKind:
 
 
 def is_mixed(grid: SmearGrid) -> bool:
-    """Whether some of a photograph is smeared and some is not, so that the camera or a part of it may move."""
+    """Whether some of a photograph is smeared and some is not."""
     if grid.kinds is None:
         return False
     smeared = grid.kinds[..., [SMEARED, BOTH]].sum(-1)

@@ -1,10 +1,10 @@
-"""Photographs for `tools.evaluation.segmentation`, of one kind: rendered scenes, or things before photographs.
+"""Photographs of one kind for `tools.evaluation.segmentation`: rendered scenes, or things.
 
 ``python -m tools.datasets.mover_scenes render/movers --scenes 12`` writes ``NNNN.png`` and ``NNNN.npz`` as
-`tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving: few scenes of the
-test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those of
-`tools.rendering.things` and need ``--photos``: a camera that follows a thing, crosses its way, or stands, and
-three in which nothing moves by itself.
+`tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving: few scenes of
+the test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those
+of `tools.rendering.things` and need ``--photos``: a camera that follows a thing, crosses its way, or stands,
+and three in which nothing moves by itself.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
 """Photographs of things that move: silhouettes of people, animals, vehicles and plants before photographs.
 
-Silhouettes are those of the emoji of a font with pictures in it (Debian's ``fonts-noto-color-emoji``, SIL Open
-Font License), drawn by Pillow; they are filled with pieces of photographs, or with the emoji's own colours
-under such a piece's light. A camera follows a thing, moves otherwise, or stands; in some pictures what is
-nearer to it only smears longer, or nothing moves at all.
+Silhouettes are those of the emoji of a font with pictures in it (Debian's ``fonts-noto-color-emoji``, SIL
+Open Font License), drawn by Pillow; they are filled with pieces of photographs, or with the emoji's own
+colours under such a piece's light. A camera follows a thing, moves otherwise, or stands; in some pictures
+what is nearer to it only smears longer, or nothing moves at all.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,8 @@ from PIL import Image, ImageDraw, ImageFont
 from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform
-from tools.rendering.shaken import DECODE, Path as Motion, averaged, blob, cell_centres, sample_path, surface
+from tools.rendering.shaken import Path as Motion
+from tools.rendering.shaken import averaged, blob, cell_centres, sample_path, surface
 
 Array = NDArray[Any]
 
@@ -51,8 +52,8 @@ LEAST_COVERED, MOST_COVERED = 0.08, 0.85
 class ThingOptions:
     """What pictures of things of ``size`` (width, height; multiples of 4) may be.
 
-    ``smear_px`` is the range of the camera's or, where it stands, the things' smears, log-uniform; ``area`` of
-    a thing's share of the picture, log-uniform; ``kinds`` the shares of the kinds of pictures.
+    ``smear_px`` is the range of the camera's or, where it stands, the things' smears, log-uniform; ``area``
+    of a thing's share of the picture, log-uniform; ``kinds`` the shares of the kinds of pictures.
     """
 
     size: tuple[int, int] = (640, 480)

@@ -1,8 +1,9 @@
 """Make the examples that the mover network learns from: pictures with known movers, read and measured.
 
-``python -m tools.training.mover_data OUT --photos FOLDER --shards 100`` writes numbered shards of 16 pictures of
-640x480: things before photographs (`tools.rendering.things`) and, a share of them, rendered scenes. Every picture goes through the camera, the
-smear network and the fit of its geometry, as a user's does. Shard k depends on k and the sources only.
+``python -m tools.training.mover_data OUT --photos FOLDER --shards 100`` writes numbered shards of 16 pictures
+of 640x480: things before photographs (`tools.rendering.things`) and, a share of them, rendered scenes. Every
+picture goes through the camera, the smear network and the fit of its geometry, as a user's does. Shard k
+depends on k and the sources only.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import estimate
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import Picture, of_cells, of_places
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import estimate
 from tools.arguments import existing
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
@@ -111,7 +112,8 @@ def main() -> None:
         began = time.perf_counter()
         temporary = path.with_suffix(".part")
         with temporary.open("wb") as file:
-            np.savez_compressed(file, **make_shard(number, arguments.photos, photos, network))  # type: ignore[arg-type]
+            shard: dict[str, Any] = make_shard(number, arguments.photos, photos, network)
+            np.savez_compressed(file, **shard)
         temporary.replace(path)
         print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
 

@@ -1,4 +1,4 @@
-"""The mover network: a U-Net over places of 4 x 4 pixels which the smears of cells join half way down (torch).
+"""The mover network (torch): a U-Net over places of 4 x 4 pixels, which smears of cells join half way.
 
 Its inputs are those of :mod:`blur2view.movers.inputs`. Two numbers are asked of every place: the
 log-odds that it moves by itself, and that its smear is read right.

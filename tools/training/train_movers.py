@@ -48,7 +48,10 @@ def load(path: Path) -> dict[str, np.ndarray]:
 
 
 def batch_of(shards: list[dict[str, np.ndarray]], rng: np.random.Generator) -> Batch:
-    """Draw pictures: places, cells, moving (N, 8 h, 8 w; below 0 where unknown) and read, turned and mirrored."""
+    """Draw pictures, turned and mirrored: places, cells, moving and read.
+
+    Moving (N, 8 h, 8 w) is below 0 where it is unknown.
+    """
     rows = []
     for _ in range(BATCH):
         shard = shards[int(rng.integers(len(shards)))]

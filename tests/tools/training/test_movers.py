@@ -1,6 +1,5 @@
 """The mover network: pictures of things whose truth is what was drawn, its training, and its file."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
