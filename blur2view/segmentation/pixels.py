@@ -63,10 +63,11 @@ def to_pixels(places: Floats, image: Floats, place_px: int = PLACE_PX) -> Floats
     mean, level = _mean(guide), _mean(values)
     slope = (_mean(guide * values) - mean * level) / (_mean(guide * guide) - mean**2 + GUIDE_EPS)
     offset = _mean(level - slope * mean)
-    pixels = cv2.resize(_mean(slope), (width, height), interpolation=cv2.INTER_LINEAR)
-    pixels *= grey
-    pixels += cv2.resize(offset, (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.clip(pixels, 0, 1)
+    slope, offset = (
+        np.asarray(cv2.resize(each, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        for each in (_mean(slope), offset)
+    )
+    return np.asarray(np.clip(slope * grey + offset, 0, 1), np.float32)
 
 
 def _mean(values: AnyArray) -> Floats:

@@ -120,7 +120,7 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     """Return the blur of a photograph; the photograph itself says why nothing can be told.
 
     Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
-    (h, w) is the probability that cells move by themselves, if the camera is at rest; by default nothing does.
+    (h, w) is the probability that cells move by themselves, if the camera is at rest; by default 0.
     """
     length, sigma, direction = median_smear(grid)
     if grid.kinds is None or grid.radius_px is None:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import Picture, of_cells, of_places
+from blur2view.movers.probability import at_cells
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from tools.arguments import existing
@@ -57,16 +58,17 @@ def rendered(rng: np.random.Generator, photos: Path) -> Things:
 def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) -> dict[str, Array]:
     """Return what a picture shows: ``places``, ``cells``, and the shares of places that move and are read."""
     image, _ = processed(rng, things.linear, CAMERA)
-    image = np.clip(np.round(image), 0, 255).astype(np.float32) / 255
+    image = np.asarray(np.clip(np.round(image), 0, 255) / 255, np.float32)
     found = estimate(image, network=network)
     cells, F = Cells.of(found.grid), found.geometry.F
-    weight = np.ones(cells.sigma_px.shape)
+    shape = found.grid.cells.shape[0], found.grid.cells.shape[1]
+    weight = np.ones(shape)
     if rng.random() < CAMERA_SHARE:
-        weight -= cv2.resize(np.clip(things.moving, 0, 1), weight.shape[::-1], interpolation=cv2.INTER_AREA)
+        weight -= at_cells(np.clip(things.moving, 0, 1), shape)
     motion = np.zeros_like(cells.displacement)
     if found.blur.kind.of_camera:
         motion = camera_field(cells, weight, np.random.default_rng(0))
-    picture = Picture(image, weight.shape, found.grid.stride)
+    picture = Picture(image, shape, found.grid.stride)
     side = found.grid.stride // 4
     seen = np.kron(cells.displacement, np.ones((side, side, 1)))
     error = np.minimum(*(np.linalg.norm(seen - sign * things.displacement, axis=-1) for sign in (1, -1)))

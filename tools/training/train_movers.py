@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from blur2view.movers.inputs import OCTAVES
@@ -61,7 +61,7 @@ def batch_of(shards: list[dict[str, np.ndarray]], rng: np.random.Generator) -> B
     turned = rng.random() < 0.5
     tensors = []
     for part in zip(*rows, strict=True):
-        stacked = np.flip(np.stack(part), [1 + axis for axis in axes])
+        stacked = np.flip(np.stack(part), tuple(1 + axis for axis in axes))
         stacked = stacked.swapaxes(1, 2) if turned else stacked
         tensors.append(torch.from_numpy(np.ascontiguousarray(stacked)))
     places, cells, moving, read = tensors
@@ -86,7 +86,7 @@ def loss_of(odds: Tensor, moving: Tensor, read: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def validated(network: Movers, paths: list[Path]) -> str:
+def validated(network: nn.Module, paths: list[Path]) -> str:
     """Return average precisions by kind of picture, and false area at 0.5 where nothing moves."""
     network.eval()
     figures: dict[str, list[float]] = {}
