@@ -17,6 +17,7 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
+from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import at_cells, moving_probability
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.photographs.image import read_image
@@ -165,7 +166,8 @@ def estimate(
     grid = network.predict(image)
     moving = None
     if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
-        moving = at_cells(moving_probability(rgb_of(image), grid).moving, grid.cells.shape)
+        part = moving_probability(rgb_of(image), grid).part
+        moving = at_cells((part >= THRESHOLD).astype(np.float32), grid.cells.shape)
     blur = blur_of(grid, image, moving)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)

@@ -51,8 +51,8 @@ def of_cells(cells: Cells, grid: SmearGrid, camera: Array, F: Array | None) -> F
     """
     seen, length, error = cells.displacement, cells.length_px, cells.error_px
     expected = np.linalg.norm(camera, axis=-1)
-    apart = np.minimum(*(np.linalg.norm(seen - sign * camera, axis=-1) for sign in (1, -1)))
-    scale = max(float(np.median(apart / error)), 0.5)
+    apart = cells.apart_px(camera)
+    scale = max(float(np.median(cells.departure(camera))), 0.5)
     cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2

@@ -13,6 +13,7 @@ from blur2view.camera.camera import Camera
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import PLACE_PX, Picture, of_cells, of_places
 from blur2view.movers.network import shipped
+from blur2view.movers.parts import parts_of
 from blur2view.smears.grid import SmearGrid
 
 Floats = NDArray[np.float32]
@@ -32,6 +33,10 @@ class Moving:
     moving, read : ndarray of shape (h, w), float32
         Probabilities that a place moves by itself, 0 where the picture is smooth, and that its smear is read
         right.
+    part : ndarray of shape (h, w), float32
+        Probability that the part a place belongs to moves by itself, 0 where nothing may.
+    departure : ndarray of shape (h, w)
+        How far smears are from the camera's motion, standard deviations.
     smooth : ndarray of shape (h, w), bool
         Places about which the picture shows nothing.
     place_px : int
@@ -42,6 +47,8 @@ class Moving:
 
     moving: Floats
     read: Floats
+    part: Floats
+    departure: Array
     smooth: NDArray[np.bool_]
     place_px: int
     camera_px: float
@@ -88,9 +95,12 @@ def moving_probability(
         weight = 1 - at_cells(moving, weight.shape)
     smooth = picture.smooth()
     moving[smooth] = 0
+    departure = upsample_nearest(cells.departure(motion), grid.stride // PLACE_PX)
     return Moving(
         moving=moving,
         read=read,
+        part=parts_of(moving, departure),
+        departure=departure,
         smooth=smooth,
         place_px=PLACE_PX * factor,
         camera_px=factor * float(np.median(np.linalg.norm(motion, axis=-1))),
@@ -110,6 +120,11 @@ def reduced(grid: SmearGrid, factor: int, shape: tuple[int, int]) -> SmearGrid:
     return SmearGrid(
         cells=mean[..., :4], stride=grid.stride, shape=shape, window_px=grid.window_px, blur=blur
     )
+
+
+def upsample_nearest(values: Array, zoom: int) -> Array:
+    """Repeat every value (h, w) so many times along both axes."""
+    return values.repeat(zoom, axis=0).repeat(zoom, axis=1)
 
 
 def at_cells(places: Floats, shape: tuple[int, ...]) -> Array:

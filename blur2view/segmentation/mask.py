@@ -12,17 +12,11 @@ from blur2view.arrays import AnyArray
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.movers.camera_motion import Cells
 from blur2view.movers.inputs import off_lines_error_px, off_lines_px
+from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import moving_probability
 from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
-from blur2view.segmentation.pixels import (
-    THRESHOLD,
-    MovingRegion,
-    moving_parts,
-    moving_regions,
-    parts_above,
-    to_pixels,
-)
+from blur2view.segmentation.pixels import MovingRegion, moving_parts, moving_regions, parts_above, to_pixels
 
 STILL_PX = 1.0
 """Median displacement of the camera's motion below which it stands still."""
@@ -92,8 +86,8 @@ def segment(
     rng : numpy.random.Generator, optional
         Draws starts of the fit; ``default_rng(0)`` by default.
     threshold : float
-        Probability from which on a pixel moves, above 0 and below 1. A lower one misses less of what moves,
-        and marks more of what stands still.
+        Probability from which on a connected part moves, above 0 and below 1. A lower one misses less of what
+        moves, and marks more of what stands still.
 
     Raises
     ------
@@ -110,7 +104,7 @@ def segment(
     moves = estimate.blur.kind.of_camera
     found = moving_probability(image, grid, F, estimate.camera, rng if moves else None)
     probability = to_pixels(found.moving, image, found.place_px)
-    parts = moving_parts(probability, threshold)
+    parts = moving_parts(probability, found.part, threshold, found.place_px)
     if F is not None and geometry.parallax is Parallax.PROVEN and found.camera_px >= STILL_PX:
         cells = Cells.of(grid, estimate.camera)
         off_lines = off_lines_px(cells, F) / off_lines_error_px(cells)

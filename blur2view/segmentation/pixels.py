@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.movers.inputs import PLACE_PX
+from blur2view.movers.parts import LEAST
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
-THRESHOLD = 0.5
-"""Probability that a moving part reaches somewhere."""
-REACH = 0.5
-"""Probability that it has everywhere, over the threshold."""
-LEAST_AREA_PX = 1600
-"""Of a part: a window of the smear network reads 96 x 96 pixels."""
+LEAST_PIECES = 25
+"""Places of the smallest piece that outlines leave of a part."""
 GUIDE_PLACES, GUIDE_EPS = 9, 1e-3
 """Side of the windows in which outlines follow the picture, places; squared levels."""
 
@@ -74,17 +71,29 @@ def _mean(values: AnyArray) -> Floats:
     return np.asarray(cv2.blur(values, (GUIDE_PLACES, GUIDE_PLACES)), np.float32)
 
 
-def moving_parts(probability: Floats, threshold: float) -> Mask:
-    """Mark the connected parts (H, W) that reach a threshold, and are large enough.
+def moving_parts(probability: Floats, part: Floats, threshold: float, place_px: int = PLACE_PX) -> Mask:
+    """Mark the pixels (H, W) that move: those that probably do, in the parts that move and beside them.
 
-    They go as far as half of it reaches.
+    Parameters
+    ----------
+    probability : ndarray of shape (H, W)
+        Of pixels.
+    part : ndarray of shape (h, w)
+        Probabilities of the parts that places, which cover the picture, belong to.
+    threshold : float
+        Of these.
+    place_px : int
+        Side of a place, pixels.
     """
-    likely = probability >= REACH * threshold
-    _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
-    moves = np.bincount(part[probability >= threshold], minlength=len(stats)) > 0
-    moves &= stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA_PX
-    moves[0] = False
-    return np.asarray(moves[part])
+    near = cv2.dilate((part >= threshold).astype(np.uint8), np.ones((3, 3), np.uint8))
+    pixels = near.repeat(place_px, axis=0).repeat(place_px, axis=1)[
+        : len(probability), : probability.shape[1]
+    ]
+    likely = (pixels > 0) & (probability >= LEAST)
+    _, piece, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
+    kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PIECES * place_px**2
+    kept[0] = False
+    return np.asarray(kept[piece])
 
 
 def parts_above(moving: Mask, values: Array, least: float, stride: int) -> Mask:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,9 +26,8 @@ BORDER, BORDER_WEIGHT = 0.15, 3.0
 """Share of a side that is near the border, and how much more what lies there counts."""
 MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
-MOVING, MOVING_SHARE = 0.4, 0.01
-"""Probability with which cells must move, and the share of the picture that such cells must cover in one
-piece, for something to move before a camera at rest."""
+MOVING_SHARE = 0.005
+"""Share of the picture that must move for the camera to be at rest before it."""
 MIXED = 0.02
 """Share of the cells that must be smeared, and share that must not be, for a part of the photograph to be in
 question."""
@@ -120,7 +118,7 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     """Return the blur of a photograph; the photograph itself says why nothing can be told.
 
     Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
-    (h, w) is the probability that cells move by themselves, if the camera is at rest; by default 0.
+    (h, w) is the share of each cell that moves by itself, if the camera is at rest; by default 0.
     """
     length, sigma, direction = median_smear(grid)
     if grid.kinds is None or grid.radius_px is None:
@@ -129,10 +127,9 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     kinds = np.asarray(grid.kinds, float)
     told = 1 - kinds[..., CANNOT_TELL]
     share = np.zeros(told.shape) if moving is None else np.asarray(moving)
-    moves = share > MOVING
     kind = BlurKind.CANNOT_TELL
     if told.mean() >= LEAST_TOLD:
-        kind = kind_of(kinds * (1 - share[..., None]), moves)
+        kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius = spread = None
@@ -145,15 +142,15 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
         direction_deg=direction,
         defocus_px=radius,
         defocus_sigma_px=spread,
-        moving_share=float(moves.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
+        moving_share=float(share.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
         nothing_seen=nothing_seen(image) if image is not None and kind is BlurKind.CANNOT_TELL else "",
     )
 
 
-def kind_of(kinds: NDArray[np.float64], moves: NDArray[np.bool_]) -> BlurKind:
+def kind_of(kinds: NDArray[np.float64], moving_share: float) -> BlurKind:
     """Return what blurred a photograph whose cells have these probabilities of kinds, (h, w, 5).
 
-    They are weighed by how much of a cell stands still; ``moves`` (h, w) are the cells that do not.
+    They are weighed by how much of a cell stands still; ``moving_share`` of the picture does not.
     """
     sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
     moved, still = smeared + both, sharp + defocused
@@ -162,7 +159,7 @@ def kind_of(kinds: NDArray[np.float64], moves: NDArray[np.bool_]) -> BlurKind:
     sharp, defocused = kinds.sum((0, 1))[:SMEARED]
     if sharp <= IN_FOCUS * (sharp + defocused):
         return BlurKind.OUT_OF_FOCUS
-    return BlurKind.CAMERA_AT_REST if largest_part(moves) > MOVING_SHARE else BlurKind.SHARP
+    return BlurKind.CAMERA_AT_REST if moving_share > MOVING_SHARE else BlurKind.SHARP
 
 
 def is_mixed(grid: SmearGrid) -> bool:
@@ -172,12 +169,6 @@ def is_mixed(grid: SmearGrid) -> bool:
     smeared = grid.kinds[..., [SMEARED, BOTH]].sum(-1)
     still = grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1)
     return bool(min((smeared > 0.5).mean(), (still > 0.5).mean()) > MIXED)
-
-
-def largest_part(cells: NDArray[np.bool_]) -> float:
-    """Return the share of all cells (h, w) of the largest connected part of some."""
-    areas = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=4)[2][1:, cv2.CC_STAT_AREA]
-    return float(np.max(areas, initial=0) / cells.size)
 
 
 def nothing_seen(image: AnyArray) -> str:

@@ -8,8 +8,8 @@ from blur2view.cli.arguments.help_text import MANIFEST, Rows
 from blur2view.cli.arguments.option import option, refused
 from blur2view.cli.arguments.shared import FolderOptions
 from blur2view.cli.arguments.values import probability
+from blur2view.movers.parts import THRESHOLD
 from blur2view.results.masks import MaskDocument, MasksDocument
-from blur2view.segmentation.pixels import THRESHOLD
 
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
@@ -26,7 +26,7 @@ class SegmentSettings:
     """Those on which the files of a photograph depend."""
 
     threshold: float = option(THRESHOLD, "P", convert=probability)
-    """probability that a moving part reaches somewhere (default: %(default)s); a lower one misses less of
+    """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
     what moves, and marks more of what stands still"""
     masks: str | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"))
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
