@@ -79,7 +79,7 @@ class Cells:
     def apart_px(self, motion: Array) -> Array:
         """Return how far smears of either sign are from a motion (h, w, 2), (h, w), pixels."""
         signed = (np.linalg.norm(self.displacement - sign * motion, axis=-1) for sign in (1, -1))
-        return np.minimum(*signed)
+        return np.asarray(np.minimum(*signed))
 
     def departure(self, motion: Array) -> Array:
         """Return the same in standard deviations."""

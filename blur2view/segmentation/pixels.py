@@ -86,9 +86,8 @@ def moving_parts(probability: Floats, part: Floats, threshold: float, place_px: 
         Side of a place, pixels.
     """
     near = cv2.dilate((part >= threshold).astype(np.uint8), np.ones((3, 3), np.uint8))
-    pixels = near.repeat(place_px, axis=0).repeat(place_px, axis=1)[
-        : len(probability), : probability.shape[1]
-    ]
+    height, width = probability.shape
+    pixels = near.repeat(place_px, axis=0).repeat(place_px, axis=1)[:height, :width]
     likely = (pixels > 0) & (probability >= LEAST)
     _, piece, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PIECES * place_px**2

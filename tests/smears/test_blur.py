@@ -46,7 +46,7 @@ def within(inside: int, around: int, share: float = 0.5) -> NDArray[np.int_]:
 )
 def test_a_photograph_has_the_name_of_what_blurred_it(kinds: NDArray[np.int_], expected: str) -> None:
     smeared = np.isin(kinds, (2, 3))
-    moving = np.where(smeared & (smeared.mean() < 0.3), 0.9, 0.0)  # what a network over the picture says
+    moving = np.where(smeared & (smeared.mean() < 0.3), 1.0, 0.0)  # what a network over the picture says
     assert blur_of(grid(kinds), moving=moving).kind == expected
 
 
@@ -62,9 +62,9 @@ def test_radius_is_of_what_is_sharpest_and_the_width_of_all_blur() -> None:
 
 def test_share_that_moves_is_told_before_a_camera_at_rest_alone() -> None:
     kinds = within(2, 0)
-    assert blur_of(grid(kinds), moving=0.9 * (kinds == 2)).moving_share == pytest.approx(0.25)
+    assert blur_of(grid(kinds), moving=1.0 * (kinds == 2)).moving_share == pytest.approx(0.25)
     assert blur_of(grid(kinds)).kind == "sharp"  # a smooth part may seem smeared
-    assert blur_of(grid(within(2, 2)), moving=0.9 * (kinds == 2)).moving_share == 0
+    assert blur_of(grid(within(2, 2)), moving=1.0 * (kinds == 2)).moving_share == 0
 
 
 def test_a_part_is_in_question_where_some_is_smeared_and_some_is_not() -> None:

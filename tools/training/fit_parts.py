@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from blur2view.arrays import Array
@@ -43,7 +44,7 @@ def parts_in(path: Path, network: SmearNetwork) -> tuple[Array, Array]:
     return features, np.bincount(part.ravel(), moves.ravel(), len(features) + 1)[1:] / np.maximum(area, 1)
 
 
-def fitted(features: Array, moves: Array) -> Array:
+def fitted(features: Array, moves: NDArray[np.bool_]) -> Array:
     """Return constant and weights of a logistic regression in which both answers count the same."""
     inputs = np.c_[np.ones(len(features)), features]
     weight = np.where(moves, 1 / moves.sum(), 1 / (~moves).sum())
@@ -76,7 +77,7 @@ def main() -> None:
     score = features @ coefficients[1:]
     print(f"{moves.sum()} parts that move and {(~moves).sum()} that do not, of {len(names)} photographs")
     print("CONSTANT, PEAK, DEPARTURE =", ", ".join(f"{value:.2f}" for value in coefficients))
-    print(f"area under the curve {auc(score[moves], score[~moves]):.3f}; places of {PLACE_PX} px")
+    print(f"area under the curve {auc(score[~moves], score[moves]):.3f}; places of {PLACE_PX} px")
 
 
 if __name__ == "__main__":
