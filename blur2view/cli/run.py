@@ -20,10 +20,12 @@ from blur2view.output_files import (
     below_shared_folder,
     check_file,
     is_there,
-    prepared,
+    writable_folders,
     write_text,
 )
+from blur2view.photographs.image import read_content
 from blur2view.photographs.inputs import Inputs
+from blur2view.photographs.video import EndOfVideo, frame_of
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Kept, Outcome, Target, Work, neighbours_of
@@ -78,24 +80,27 @@ class Finished(Generic[Kept]):
 
 
 @contextmanager
-def begun(
-    options: PhotographOptions, work: Work[Target, Kept], path: Path | None, others: Paths = ()
+def open_manifest(
+    options: PhotographOptions,
+    work: Work[Target, Kept],
+    path: Path | None,
+    others: Paths = (),
+    earlier: Iterable[Path] = (),
 ) -> Iterator[Manifest | None]:
     """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
 
-    ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
-    the call writes.
+    ``path`` is that of the manifest, ``others`` what else the call writes; what is done is also looked up in
+    ``earlier`` manifests.
     """
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
-    with prepared(options.csv and options.csv.parent):
-        alone = len(options.inputs.paths) == 1 and not options.resume
-        if path is None or alone or not path.parent.is_dir():
+    with writable_folders(options.csv and options.csv.parent):
+        if path is None or not path.parent.is_dir():
             yield None
             return
         settings = settings_of(options.command, work, options.run.intrinsics)
-        with Manifest(path, settings, resume=options.resume) as manifest:
+        with Manifest(path, settings, resume=options.resume, earlier=earlier) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
             yield manifest
@@ -146,7 +151,7 @@ def run_over(
                 done.append((job.path, outcome))
                 failed += outcome.made is None
                 bar.show(len(done), len(jobs))
-                if outcome.stop or (failed == options.max_failures and len(done) < len(jobs)):
+                if outcome.stop or (failed == options.max_failures and _left(jobs[job.index + 1 :])):
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -160,6 +165,20 @@ def run_over(
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     _print_end(run, len(jobs), manifest, total=options.prints and line is None)
     return run
+
+
+def _left(jobs: Sequence[Job[Any]]) -> bool:
+    """Return whether there are photographs among the jobs: a video may have fewer frames than it says."""
+    for job in jobs:
+        try:
+            if frame_of(job.path) is not None:
+                read_content(job.path, beside=True)
+        except EndOfVideo:
+            continue
+        except Blur2ViewError:  # a photograph that fails
+            pass
+        return True
+    return False
 
 
 def _engine(options: PhotographOptions, count: int) -> Engine:
@@ -280,7 +299,9 @@ def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths
         raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
 
 
-def manifest_beside(target: Path) -> Path:
-    """Return the manifest of a file of all photographs."""
-    named = target if target.name else Path(os.path.abspath(target))  # . has no name
-    return named.with_name(f"{named.name}.manifest.jsonl")
+def manifest_of(options: PhotographOptions, target: Path | None) -> Path | None:
+    """Return the hidden manifest of a file of all photographs; one alone leaves nothing to go on with."""
+    if target is None or (len(options.inputs.paths) == 1 and not options.resume):
+        return None
+    target = Path(os.path.abspath(target))  # . has no name
+    return target.with_name(f".{target.name}.manifest.jsonl")

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.run import FAILED, End, begun, colmap_names, manifest_beside, run_over
+from blur2view.cli.run import FAILED, End, colmap_names, manifest_of, open_manifest, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
 from blur2view.colmap.connection import BESIDE
@@ -25,9 +25,9 @@ def run(options: ToColmapOptions) -> int:
     """
     work = ViewsWork.of(options)
     photographs, failures = name_photographs(options)
-    path = None if options.dry_run else manifest_beside(options.db)
+    path = None if options.dry_run else manifest_of(options, options.db)
     files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
-    with begun(options, work, path, files) as manifest:
+    with open_manifest(options, work, path, files) as manifest:
         replaces = _replaces(options)
         before = _written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
@@ -125,25 +124,9 @@ class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]
     def restored(self, job: Job[NamedPhotograph], stored: Any) -> ExposureViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
         views: ExposureViews = restore(ExposureViews, stored)
-        photograph, plan = job.target, job.target.plan
-        count = len(views.points_open if plan is None else plan.image.keypoints)
-        if views.name != photograph.name or (views.usable is None) != (plan is None):
-            raise ValueError(f"expected the views of {photograph.name}")
-        _check_shapes(views, count)
+        if views.name != job.target.name or (views.usable is None) != (job.target.plan is None):
+            raise ValueError(f"expected the views of {job.target.name}")
         return views
-
-
-def _check_shapes(views: ExposureViews, count: int) -> None:
-    """Raise ValueError unless all arrays are of so many points, and the camera is one of COLMAP's."""
-    geometry, camera = views.geometry, views.camera
-    of_points = {one.shape for one in (geometry.inlier_mask, geometry.swapped, views.sigma_px)}
-    matrices = {one.shape for one in (geometry.F, geometry.H, geometry.E) if one is not None}
-    if of_points != {(count,)} or not matrices <= {(3, 3)} or geometry.backward is not None:
-        raise ValueError(f"expected {count} points and matrices of shape (3, 3)")
-    if camera is not None and (camera.width, camera.height) != views.size:
-        raise ValueError("expected a camera of the photograph's size")
-    if camera is not None:
-        colmap_camera(camera.model, *views.size, camera.params)
 
 
 def _camera(

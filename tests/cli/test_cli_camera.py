@@ -89,7 +89,7 @@ def test_what_exif_contradicts_is_believed_and_told_once(
 
     def told(*words: object) -> list[str]:
         Path("new.db").unlink(missing_ok=True)
-        Path("new.db.manifest.jsonl").unlink(missing_ok=True)
+        Path(".new.db.manifest.jsonl").unlink(missing_ok=True)
         return call(*command, "a.png", "b.png", *words).lines
 
     millimetres = "blur2view: a.png: --focal says 32 px, EXIF 295.8 px"

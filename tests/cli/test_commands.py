@@ -19,6 +19,7 @@ from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion, write_picture
+from tests.support.many_photographs import contents
 
 
 def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
@@ -26,7 +27,7 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
 ) -> None:
     out = tmp_path / "deep" / "out"
     assert run(moving, "-o", out) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["moving.json", "moving.png", "moving.smear.npz"]
+    assert sorted(contents(out)) == ["moving.json", "moving.png", "moving.smear.npz"]
 
     document = json.loads((out / "moving.json").read_text())
     assert document["config"] == "UNCALIBRATED" and document["reason"]

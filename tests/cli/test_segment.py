@@ -17,7 +17,7 @@ from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, segment
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, forward_motion, write_picture
-from tests.support.many_photographs import environment
+from tests.support.many_photographs import contents, environment
 
 HEIGHT, WIDTH = 320, 416
 BOX = slice(96, 224), slice(192, 352)
@@ -46,7 +46,7 @@ def test_files_hold_the_mask_and_describe_it(
 ) -> None:
     out = tmp_path / "out"
     assert run(walker, "-o", out) == 0
-    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+    assert sorted(contents(out)) == sorted(FILES)
     image = read_image(walker)
     network = SmearNetwork(tiny_model)
     mask = segment(estimate(image, network=network), image)

@@ -83,13 +83,9 @@ def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) ->
     [
         ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
         ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
-        ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
-        ["triage", "--csv", "k.txt.manifest.jsonl", "--keep", "k.txt"],
-        ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
-        *(
-            ["to-colmap", "--db", "a.db", "--csv", f"a.db{end}"]
-            for end in ("-journal", "-wal", ".manifest.jsonl")
-        ),
+        ["estimate", "--csv", "o2/.estimate.manifest.jsonl", "-o", "o2"],
+        ["triage", "--csv", ".k.txt.manifest.jsonl", "--keep", "k.txt"],
+        *(["to-colmap", "--db", "a.db", "--csv", f"{name}"] for name in ("a.db-wal", ".a.db.manifest.jsonl")),
     ],
 )
 def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
@@ -135,12 +131,8 @@ def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     sheet, keep = tmp_path / "t.csv", tmp_path / "k.txt"
-    made = {"triage": keep, "report": tmp_path / "a.html", "to-colmap": tmp_path / "a.db"}
-    words = {
-        "triage": ("--csv", sheet, "--keep", keep),
-        "report": ("-o", made["report"]),
-        "to-colmap": ("--db", made["to-colmap"]),
-    }
+    made = {"triage": keep, "to-colmap": tmp_path / "a.db"}
+    words = {"triage": ("--csv", sheet, "--keep", keep), "to-colmap": ("--db", made["to-colmap"])}
     for command, target in made.items():
         assert call(command, frames, *words[command]) == 0 and target.exists()
     before = {command: target.read_bytes() for command, target in made.items()}
@@ -184,7 +176,7 @@ def test_table_and_page_of_any_name_are_replaced_if_asked(frames: Path, call: Ca
         for more in ([], ["--overwrite"], ["--resume"]):
             assert call("triage", frames, "--csv", tmp_path / name, *more) == 0
     for name in ("page.csv", "page.npz", "page"):
-        for more in ([], ["--overwrite"], ["--resume"]):
+        for more in ([], ["--overwrite"]):
             words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
             assert call("report", *words) == 0
     # of another kind

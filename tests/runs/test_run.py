@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import pytest
 
 from blur2view.errors import ImageError
-from blur2view.photographs import video as video_module
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Made, Outcome, Work
 from blur2view.runs.processes import Engine, in_processes, in_this_process, processes
 from blur2view.runs.run import outcomes
-from tests.support.many_photographs import write_video
+from tests.support.many_photographs import announcing, write_video
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,23 +112,7 @@ def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
 def test_frames_that_a_video_only_announces_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    video = write_video(tmp_path / "clip.mp4", 12)
-    opened = video_module._opened
-
-    class Announcing:
-        """A video that announces 15 frames."""
-
-        def __init__(self, path: Path) -> None:
-            self.capture = opened(path)
-
-        def get(self, name: int) -> Any:
-            """Return a property."""
-            return 15 if name == cv2.CAP_PROP_FRAME_COUNT else self.capture.get(name)
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self.capture, name)
-
-    monkeypatch.setattr(video_module, "_opened", Announcing)
+    video = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 12), 15)
     numbers = enumerate((3, 11, 12, 14, 15))
     jobs = [Job(index=index, path=video / f"{number:06d}", target=0.0) for index, number in numbers]
     found = list(outcomes(CountWork(), jobs, in_this_process))
