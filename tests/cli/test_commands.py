@@ -3,22 +3,17 @@
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
-from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
-from blur2view.pipeline import estimate
-from blur2view.results.overlay import draw_overlay
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.calls import Call
-from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion, write_picture
+from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
 from tests.support.many_photographs import contents
 
 
@@ -75,16 +70,6 @@ def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: 
         assert words in text
 
 
-def test_verbose_summary_of_one_homography_has_H_and_no_epipoles(run: Call, tmp_path: Path) -> None:
-    y, x = np.mgrid[:288, :384]
-    turning = 0.05 * np.stack([y - 143.5, 191.5 - x], axis=-1) + [14.0, 3.0]
-    picture = write_picture(tmp_path / "turning.png", colour_code(turning, 0.3))
-    done = run(picture, "-v")
-    assert done == 0
-    text = done.out
-    assert "H =" in text and "epipoles" not in text
-
-
 def test_without_output_folder_nothing_is_written(run: Call, moving: Path, tmp_path: Path) -> None:
     before = sorted(tmp_path.rglob("*"))
     assert run(moving) == 0
@@ -124,12 +109,6 @@ def test_options_reach_the_steps(run: Call, moving: Path) -> None:
     assert counts[0] < counts[1]
 
 
-def test_defaults_are_those_of_the_dataclasses() -> None:
-    options: Any = cli.parse(["estimate", "a.jpg"])
-    assert (options.beta, options.run.select) == (SelectOptions.beta, SelectOptions())
-    assert options.run.options == EstimatorOptions()
-
-
 def test_many_photographs_show_progress_to_a_person(
     run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -140,30 +119,3 @@ def test_many_photographs_show_progress_to_a_person(
     assert captured.out.startswith(f"{still}: Sharp")
     done = run(still)
     assert done == 0 and done.err == ""
-
-
-def test_large_photograph_shows_its_tiles_to_a_person(
-    run: Call, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, value in (("max_pixels", 4096), ("tile_px", 64), ("overlap_px", 0)):
-        monkeypatch.setattr(SmearNetwork, name, value)
-    large = write_picture(tmp_path / "large.png", colour_code(np.zeros((128, 192, 2)), 1.0))
-    assert run(large).err == ""
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    done = run(large)
-    assert done == 0
-    printed = done.err
-    assert "/6 [" in printed and "tile" in printed
-    network = SmearNetwork(tiny_model)
-    seen: list[tuple[int, int]] = []
-    network.on_tile = lambda done, count: seen.append((done, count))
-    network.predict(read_image(large))
-    assert seen == [(done, 6) for done in range(1, 7)]
-
-
-def test_written_overlay_is_the_drawn_one(run: Call, moving: Path, tiny_model: Path, tmp_path: Path) -> None:
-    assert run(moving, "-o", tmp_path / "out") == 0
-    photo = read_image(moving)
-    result = estimate(photo, network=SmearNetwork(tiny_model))
-    drawn = draw_overlay(photo, result.grid, result.matches, result.geometry)
-    np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)

@@ -62,16 +62,6 @@ def test_folder_without_photographs_is_one_line_and_no_photograph(
         assert (here / "a.html").read_text().count('<li class="card') == 3
 
 
-def test_missing_and_empty_change_no_name_below_the_folder(call: Call, folder: Path, tmp_path: Path) -> None:
-    write_photographs(tmp_path / "all/sub", 2)
-    (tmp_path / "empty").mkdir()
-    named = []
-    for more in ([], [tmp_path / "empty", tmp_path / "absent.png"]):
-        call("triage", tmp_path / "all", *more, "--recursive", "--csv", tmp_path / "t.csv", "--resume")
-        named.append([row["name"] for row in table(tmp_path / "t.csv") if not row["error"]])
-    assert named == [["sub/000.png", "sub/001.png"]] * 2
-
-
 def test_run_goes_on_from_another_folder(
     call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.errors import ImageError
-from blur2view.photographs.image import read_image
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, write_photographs, write_video
 
@@ -44,16 +42,6 @@ def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> 
     assert document["image"] == f"{video}/000010" and (document["width"], document["height"]) == (80, 64)
     done = run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume")
     assert done == 0 and "4 photographs: 2 done, 2 done before" in done.out
-
-
-def test_frame_beyond_the_end_of_a_video_is_an_error(run: Call, tmp_path: Path) -> None:
-    video = write_video(tmp_path / "clip.mp4", 25)
-    printed = run(video / "000999", video / "000024")
-    assert printed == 1
-    (line,) = printed.lines
-    assert f"{video}: has 25 frames, none of number 999" in line and "1 done, 1 failed" in printed.out
-    with pytest.raises(ImageError, match="has 25 frames"):
-        read_image(video / "000025")
 
 
 def test_frames_of_a_video_come_into_a_report_and_a_database(call: Call, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view import Camera, SmearNetwork, estimate_frames
+from blur2view import Camera
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
 from blur2view.geometry.epipolar import transfer
@@ -91,19 +91,6 @@ def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None
         first, last = ends.swapaxes(0, 1)
         H = np.array(document["H"])
         assert (transfer(H, first, last) < transfer(H, last, first)).mean() > 0.95
-
-
-def test_frames_in_python_are_those_of_the_command(results: Path) -> None:
-    video = cv2.VideoCapture(str(results / "swing.avi"))
-    frames = (video.read()[1][..., ::-1] for _ in range(5))
-    found = list(
-        estimate_frames(frames, network=SmearNetwork(threads=1), camera=Camera.from_focal(FOCAL_PX, SIZE))
-    )
-    for index, one in enumerate(found[:-1]):  # the last has another neighbour in the whole video
-        velocity = one.angular_velocity(EXPOSURE_S)
-        document = json.loads((results / "out" / "swing" / f"{index:06d}.json").read_text())
-        assert velocity is not None and one.time.known
-        np.testing.assert_allclose(velocity.mean, [document[axis] for axis in AXES])
 
 
 def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(

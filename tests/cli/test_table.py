@@ -150,37 +150,3 @@ def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     for command, target in made.items():
         assert call(command, frames, *words[command], "--resume") == 0
         assert target.read_bytes() != before[command]
-
-
-def test_what_was_done_before_the_run_could_not_go_on_is_printed(
-    frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    append = Manifest.append
-
-    def fail(manifest: Manifest, job: Any, *rest: Any) -> None:
-        if job.index == 1:
-            raise RunError("the cluster is gone")
-        append(manifest, job, *rest)
-
-    monkeypatch.setattr(Manifest, "append", fail)
-    assert call("triage", frames, "--csv", tmp_path / "t.csv") == 1
-    assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
-    done = call("estimate", frames, "-o", tmp_path / "out", "--json")
-    assert done == 1 and len(done.document["estimates"]) == 1
-
-
-@pytest.mark.slow
-def test_table_and_page_of_any_name_are_replaced_if_asked(frames: Path, call: Call, tmp_path: Path) -> None:
-    odd = ["tab.json", "tab.html", "tab", "tab.png"]
-    for name in odd:
-        for more in ([], ["--overwrite"], ["--resume"]):
-            assert call("triage", frames, "--csv", tmp_path / name, *more) == 0
-    for name in ("page.csv", "page.npz", "page"):
-        for more in ([], ["--overwrite"]):
-            words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
-            assert call("report", *words) == 0
-    # of another kind
-    before = (tmp_path / "page.csv").read_bytes()
-    done = call("triage", frames, "--csv", tmp_path / "page.csv", "--overwrite")
-    assert done == 1 and "is no table of an earlier call" in done.err
-    assert (tmp_path / "page.csv").read_bytes() == before

@@ -10,11 +10,11 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.triage import Classifier, hint, list_text, use_of
+from blur2view.cli.triage import Classifier, list_text, use_of
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row
 from tests.support.calls import Call
-from tests.support.colour_code import forward_motion, write_picture
+from tests.support.colour_code import forward_motion
 from tests.support.tables import table
 
 
@@ -42,23 +42,6 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert keep.read_text() == "left/moving.png\nstill.png\n"
     assert call("triage", *words, "--max-smear", 100) == 0
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
-
-
-@pytest.mark.slow
-def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
-    frames: Path, call: Call, tmp_path: Path
-) -> None:
-    lines = call("triage", frames, "--recursive", "--keep", tmp_path / "all.txt").out.splitlines()
-    uses = [line.rpartition(": ")[2].partition(" ")[0] for line in lines[:3]]
-    assert uses == ["unusable", "blurred", "sharp"]
-    assert len(lines) == 4 and "1 kept" in lines[-1]  # one closing line
-    remedy = "none is kept: --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
-    assert remedy in call("triage", frames / "left" / "moving.png", "--keep", tmp_path / "one.txt").out
-    last = call("triage", frames / "chaos.png", "--keep", tmp_path / "other.txt").out
-    assert "none is kept: the sharpest has smears of " in last and "--max-smear is 3; wrote " in last
-    (tmp_path / "none.png").write_bytes(b"no picture")
-    done = call("triage", tmp_path / "none.png", "--keep", tmp_path / "none.txt")
-    assert done == 1 and "no photograph shows texture" not in done.out
 
 
 def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
@@ -131,13 +114,6 @@ def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
     assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
 
 
-def test_without_a_table_and_a_list_each_photograph_has_its_line(frames: Path, call: Call) -> None:
-    line, total = call("triage", frames / "still.png").out.splitlines()
-    assert line.startswith(f"{frames / 'still.png'}: sharp (smears of 0.")
-    assert total.startswith("1 photograph in ") and "1 sharp" in total and "wrote" not in total
-    assert not list(frames.glob("*.csv*"))
-
-
 @pytest.mark.parametrize(
     ("smear_px", "verdict", "before", "use"),
     [
@@ -198,12 +174,6 @@ def test_near_the_limit_a_frame_follows_the_one_before_and_no_other_photograph_d
     assert uses == ["sharp", last]
 
 
-def test_a_dark_photograph_is_called_unclear(frames: Path, call: Call) -> None:
-    dark = write_picture(frames / "dark.png", np.zeros((64, 80, 3), np.float32))
-    line, last = call("triage", dark, "-v").out.splitlines()
-    assert ": unclear (no texture): Too dark: cannot tell" in line and "1 unclear: smooth or dark" in last
-
-
 def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
     assert list_text(["a.png", "b\nc.png", "d e.png"]) == "a.png\nd e.png\n"
     assert "b\\nc.png: has a line break" in capsys.readouterr().err
@@ -229,11 +199,3 @@ def test_a_list_that_would_be_waited_for_is_refused(call: Call, moving: Path, tm
     (tmp_path / "keep.txt").symlink_to("/proc/kmsg")
     done = call("triage", moving, "--keep", tmp_path / "keep.txt")
     assert done == 1 and "is no list of an earlier call" in done.err
-
-
-def test_where_all_are_out_of_focus_the_hint_says_by_how_much() -> None:
-    options = cli.parse(["triage", "a.png"])
-    assert isinstance(options, TriageOptions)
-    rows = [Row(use="out of focus", defocus_px=radius, smear_px=0.5) for radius in (4.0, 2.5)]
-    expected = "the least out of focus is so by 2.5 px, --max-defocus is 2"
-    assert hint(rows, options) == expected

@@ -10,10 +10,8 @@ import pytest
 
 from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.connection import open_for_writing
-from blur2view.colmap.database import write_database
 from blur2view.colmap.link import LinkStep, Step, plan_links, write_links
 from blur2view.colmap.project import DatabaseMatcher, image_names, longest_suffix
-from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
@@ -137,19 +135,6 @@ def test_replace_rewrites_our_rows_in_place(path: Path) -> None:
 def names_of(path: Path) -> dict[str, int]:
     with open_for_writing(path) as database:
         return image_names(database)
-
-
-def test_views_of_a_fresh_database_ask_for_replace_and_say_what_they_are(tmp_path: Path) -> None:
-    path = tmp_path / "fresh.db"
-    write_database(path, [random_views("a.jpg", FEATURES, np.random.default_rng(0))])
-    with open_for_writing(path) as database:  # as COLMAP's feature extraction does
-        image = add_image(database, "a.jpg", 1, with_frame=True)
-        put_keypoints(database, image, np.random.default_rng(1).uniform(0, 400, (FEATURES, 2)))
-    refusal = str(only_plan(path, "a.jpg"))
-    assert "made without --link" in refusal and "add --replace" in refusal and "changed" not in refusal
-    link(path, "a.jpg", replace=True)
-    assert check_database(path) == []
-    assert is_kept(path, "a.jpg")
 
 
 ANEW = (

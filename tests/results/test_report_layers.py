@@ -1,8 +1,5 @@
 """The report in headless Chromium: layers and values are those of the estimate; mouse and keys."""
 
-import colorsys
-import math
-
 import numpy as np
 import pytest
 from playwright.sync_api import Page
@@ -12,7 +9,6 @@ from blur2view.results.mask_overlay import headline
 from blur2view.results.report import Entry
 from tests.support.report_browser import (
     Opener,
-    click_at,
     near,
     numbers,
     quantised_ends,
@@ -57,27 +53,6 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
     assert value(page, "length", "pointer") == "-"
 
 
-@pytest.mark.parametrize("width", [1400, 1000])
-def test_no_value_of_a_long_smear_runs_past_the_edge(opened: Opener, width: int) -> None:
-    page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()), size=(width, 900))
-    fill = "(cells) => cells.forEach((cell) => { cell.textContent = '±(-1434.5, -1204.4)' })"
-    page.locator("[data-value=displacement]").evaluate_all(fill)
-    past = "(cells) => cells.filter((one) => one.scrollWidth > one.clientWidth).map((one) => one.innerText)"
-    assert page.locator("#values td, #values th, .matrix td, .pairs dd").evaluate_all(past) == []
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-
-
-def test_layers_can_be_toggled(opened: Opener) -> None:
-    page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()))
-    before = stage_pixels(page)
-    for layer in ("photograph", "smears", "inliers", "lines", "sigma", "mask", "probability"):
-        toggle(page, layer)
-        changed = (abs(stage_pixels(page) - before).max(axis=-1) > 20).sum()
-        assert changed >= (2 if layer == "photograph" else 200), layer
-        toggle(page, layer)
-        np.testing.assert_array_equal(stage_pixels(page), before, err_msg=layer)
-
-
 def test_maps_have_their_colours_at_their_places(opened: Opener) -> None:
     page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()))
     toggle(page, "photograph", "smears")
@@ -101,38 +76,6 @@ def test_maps_have_their_colours_at_their_places(opened: Opener) -> None:
     for x, colour in ((4, (0x44, 0x01, 0x54)), (WIDTH - 5, (0xFD, 0xE7, 0x25))):
         expected = (np.array(colour) * 200 + backdrop * 55) / 255
         assert abs(pixels[row, round(x * scale)] - expected).max() < 12
-
-
-def test_used_smears_have_the_colour_of_their_orientation(opened: Opener) -> None:
-    one = made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "photograph", "smears", "inliers")
-    pixels, scale = stage_pixels(page), scale_of(page)
-    inliers = np.flatnonzero(one.estimate.geometry.inlier_mask)
-    assert 0 < len(inliers) < len(one.estimate.matches)
-    agree = []
-    for k in [*inliers[:20], *np.flatnonzero(~one.estimate.geometry.inlier_mask)[:20]]:
-        x, y = one.estimate.matches.midpoint[k]
-        dx, dy = one.estimate.matches.displacement[k]
-        hue = math.degrees(math.atan2(dy, dx)) % 180 / 180
-        colour = 255 * np.array(colorsys.hls_to_rgb(hue, 0.63, 1)) if k in inliers else np.full(3, 190)
-        seen = pixels[int((y + 0.5) * scale), int((x + 0.5) * scale)]
-        agree.append(abs(seen - colour).max() < 30)
-    assert np.mean(agree) > 0.7  # some are hidden by neighbours
-
-
-def test_click_takes_the_used_smear_of_its_cell_where_those_are_shown(opened: Opener) -> None:
-    one = made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "inliers")
-    middle = one.estimate.matches.midpoint
-    x, y = middle[np.linalg.norm(middle - (WIDTH / 2, HEIGHT / 2), axis=1).argmin()].tolist()
-    click_at(page, (x + 13, y - 14))
-    assert numbers(value(page, "position")) == [x, y] and value(page, "used") in ("inlier", "outlier")
-    toggle(page, "inliers")
-    click_at(page, (x + 13, y - 14))
-    assert numbers(value(page, "position")) == [x + 13.5, y - 14.5]  # the nearest node
-    assert value(page, "used") in ("inlier", "outlier")
 
 
 def focus_stage(page: Page) -> None:
@@ -177,21 +120,3 @@ def test_keyboard_chooses_moves_zooms_and_lets_go(opened: Opener) -> None:
     page.keyboard.press("Space")
     settle(page)
     assert page.locator("[data-layer=sigma]").is_checked() and page.locator("[data-key=sigma]").is_visible()
-
-
-def test_drag_pans_the_zoomed_photograph_and_chooses_nothing(opened: Opener) -> None:
-    page = opened(Entry.of(made_up(F=turning_F())))
-    toggle(page, "smears")
-    page.locator("[data-zoom=in]").click(click_count=4)
-    settle(page)
-    before = stage_pixels(page)
-    box = page.locator("#stage").bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + 400, box["y"] + 200)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 350, box["y"] + 180, steps=5)
-    page.mouse.up()
-    settle(page)
-    after = stage_pixels(page)
-    np.testing.assert_array_equal(after[40:-60, 40:-90], before[60:-40, 90:-40])
-    assert value(page, "position") == "-"

@@ -12,7 +12,6 @@ from playwright.sync_api import Page
 from blur2view.camera.camera import Camera
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.results.overlay import farthest_points
 from blur2view.results.report import Entry
 from tests.support.report_browser import (
     AMBER,
@@ -23,12 +22,11 @@ from tests.support.report_browser import (
     numbers,
     quantised_ends,
     scale_of,
-    settle,
     stage_pixels,
     toggle,
     value,
 )
-from tests.support.report_scenes import DOTS, HEIGHT, WIDTH, made_up, turning_F
+from tests.support.report_scenes import HEIGHT, WIDTH, made_up, turning_F
 
 
 def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -105,60 +103,11 @@ def test_click_draws_both_epipolar_lines_where_F_says(opened: Opener, point: tup
     check_lines(stage_pixels(page), F, ends, scale, np.full(2, scale / 2))
 
 
-def test_lines_and_ends_stay_with_the_photograph_when_zoomed(opened: Opener) -> None:
-    F, one = turning_F(), made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "smears")
-    click_at(page, DOTS[0])
-    for _ in range(5):
-        page.keyboard.press("+")
-    settle(page)
-    marked = stage_pixels(page)
-    page.evaluate("document.getElementById('marks').style.visibility = 'hidden'")
-    bare = stage_pixels(page).min(axis=-1)
-    bare[:9] = bare[-9:] = 0  # the page shows through its round corners
-    split = np.indices(bare.shape)[1] > centre_of(bare)[0]
-    found = np.array([centre_of(np.where(split == side, bare, 0)) for side in (0, 1)])
-    scale = float(np.linalg.norm(found[1] - found[0]) / np.linalg.norm(np.subtract(*DOTS)))
-    corner = found[0] - scale * np.array(DOTS[0])
-    assert scale > 8  # half a pixel is at least 4 pixels of the screen
-    ends = quantised_ends(one, *DOTS[0])
-    check_lines(marked, F, ends, scale, corner, 0.5)  # the dots' borders are those of the screen's pixels
-    assert distance_of_ends(page, in_order(F, ends), scale, corner / scale) < 1.5
-
-
 def distance_of_ends(page: Page, ends: NDArray[np.float64], scale: float, corner: Any) -> float:
     """Return how far from their places both ends are drawn at most, pixels of the screen."""
     circles = [page.locator(f"[data-mark={mark}]") for mark in ("end-1", "end-2")]
     drawn = [[float(one.get_attribute(key) or "nan") for key in ("cx", "cy")] for one in circles]
     return float(np.linalg.norm(scale * (ends + corner) - drawn, axis=1).max())
-
-
-def centre_of(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centre (x, y) of what is brighter than half of white, in pixels of the screen."""
-    y, x = np.nonzero(weights > 127)
-    return np.array([x.mean() + 0.5, y.mean() + 0.5])
-
-
-def test_fan_of_epipolar_lines_is_where_F_says(opened: Opener) -> None:
-    F, one = turning_F(), made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "photograph", "smears", "lines")
-    pixels, scale = stage_pixels(page), scale_of(page)
-    inliers = np.flatnonzero(one.estimate.geometry.inlier_mask)
-    chosen = inliers[farthest_points(one.estimate.matches.midpoint[inliers], 14)]
-    white = near(pixels, (255, 255, 255), 165)
-    explained = np.zeros_like(white)
-    for k in chosen:
-        line = on_screen(F @ [*in_order(F, one.estimate.matches.ends[k])[0], 1], scale, np.full(2, scale / 2))
-        columns = np.arange(len(pixels[0])) + 0.5
-        rows = -(line[0] * columns + line[2]) / line[1]
-        seen = [(int(y), int(x)) for y, x in zip(rows, columns, strict=True) if 3 <= y < len(pixels) - 3]
-        assert np.mean([white[y - 1 : y + 2, x].any() for y, x in seen]) > 0.98
-        for y, x in seen:
-            explained[y - 3 : y + 4, x] = True
-    inner = np.s_[9:-9, 9:-9]  # the page shows through the stage's round corners
-    assert (white & ~explained)[inner].sum() < 0.1 * white.sum()  # rings of the epipoles, steep ends
 
 
 def test_lines_of_a_distorting_lens_are_curves(opened: Opener) -> None:

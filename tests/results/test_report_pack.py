@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.camera.camera import Camera
-from blur2view.results.report_pack import MAX_NODES, lens, node_pixels, packed, photograph, picture
+from blur2view.results.report_pack import lens, node_pixels, packed, photograph, picture
 from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F
 
 
@@ -67,17 +67,6 @@ def test_picture_keeps_colours_and_its_size_unless_it_is_large() -> None:
     assert decoded(picture(np.zeros((100, 300, 3), np.float32), side_px=60)).size == (60, 20)
 
 
-@pytest.mark.parametrize("size", [(640, 360), (1920, 1080), (2000, 3000), (6000, 4000), (17, 16)])
-def test_nodes_are_pixels_of_the_matches_grid_and_bounded(size: tuple[int, int]) -> None:
-    width, height = size
-    rows, columns = node_pixels((height, width))
-    count = len(range(*rows.indices(height))) * len(range(*columns.indices(width)))
-    assert 0 < count <= MAX_NODES
-    assert rows.step % 4 == 0 and rows.start == columns.start == 1
-    if width * height <= 1920 * 1080:
-        assert rows.step == 4
-
-
 def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     one, mask = made_up(F=turning_F()), boxed_mask()
     shown = photograph(one, mask)
@@ -97,14 +86,6 @@ def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     np.testing.assert_array_equal(unpacked(shown["mask"]["labels"]), mask.labels)
     probability = unpacked(shown["mask"]["probability"])
     assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
-
-
-@pytest.mark.parametrize(("size", "spacing_px"), [((WIDTH, HEIGHT), 32), ((1280, 720), 64)])
-def test_used_smears_are_as_far_apart_as_the_page_is_told(size: tuple[int, int], spacing_px: int) -> None:
-    one = made_up(size=size)
-    assert photograph(one)["matches"]["spacing_px"] == spacing_px
-    for places in one.estimate.matches.midpoint.T:
-        assert (np.diff(np.unique(places.round(2))) == spacing_px).all()
 
 
 def test_lens_tells_where_pixels_would_lie() -> None:

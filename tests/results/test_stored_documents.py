@@ -82,8 +82,3 @@ def test_array_of_another_kind_is_refused(key: str, value: Any) -> None:
 def test_value_of_another_type_is_refused(kind: Any, stored: Any) -> None:
     with pytest.raises(ValueError):
         restore(kind, stored)
-
-
-def test_whole_numbers_are_floats_too_and_what_is_missing_is_none() -> None:
-    row = restore(Row, plain(Row(smear_px=3)))
-    assert row.smear_px == 3 and row.rotation_deg is None
