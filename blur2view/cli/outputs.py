@@ -80,7 +80,7 @@ def run_with_files(
             if options.resume:  # at the end: workers of a killed call live on for a moment
                 remove_left_over(paths, folders)
     if options.json:
-        print(collect([one for one in finished.kept if one is not None], finished.failures).to_json())
+        print(collect([one for one in finished.payloads if one is not None], finished.failures).to_json())
     return finished.exit_code
 
 

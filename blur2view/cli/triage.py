@@ -22,7 +22,7 @@ from blur2view.cli.run import (
     run_over,
 )
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
-from blur2view.cli.work import EstimatingWork, made
+from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
 from blur2view.output_files import check_file, writable_folders, write_text
@@ -30,8 +30,8 @@ from blur2view.photographs.extraction import extract, extracted_names, refuse_ot
 from blur2view.photographs.image import read_image
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
 from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
-from blur2view.results.verdicts import meaning
-from blur2view.runs.job import Job, Made
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Result
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.blur import BlurKind
 
@@ -44,13 +44,10 @@ and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median wit
 class TriageWork(EstimatingWork[None, None]):
     """The work on one photograph, of which nothing is kept but its row."""
 
-    def __call__(self, job: Job[None]) -> Made[None]:
+    def __call__(self, job: Job[None]) -> Result[None]:
         """Return the row of one photograph."""
         one = self.estimated(job)
-        return made(one, None, meaning(one))
-
-    def restored(self, job: Job[None], stored: Any) -> None:
-        """Return nothing."""
+        return result_of(one, None, verdict_of(one))
 
 
 def run(options: TriageOptions) -> int:

@@ -13,7 +13,7 @@ from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
 from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
-from blur2view.cli.work import EstimatingWork, made
+from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
@@ -27,8 +27,8 @@ from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
 from blur2view.results.to_colmap import ViewsDocument
-from blur2view.results.verdicts import meaning
-from blur2view.runs.job import Job, Made
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Result
 from blur2view.segmentation.mask import MotionLabel, segment
 
 
@@ -101,7 +101,7 @@ def refusal(path: Path, name: str) -> DatabaseError | None:
 class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]):
     """The work on one photograph, whose field, which is large, is not kept."""
 
-    def __call__(self, job: Job[NamedPhotograph]) -> Made[ExposureViews]:
+    def __call__(self, job: Job[NamedPhotograph]) -> Result[ExposureViews]:
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
@@ -115,11 +115,11 @@ class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]
             views = keypoint_views(
                 photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
             )
-        return made(one, views, verdict_line(photograph.name, meaning(one), one.estimate.geometry))
+        return result_of(one, views, verdict_line(photograph.name, verdict_of(one), one.estimate.geometry))
 
-    def stored(self, kept: ExposureViews) -> Any:
+    def stored(self, payload: ExposureViews) -> Any:
         """Return the views in JSON's types."""
-        return plain(kept)
+        return plain(payload)
 
     def restored(self, job: Job[NamedPhotograph], stored: Any) -> ExposureViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""

@@ -24,7 +24,7 @@ from blur2view.output_files import ResultFiles, unwritable
 from blur2view.photographs.video import frame_of
 from blur2view.results.stored import DAMAGE, plain, restore
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Kept, Made, Outcome, Target, Work, file_digest
+from blur2view.runs.job import Job, Outcome, Payload, Result, Target, Work, file_digest
 
 SIGN, FORMAT = "blur2view", 3  # 1 held pickles, 2 summaries
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
@@ -128,7 +128,7 @@ class Manifest:
     def _name(self, path: Path) -> str:
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
-    def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
+    def find(self, job: Job[Target], work: Work[Target, Payload]) -> Result[Payload] | None:
         """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
 
         A line may hold anything: it is not found unless it gives values of the right types.
@@ -142,8 +142,8 @@ class Manifest:
         if not known or any(_digest(self.path.parent / name) != digest for name, digest in outputs):
             return None  # its results have other names since then, or another content
         try:
-            kept = work.restored(job, line.get("kept"))
-            return Made(kept=kept, summary=f"{job.path}: done before", row=restore(Row, line["row"]))
+            payload = work.restored(job, line.get("kept"))
+            return Result(payload=payload, summary=f"{job.path}: done before", row=restore(Row, line["row"]))
         except (OSError, Blur2ViewError, *DAMAGE):
             return None
 
@@ -155,16 +155,16 @@ class Manifest:
         """Return the digest that was appended last for what is made of all photographs; empty if none was."""
         return self._targets.get(self._name(target), "")
 
-    def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
+    def append(self, job: Job[Target], outcome: Outcome[Payload], work: Work[Target, Payload]) -> None:
         """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
         line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}
-        if outcome.made is None:
+        if outcome.result is None:
             self._write(line | {"error": outcome.error})
             return
-        made, folder = outcome.made, self.path.parent
+        result, folder = outcome.result, self.path.parent
         line |= {"sha256": outcome.digest, "source": self._source(job)}
         line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
-        self._write(line | {"row": plain(made.row), "kept": work.stored(made.kept)})
+        self._write(line | {"row": plain(result.row), "kept": work.stored(result.payload)})
 
     def append_target(self, target: Path, digest: str = "") -> None:
         """Append that a call makes something of all photographs: of a file its own digest by default."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.results.drawing import FAINT
-from blur2view.results.mask_overlay import headline
+from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.overlay import draw_overlay, orientation_colours
 from blur2view.segmentation.mask import MotionLabel
 from blur2view.segmentation.pixels import MovingRegion
@@ -132,7 +132,7 @@ def test_caption_of_a_mask_counts_what_there_is_and_says_first_that_most_cannot_
     labels.flat[: round(100 * (still + moving))] = MotionLabel.STATIC
     labels.flat[: round(100 * moving)] = MotionLabel.MOVING
     one = MovingRegion(area_px=1, box=(0, 0, 1, 1), centroid=(0.0, 0.0), probability=1.0)
-    assert headline(replace(boxed_mask(), labels=labels, regions=(one,) * bool(moving))) == expected
+    assert mask_verdict(replace(boxed_mask(), labels=labels, regions=(one,) * bool(moving))) == expected
 
 
 def test_sizes_that_disagree_are_refused() -> None:

@@ -5,7 +5,7 @@ import pytest
 from playwright.sync_api import Page
 
 from blur2view.geometry.sampson import serrmin
-from blur2view.results.mask_overlay import headline
+from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.report import Entry
 from tests.support.report_browser import (
     Opener,
@@ -60,7 +60,7 @@ def test_maps_have_their_colours_at_their_places(opened: Opener) -> None:
     left, top, right, bottom = MOVING_BOX
     row, column = round((top + bottom) / 2 * scale), round((left + right) / 2 * scale)
     toggle(page, "mask")
-    assert page.locator("#mask-reason").inner_text() == f"{headline(boxed_mask())}; F"  # as it is printed
+    assert page.locator("#mask-reason").inner_text() == f"{mask_verdict(boxed_mask())}; F"  # as it is printed
     pixels = stage_pixels(page)
     pink = near(pixels, tuple((np.array([255, 64, 160]) * 150 + backdrop * 105) / 255), 12)
     for line, low, high in ((pink[row], left, right), (pink[:, column], top, bottom)):

@@ -13,7 +13,7 @@ from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import plane_basis, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.results.report import Entry
-from blur2view.results.verdicts import sentence
+from blur2view.results.verdicts import verdict
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from tests.support.calls import Call
@@ -116,8 +116,8 @@ CASES = {
 @pytest.mark.parametrize("expected", CASES)
 def test_the_sentence_says_what_is_known_and_no_more(expected: str) -> None:
     given, matches = CASES[expected]
-    assert sentence(MOVED, given, matches, SIZE) == expected
-    assert sentence(MOVED, given.reversed(), matches, SIZE) == expected  # time has no arrow
+    assert verdict(MOVED, given, matches, SIZE) == expected
+    assert verdict(MOVED, given.reversed(), matches, SIZE) == expected  # time has no arrow
     assert len(f"{expected} [{given.config.name}]") <= 100
 
 
@@ -139,7 +139,7 @@ def test_the_sentence_says_what_is_known_and_no_more(expected: str) -> None:
     ],
 )
 def test_what_is_no_motion_of_the_camera_has_its_own_name(blur: Blur, words: str) -> None:
-    assert sentence(blur, geometry("PANORAMIC", None, PAN), smears([32, 0]), SIZE) == words
+    assert verdict(blur, geometry("PANORAMIC", None, PAN), smears([32, 0]), SIZE) == words
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_a_roll_is_what_moves_the_corners_more_than_the_middle_also_without_a_fo
     H = turned_by(rotation)  # at 400 pixels from the middle a roll moves half as far as a pan of its angle
     for pose in (None, np.array(rotation)):
         for smear in ([32, 0], turning):
-            expected = sentence(MOVED, geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
+            expected = verdict(MOVED, geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
             assert expected.startswith(f"Camera {way}")
 
 
@@ -170,5 +170,5 @@ def test_terminal_files_table_and_report_say_the_same(
     assert "rad/s" in lines[0] and "Sharp" in lines[1]
     one = made_up(F=F)
     found = one.estimate
-    expected = sentence(found.blur, found.geometry, found.matches, found.grid.size)
+    expected = verdict(found.blur, found.geometry, found.matches, found.grid.size)
     assert Entry.of(one).text == expected

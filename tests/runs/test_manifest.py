@@ -13,13 +13,13 @@ from blur2view.errors import OutputError
 from blur2view.output_files import ResultFiles
 from blur2view.results.stored import plain
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Made, Outcome, Work, file_digest, neighbours_of
+from blur2view.runs.job import Job, Outcome, Result, Work, file_digest, neighbours_of
 from blur2view.runs.manifest import Manifest, Settings
 
 SETTINGS = Settings(
     command="estimate", version="1", options={"run": {"seed": 0}, "network": {"digest": "ab"}}
 )
-MADE = Made(kept="views", summary="two\nlines", row=Row(verdict="V", inliers=3))
+RESULT = Result(payload="views", summary="two\nlines", row=Row(verdict="V", inliers=3))
 Target = ResultFiles | None
 
 
@@ -27,13 +27,13 @@ Target = ResultFiles | None
 class TextWork(Work[Target, str]):
     """Work of which a text is kept."""
 
-    def __call__(self, job: Job[Target]) -> Made[str]:
+    def __call__(self, job: Job[Target]) -> Result[str]:
         """Return a text."""
-        return MADE
+        return RESULT
 
-    def stored(self, kept: str) -> Any:
+    def stored(self, payload: str) -> Any:
         """Return the text."""
-        return kept
+        return payload
 
     def restored(self, job: Job[Target], stored: Any) -> str:
         """Return the text; ValueError of anything else."""
@@ -60,15 +60,19 @@ def path(tmp_path: Path) -> Path:
 
 
 def append(
-    path: Path, settings: Settings = SETTINGS, name: str = "a.jpg", made: Made[str] | None = MADE, **more: Any
+    path: Path,
+    settings: Settings = SETTINGS,
+    name: str = "a.jpg",
+    result: Result[str] | None = RESULT,
+    **more: Any,
 ) -> None:
     """Write down what became of a photograph."""
     job = replace(job_in(path.parent), path=path.parent / name)
     with Manifest(path, settings, resume=False) as manifest:
-        manifest.append(job, Outcome(made=made, digest="12", **more), WORK)
+        manifest.append(job, Outcome(result=result, digest="12", **more), WORK)
 
 
-def found(place: Path, settings: Settings = SETTINGS, **changes: Any) -> Made[str] | None:
+def found(place: Path, settings: Settings = SETTINGS, **changes: Any) -> Result[str] | None:
     """Return what a later call finds in a manifest of the photograph."""
     with Manifest(place, settings, resume=True) as manifest:
         return manifest.find(replace(job_in(place.parent), **changes), WORK)
@@ -81,8 +85,10 @@ def complaint(path: Path, settings: Settings = SETTINGS) -> str:
 
 
 def test_what_is_done_is_found_also_by_the_manifest_of_another_output(path: Path) -> None:
-    made = found(path)
-    assert made is not None and (made.kept, made.row) == ("views", MADE.row) and complaint(path) == ""
+    result = found(path)
+    assert (
+        result is not None and (result.payload, result.row) == ("views", RESULT.row) and complaint(path) == ""
+    )
     (path.parent / "deep").mkdir()
     with Manifest(path.parent / "deep/n.jsonl", SETTINGS, resume=True, earlier=[path]) as manifest:
         assert manifest.find(job_in(path.parent), WORK) is not None
@@ -99,7 +105,7 @@ def test_whatever_has_changed_is_not_found(path: Path) -> None:
     later = replace(SETTINGS, version="2")
     assert found(path, later) is None and "is of another version of blur2view" in complaint(path, later)
     content = path.read_bytes()
-    append(path, made=None, error="broken")
+    append(path, result=None, error="broken")
     assert found(path) is None
     path.write_bytes(content)
     (path.parent / "a.json").write_text("resul")
@@ -115,7 +121,7 @@ def test_a_neighbour_is_part_of_the_source(tmp_path: Path) -> None:
     jobs = [replace(start, path=path, neighbours=near) for path, near in beside.items()]
     with Manifest(tmp_path / "m.jsonl", SETTINGS, resume=False) as manifest:
         for job in jobs:
-            manifest.append(job, Outcome(made=MADE, digest="12"), WORK)
+            manifest.append(job, Outcome(result=RESULT, digest="12"), WORK)
     (tmp_path / "c.jpg").write_text("another")
     with Manifest(tmp_path / "m.jsonl", SETTINGS, resume=True) as manifest:
         assert [manifest.find(job, WORK) is not None for job in jobs] == [True, False, True]
@@ -165,7 +171,7 @@ def test_full_disk_is_one_error_that_says_how_to_go_on(path: Path, monkeypatch: 
 
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(OutputError, match="No space left on device.*--resume"):
-        append(path, made=None, error="broken")
+        append(path, result=None, error="broken")
 
 
 def test_file_of_all_photographs_is_known_while_nobody_changes_it(path: Path) -> None:
@@ -186,7 +192,7 @@ def test_file_of_all_photographs_is_known_while_nobody_changes_it(path: Path) ->
         {"source": None},
         {"outputs": {"a\0.json": ""}},
         {"outputs": {"a.json": 3}},
-        {"row": {**plain(MADE.row), "smear_px": "far"}},
+        {"row": {**plain(RESULT.row), "smear_px": "far"}},
         {"image": ["a.jpg"]},
     ],
 )
