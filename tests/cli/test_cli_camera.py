@@ -69,13 +69,6 @@ def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> No
     assert np.array(document["pose_covariance"]["matrix"]).shape == (5, 5)
 
 
-def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
-    (document,) = run(photo)
-    for key in ("K", "camera", "E", "cam2_from_cam1", "rotation_deg", "wx", "sigma_wz"):
-        assert document[key] is None
-    assert document["F"] is not None
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
 def test_what_exif_contradicts_is_believed_and_told_once(

@@ -62,22 +62,6 @@ def test_folder_without_photographs_is_one_line_and_no_photograph(
         assert (here / "a.html").read_text().count('<li class="card') == 3
 
 
-def test_run_goes_on_from_another_folder(
-    call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert call("estimate", "in", "-o", "out") == 0
-    before = contents(tmp_path / "out")
-    for place, words in (
-        (folder, [".", "-o", "../out"]),
-        (tmp_path.parent, [folder, "-o", tmp_path / "out"]),
-    ):
-        monkeypatch.chdir(place)
-        done = call("estimate", *words, "--resume")
-        assert (done, done.err) == (0, "") and "3 photographs: 3 done before" in done.out
-    assert contents(tmp_path / "out") == before
-
-
 def test_photograph_of_the_same_name_in_another_folder_replaces_no_results(
     call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

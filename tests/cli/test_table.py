@@ -1,6 +1,5 @@
 """``--csv``: what the table holds, whatever the command, and what becomes of it when a run fails."""
 
-import csv
 import shutil
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ import pytest
 from blur2view import output_files
 from blur2view.errors import OutputError, RunError
 from blur2view.output_files import write_files
-from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest
 from tests.support.calls import Call
 from tests.support.tables import COLUMNS, table
@@ -30,28 +28,6 @@ def test_every_command_writes_the_same_rows(
         assert {key: own[key] for key in COLUMNS[:11]} == {key: ours[key] for key in COLUMNS[:11]}
         assert own["use"] == ""
     assert float(first[0]["rotation_deg"]) >= 0
-
-
-def test_angular_velocity_is_the_rotation_over_the_exposure(moving: Path, call: Call, tmp_path: Path) -> None:
-    sheet = tmp_path / "t.csv"
-    words = (moving, "--focal", 300, "--exposure", 0.02, "--csv", sheet, "--json", "--no-timings")
-    (document,) = call("estimate", *words).document["estimates"]
-    (one,) = table(sheet)
-    for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
-        assert float(one[axis]) == pytest.approx(document[axis], rel=1e-5)
-    assert one["rate_unit"] == document["rate_unit"] == "rad/s" and one["frame"] == one["timestamp_s"] == ""
-    assert float(one["rotation_deg"]) == pytest.approx(document["rotation_deg"], rel=1e-5)
-    assert int(one["inliers"]) == document["num_inliers"] and one["elapsed_s"] == ""
-    written = sheet.read_bytes()
-    assert call("estimate", *words, "--overwrite") == 0
-    assert sheet.read_bytes() == written
-
-
-def test_names_with_commas_and_lines_stay_one_cell() -> None:
-    odd = 'a,"b"\nc.png'
-    text = table_text([Row(name=odd, error="x"), Row(name="b.png", smear_px=1 / 3)])
-    rows = list(csv.DictReader(text.splitlines(keepends=True)))
-    assert [one["name"] for one in rows] == [odd, "b.png"] and rows[1]["smear_px"] == "0.333333"
 
 
 @pytest.mark.parametrize("words", [["--csv", "frames/still.png"], ["--keep", "frames/still.png"]])

@@ -18,7 +18,6 @@ from tests.support.colmap_check import check_database
 from tests.support.colmap_projects import ProjectOptions, make_project, user_rows
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
-from tests.support.tables import table
 
 ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
@@ -191,21 +190,3 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)
         assert database.read_keypoints(1)[:, 0].max() > 245
-
-
-def test_table_and_database_call_a_photograph_the_same(
-    run: Any, photos: list[Path], project: Path, tmp_path: Path
-) -> None:
-    below = tmp_path / "all" / "sub"
-    below.parent.mkdir()
-    photos[0].parent.rename(below)
-    given, sheet = ["--recursive", below.parent], tmp_path / "new.csv"
-    assert run("--db", tmp_path / "new.db", "--csv", sheet, *given)[0] == 0
-    assert [row["name"] for row in table(sheet)] == ["sub/moving.png", "sub/still.png"]
-    with pycolmap.Database.open(tmp_path / "new.db") as database:
-        assert {image.name for image in database.read_all_images()} == {
-            f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
-        }
-    sheet = tmp_path / "linked.csv"
-    assert run("--db", project, "--link", "--csv", sheet, *given)[0] == 0
-    assert [row["name"] for row in table(sheet)] == ["moving.png", "still.png"]

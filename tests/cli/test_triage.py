@@ -1,6 +1,5 @@
 """``blur2view triage``: what it says of photographs, and which of them the list names."""
 
-import csv
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +9,7 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.triage import Classifier, list_text, use_of
-from blur2view.photographs.image import read_image
+from blur2view.cli.triage import Classifier, use_of
 from blur2view.results.table import Row
 from tests.support.calls import Call
 from tests.support.colour_code import forward_motion
@@ -71,20 +69,6 @@ def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     last = done.out.splitlines()[-1]
     assert last.startswith("3 photographs in ")
     assert "1 sharp, 0 blurred but of use, 1 unusable, 1 failed; " in last
-
-
-def test_resumed_run_has_every_row_and_classifies_anew(frames: Path, call: Call, tmp_path: Path) -> None:
-    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
-    words = (frames, "--recursive", "--csv", sheet, "--keep", keep)
-    assert call("triage", *words) == 0
-    before = sheet.read_bytes()
-    assert call("triage", *words, "--resume") == 0
-    assert sheet.read_bytes() == before  # the times, too: nothing was done again
-    assert call("triage", *words, "--resume", "--max-smear", 100) == 0
-    assert [one["use"] for one in table(sheet)] == ["sharp"] * 3
-    assert [one["elapsed_s"] for one in table(sheet)] == [
-        one["elapsed_s"] for one in csv.DictReader(before.decode().splitlines())
-    ]
 
 
 @pytest.mark.parametrize("option", ["--keep", "--csv"])
@@ -172,26 +156,6 @@ def test_near_the_limit_a_frame_follows_the_one_before_and_no_other_photograph_d
         for name, frame, smear_px in zip(names, frames_of_video, (2.0, 3.1), strict=True)
     ]
     assert uses == ["sharp", last]
-
-
-def test_list_leaves_out_a_name_with_a_line_break(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list_text(["a.png", "b\nc.png", "d e.png"]) == "a.png\nd e.png\n"
-    assert "b\\nc.png: has a line break" in capsys.readouterr().err
-
-
-def test_limit_in_per_cent_follows_the_size(frames: Path, call: Call, tmp_path: Path) -> None:
-    sheet = tmp_path / "t.csv"
-    moving = frames / "left" / "moving.png"
-    assert call("triage", moving, "--csv", sheet) == 0
-    (one,) = table(sheet)
-    height, width = read_image(moving).shape[:2]
-    assert float(one["smear_percent"]) == pytest.approx(
-        100 * float(one["smear_px"]) / np.hypot(width, height), rel=1e-5
-    )
-    for factor, use in ((1.01, "sharp"), (0.99, "blurred")):
-        limit = f"{factor * float(one['smear_percent'])}%"
-        assert call("triage", moving, "--csv", sheet, "--overwrite", "--max-smear", limit) == 0
-        assert table(sheet)[0]["use"] == use
 
 
 @pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")

@@ -14,7 +14,6 @@ from blur2view.errors import CameraError, DatabaseError
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import ProjectOptions, make_project
 from tests.support.malformed_projects import SQL_FAULTS
-from tests.support.sql import run_sql
 
 # Refused before any work; other faults end the transaction.
 NOT_COLMAPS = ["view of our name", "column gone", "own table of another", "trigger"]
@@ -43,14 +42,6 @@ def test_rows_that_a_schema_replaces_are_rolled_back(tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match="would lose rows of yours"):
         link(path, "a_001.jpg", backup=True)
     assert path.read_bytes() == before and os.listdir(tmp_path) == ["project.db"]
-
-
-def test_tables_of_others_stay_as_they_are(tmp_path: Path) -> None:
-    mine = "CREATE TABLE notes (image_id INTEGER REFERENCES images(image_id) ON DELETE CASCADE, note TEXT);"
-    path = faulty(tmp_path / "project.db", mine + "INSERT INTO notes VALUES (2, 'dark'), (NULL, 'more')")
-    link(path, "a_001.jpg")
-    link(path, "a_001.jpg", replace=True)
-    assert run_sql(path, "SELECT count(*) FROM notes") == [(2,)]
 
 
 def test_a_camera_without_a_rig_is_told_and_gets_none(tmp_path: Path) -> None:

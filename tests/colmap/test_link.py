@@ -172,21 +172,6 @@ def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edits: S
     assert not [line for line in check_database(path) if "#" in line]  # about our views
 
 
-def test_views_follow_the_camera_of_their_photograph(path: Path) -> None:
-    link(path, "a_001.jpg")
-    run_sql(
-        path,
-        "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras",
-        "INSERT INTO rigs VALUES (9, 9, 0)",
-        "UPDATE images SET camera_id = 9 WHERE image_id = 2",
-    )
-    assert "add --replace" in str(only_plan(path))
-    link(path, "a_001.jpg", replace=True)
-    assert run_sql(path, "SELECT count(*) FROM frames") == [(5,)]
-    cameras = run_sql(path, "SELECT camera_id FROM images WHERE name LIKE '%#%'")
-    assert cameras == run_sql(path, "SELECT sensor_id FROM frame_data WHERE data_id > 3") == [(9,), (9,)]
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_matches_of_points_that_are_nowhere_are_left_out(path: Path, value: float) -> None:
     ((data,),) = run_sql(path, "SELECT data FROM keypoints WHERE image_id = 1")

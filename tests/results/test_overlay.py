@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.results.drawing import FAINT
 from blur2view.results.mask_overlay import mask_verdict
-from blur2view.results.overlay import draw_overlay, orientation_colours
+from blur2view.results.overlay import draw_overlay
 from blur2view.segmentation.mask import MotionLabel
 from blur2view.segmentation.pixels import MovingRegion
 from blur2view.smears.field import smear_ends
@@ -58,12 +57,6 @@ def drawn(
     return draw_overlay(PHOTO, blank_grid(PHOTO.shape), matches, geometry_of(inliers, F))
 
 
-def test_inliers_have_the_colour_of_their_orientation_and_outliers_are_grey() -> None:
-    picture = drawn([(100, 100), (500, 300)], [True, False])
-    np.testing.assert_array_equal(picture[100, 100], orientation_colours(np.array([[12.0, 0]]))[0])
-    np.testing.assert_array_equal(picture[300, 500], FAINT)
-
-
 def test_epipolar_lines_run_through_inliers_alone_along_F() -> None:
     points: list[tuple[float, float]] = [(100, 60), (300, 240), (500, 400)]
     with_F, without = (drawn(points, [True] * 3, F) for F in (SIDEWAYS, None))
@@ -94,23 +87,6 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
     assert inside.sum() >= 2
     for column, row in zip(columns[inside], rows[inside], strict=True):
         assert picture[row - 1 : row + 2, column].max() > picture[2, 2].max() + 30
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("size", "canvas"),
-    [
-        ((48, 64), (480, 640)),
-        ((480, 640), (480, 640)),
-        ((720, 1280), (720, 1280)),
-        ((3000, 4000), (960, 1280)),
-    ],
-)
-def test_photograph_is_scaled_to_a_picture_to_look_at(size: tuple[int, int], canvas: tuple[int, int]) -> None:
-    photo = np.full((*size, 3), 0.5, np.float32)
-    picture = draw_overlay(photo, blank_grid(size), matches_at([(20, 20)]), geometry_of([True], SIDEWAYS))
-    assert picture.dtype == np.uint8 and picture.shape[1:] == (canvas[1], 3)
-    assert 100 < picture.shape[0] - canvas[0] < 300  # the panel
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from blur2view.cli import commands as cli
@@ -183,13 +182,6 @@ def test_page_forbids_loading_and_foreign_scripts() -> None:
         value for _, a in markup.elements for key, value in a.items() if key in ("src", "href", "srcset")
     ]
     assert addresses and all(re.match("data:|#", str(address)) for address in addresses)
-
-
-def test_photograph_of_1280x720_stays_small() -> None:
-    one, rng = made_up(F=turning_F(), size=(1280, 720)), np.random.default_rng(3)
-    one.image[:] = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1)  # a grain of 10 of 255 levels
-    one.estimate.grid.cells[..., :2] = rng.normal(0, 20, (*one.estimate.grid.cells.shape[:2], 2))
-    assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
 
 
 ENTRY: dict[str, Any] = {"name": "a", "kind": "flat", "verdict": "PLANAR", "text": ""}

@@ -97,18 +97,6 @@ def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser
     visits.close()
 
 
-def test_facts_are_those_of_the_document(opened: Opener) -> None:
-    one = made_up(F=turning_F())
-    page = opened(Entry.of(one, None, 0.25))
-    assert page.locator("#reason").inner_text() == "the figures <that> decided & more"
-    scores = page.locator("#scores li").all_inner_texts()
-    assert scores == ["camera\n+0.0", "translation\n+17.6", "general\n+59.1"]
-    assert "bar-chosen" in (page.locator("#scores li").first.get_attribute("class") or "")
-    F = np.array([float(cell) for cell in page.locator("#matrix td").all_inner_texts()]).reshape(3, 3)
-    np.testing.assert_allclose(F, turning_F(), rtol=1e-4)
-    assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
-
-
 def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:
     entries = gallery_entries()
     page = opened(*entries, address="#photo-3")

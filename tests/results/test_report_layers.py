@@ -5,20 +5,9 @@ import pytest
 from playwright.sync_api import Page
 
 from blur2view.geometry.sampson import serrmin
-from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.report import Entry
-from tests.support.report_browser import (
-    Opener,
-    near,
-    numbers,
-    quantised_ends,
-    scale_of,
-    settle,
-    stage_pixels,
-    toggle,
-    value,
-)
-from tests.support.report_scenes import HEIGHT, MOVING_BOX, WIDTH, boxed_mask, made_up, turning_F
+from tests.support.report_browser import Opener, numbers, quantised_ends, scale_of, settle, value
+from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F
 
 
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
@@ -51,31 +40,6 @@ def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:
         assert value(page, "used", "pointer") == words[used.get((x // 32, y // 32))]
     page.mouse.move(2, 2)
     assert value(page, "length", "pointer") == "-"
-
-
-def test_maps_have_their_colours_at_their_places(opened: Opener) -> None:
-    page = opened(Entry.of(made_up(F=turning_F()), boxed_mask()))
-    toggle(page, "photograph", "smears")
-    backdrop, scale = stage_pixels(page)[5, 5], scale_of(page)
-    left, top, right, bottom = MOVING_BOX
-    row, column = round((top + bottom) / 2 * scale), round((left + right) / 2 * scale)
-    toggle(page, "mask")
-    assert page.locator("#mask-reason").inner_text() == f"{mask_verdict(boxed_mask())}; F"  # as it is printed
-    pixels = stage_pixels(page)
-    pink = near(pixels, tuple((np.array([255, 64, 160]) * 150 + backdrop * 105) / 255), 12)
-    for line, low, high in ((pink[row], left, right), (pink[:, column], top, bottom)):
-        hits = np.flatnonzero(line[: round(450 * scale)])
-        assert abs(hits[0] - low * scale) <= 1 and abs(hits[-1] + 1 - high * scale) <= 1
-    toggle(page, "mask", "probability")
-    profile = stage_pixels(page)[row].sum(axis=-1)
-    low_level, high_level = profile[round(60 * scale)], profile[column]
-    crossing = np.flatnonzero(profile > (low_level + high_level) / 2)[0]
-    assert abs(crossing - 99.5 * scale) <= 1  # halfway between the nodes at 97 and 101
-    toggle(page, "probability", "sigma")
-    pixels = stage_pixels(page)
-    for x, colour in ((4, (0x44, 0x01, 0x54)), (WIDTH - 5, (0xFD, 0xE7, 0x25))):
-        expected = (np.array(colour) * 200 + backdrop * 55) / 255
-        assert abs(pixels[row, round(x * scale)] - expected).max() < 12
 
 
 def focus_stage(page: Page) -> None:

@@ -122,27 +122,6 @@ def test_the_sentence_says_what_is_known_and_no_more(expected: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("blur", "words"),
-    [
-        (Blur(kind=BlurKind.SHARP, smear_px=0.5), "Sharp"),
-        (Blur(kind=BlurKind.OUT_OF_FOCUS, defocus_px=4.26), "Out of focus (radius 4.3 px)"),
-        (
-            Blur(kind=BlurKind.CAMERA_AT_REST, moving_share=0.124),
-            "Camera at rest, something moves (12% of the picture)",
-        ),
-        (Blur(kind=BlurKind.CANNOT_TELL), "Smooth: cannot tell"),
-        (Blur(kind=BlurKind.CANNOT_TELL, nothing_seen="too dark"), "Too dark: cannot tell"),
-        (
-            Blur(kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, defocus_px=4.0),
-            "Out of focus and moved (radius 4.0 px): Camera turned sideways by 5 % of the width",
-        ),
-    ],
-)
-def test_what_is_no_motion_of_the_camera_has_its_own_name(blur: Blur, words: str) -> None:
-    assert verdict(blur, geometry("PANORAMIC", None, PAN), smears([32, 0]), SIZE) == words
-
-
-@pytest.mark.parametrize(
     ("rotation", "way"),
     [((0, 0.035, 0.044), "turned sideways"), ((0.02, 0, 0.05), "rolled"), ((0.03, 0.0, 0.04), "turned up")],
 )

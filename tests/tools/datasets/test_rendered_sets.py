@@ -6,12 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.errors import Blur2ViewError
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import smear_ends
 from tools.datasets import testset
 from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, off_plane
-from tools.datasets.shards import Scenes, load_shards, training_record, write_shards
+from tools.datasets.shards import Scenes, training_record, write_shards
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -76,21 +75,6 @@ def scenes_of(count: int, level: int) -> Scenes:
         displacement=np.full((count, 2, 3, 2), level, np.float16),
         labels=np.full((count, 2, 3), level, np.uint8),
     )
-
-
-def test_shards_are_joined_in_order_of_their_names(tmp_path: Path) -> None:
-    with pytest.raises(Blur2ViewError, match="python -m tools.datasets.shards"):
-        load_shards(tmp_path)
-    for start, (count, level) in {7: (1, 9), 0: (3, 1), 3: (2, 5)}.items():
-        scenes_of(count, level).save(tmp_path / f"train_{start:08d}.npz")
-    (tmp_path / "train_00000009.tmp.npz").write_bytes(b"half written")
-    merged = load_shards(tmp_path)
-    assert len(merged) == 6
-    for array in (merged.linear, merged.displacement, merged.labels):
-        np.testing.assert_array_equal(array[:, 0, 0].reshape(6, -1)[:, 0], [1, 1, 1, 5, 5, 9])
-    joined = Scenes.join([scenes_of(3, 1), scenes_of(2, 5)])
-    np.testing.assert_array_equal(joined.linear, merged.linear[:5])
-    assert joined.displacement.dtype == np.float16
 
 
 @pytest.mark.slow

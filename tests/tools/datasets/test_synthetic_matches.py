@@ -29,18 +29,6 @@ def test_same_seed_same_smears_and_cells_differ_in_their_factor_alone() -> None:
     np.testing.assert_array_equal(one.outlier, noisier.outlier)
 
 
-def test_neighbours_share_their_order_in_smooth_depth_alone() -> None:
-    agreement = {}
-    for kind in get_args(Kind):
-        smears = synthetic_smears(1, SyntheticOptions(kind=kind, motion="rotating", **CLEAN))
-        d = smears.true_ends[:, 1] - smears.true_ends[:, 0]
-        middle = smears.true_ends.mean(axis=1)
-        distance = np.linalg.norm(middle[:, None] - middle, axis=-1) + 1e9 * np.eye(len(d))
-        difference = np.linalg.norm(d - d[distance.argmin(axis=1)], axis=1)
-        agreement[kind] = np.median(difference / np.linalg.norm(d, axis=1))
-    assert agreement["smooth"] < 0.1 < agreement["scattered"]
-
-
 def scaled_errors(report: synthetic.Report, **options: Any) -> tuple[float, float]:
     """Root mean square and 99 % quantile over the median of the errors over what is told."""
     smears = synthetic_smears(4, SyntheticOptions(report=report, outliers=0.0, count=4000, **options))

@@ -7,14 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.smears.blur import BlurKind
 from tools.datasets import blurred_photographs as made
 from tools.datasets.blurred_photographs import Picture
 from tools.evaluation import blur_kinds
 from tools.evaluation.blur_kinds import Named, Seen
-from tools.evaluation.sharp_or_not import auc
 
 STRIDE = 32
 
@@ -90,35 +87,6 @@ def test_what_stands_still_is_untouched_and_what_moves_is_part_of_the_picture(
     covered = moving > 0.99
     assert np.abs(scene - light)[covered].mean() > 0.02
     assert scene.min() >= 0 and scene.max() <= 1.001
-
-
-@pytest.mark.slow
-def test_all_kinds_and_sizes_are_made_and_every_file_is_read(photographs: Path) -> None:
-    found = pictures(photographs, polygons=True)
-    names = [one.name for one in found]
-    assert names[0] == "sharp" and names.count("camera at rest") == 2
-    assert {"out of focus 8 px", "camera moved 25 px", "out of focus and moved 4 px and 12 px"} < set(names)
-    assert {"sharp, 1/16", "camera moved 12 px, 12 bits"} < set(names)
-    assert all(5 <= one.blades <= 9 for one in found if one.kind == BlurKind.OUT_OF_FOCUS)
-    assert {blur_kinds.is_unusable(one) for one in found if one.kind == BlurKind.OUT_OF_FOCUS_AND_MOVED} == {
-        True
-    }
-    for one in found:
-        image = blur2view.read_image(Path(f"a{one.suffix}"), content=one.file)
-        assert image.shape == (224, 320, 3)
-
-
-@pytest.mark.slow
-def test_the_same_seed_makes_the_same_bytes_and_another_does_not(photographs: Path) -> None:
-    one, same, other = ([picture.file for picture in pictures(photographs, seed)] for seed in (3, 3, 4))
-    assert one == same and not set(one) & set(other)
-
-
-def test_auc_counts_pairs_and_ties_half() -> None:
-    assert auc([1, 2], [3, 4]) == 1 and auc([3, 4], [1, 2]) == 0
-    assert auc([1, 2, 3], [2, 3, 4]) == pytest.approx((1 + 1 + 1 + 0.5 + 1 + 1 + 0 + 0.5 + 1) / 9)
-    with pytest.raises(ValueError, match="both classes"):
-        auc([], [1])
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate
-from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
+from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -105,14 +105,3 @@ def test_command_writes_both_tables(
     assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
     with pytest.raises(SystemExit, match="no scenes"):
         call_tool(f"evaluation.evaluate {tmp_path}/tables")
-
-
-def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> None:
-    figures = figures_of(scene, 1.1)
-    sigma = field_of(scene).sigma_px[1::4, 1::4][scene.valid]
-    error = 0.1 * np.linalg.norm(scene.displacement[scene.valid], axis=1)
-    assert [b.sigma_px for b in figures.bins] == sorted(b.sigma_px for b in figures.bins)
-    assert np.mean([b.sigma_px**2 for b in figures.bins]) == pytest.approx((sigma**2).mean(), rel=0.01)
-    assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
-    assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
-    assert len(smear_tables(figures)) == 11 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)

@@ -11,8 +11,8 @@ from blur2view.results.table import Row, table_text
 from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene
 from tests.support.walks import Walk
-from tools.evaluation import benchmark, placed, pose_coverage, rates
-from tools.evaluation.gyroscope import figures_of, page, pairs_of
+from tools.evaluation import benchmark, placed, rates
+from tools.evaluation.gyroscope import figures_of, pairs_of
 from tools.metrics import pose_error_deg, pose_of
 
 
@@ -36,16 +36,6 @@ def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
     assert figures.direction_deg == pytest.approx(np.degrees(0.05), rel=1e-5)
     assert figures.signed_deg_top50 == pytest.approx(np.degrees(0.05), rel=1e-5)
     assert (figures.length_ratio, figures.length_spread) == pytest.approx((1.2, 0), abs=1e-6)
-
-
-def test_the_surer_half_is_judged_apart() -> None:
-    field = field_of((20, 0), np.repeat(np.array([[0.1] * 24 + [0.5] * 24], np.float32), 32, 0))
-    smear = np.zeros((8, 12, 2), np.float32)
-    smear[:, :6], smear[:, 6:] = (20, 0), (0, 20)
-    figures = figures_of(*pairs_of(field, {"smear": smear}))
-    assert figures.direction_deg_top50 == pytest.approx(0, abs=1e-5)
-    assert figures.direction_deg == pytest.approx(45)
-    assert "| median | 20.0 |" in page({"one": figures, "other": figures})[-1]
 
 
 def test_motions_placed_in_a_model_are_compared_after_one_scale(tmp_path: Path) -> None:
@@ -77,17 +67,6 @@ def test_reversed_rates_point_the_other_way(tmp_path: Path) -> None:
     assert len(found) == 40 and 120 not in found and len(rates.averaged(found)) == 40 - 4 - 4
     assert "| 40 | 0.0% | -1.000 | -1.000 | -1.000 |" in rates.page(true, found).splitlines()[2]
     assert "| 41 | 100.0% | 1.000 | 1.000 | 1.000 |" in rates.page(true, true)
-
-
-def test_a_study_of_coverage_repeats_keeps_its_truth_and_has_a_row_for_each_case() -> None:
-    for case in pose_coverage.CASES[::3]:
-        (scene, one), (_, two) = (pose_coverage.observed(3, case) for _ in range(2))
-        np.testing.assert_array_equal(one.ends, two.ends)
-        assert len(one) == len(scene.true_ends)
-    case = pose_coverage.CASES[0]
-    found = pose_coverage.outcome(case, 0)
-    assert found is not None and found[3] < 0.5
-    assert f"| {case.name} | 1 |" in pose_coverage.markdown({case: [found, None]})
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -139,13 +139,3 @@ def test_dot_is_smeared_along_its_displacement_and_as_far() -> None:
     np.testing.assert_allclose(moments(scene.close_image)[1] - start, d, atol=0.02)
     # a uniform line has the covariance d d^T / 12, added to the dot's own; interpolation softens a little
     np.testing.assert_allclose(blurred - sharp, np.outer(d, d) / 12, atol=0.3)
-
-
-def test_light_is_averaged_over_time_not_over_the_path() -> None:
-    # with s = tau + a tau^2 the mean of s over the exposure is a / 12: light gathers where the camera is slow
-    acceleration = 0.6
-    still, scene = dot_scene(sideways().scaled(0.0)), dot_scene(sideways(acceleration))
-    shift = moments(scene.linear)[1] - moments(still.linear)[1]
-    np.testing.assert_allclose(shift, np.array([24.0, 10.0]) * acceleration / 12, atol=0.02)
-    np.testing.assert_allclose(scene.displacement[10, 10], [24, 10], atol=1e-4)
-    np.testing.assert_allclose(scene.middle_offset[10, 10], np.array([24, 10]) * acceleration / 4, atol=1e-4)

@@ -1,6 +1,5 @@
 """Shaken pictures: what is still stays, an even motion is a box, and the truth says what was drawn."""
 
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -8,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tools.rendering import shaken
-from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, cell_centres, shake
+from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, shake
 
 STILL = ShakeOptions(size=(96, 64), still_share=1.0, mover_share=0.0, rest_share=0.0, focus_share=0.0)
 
@@ -46,37 +44,3 @@ def test_even_motion_is_a_box_along_it(length: int, axis: int) -> None:
     expected = cv2.filter2D(layer, -1, box / box.size)[32:-32, 32:-32]
     np.testing.assert_allclose(covered, 1, atol=1e-5)
     assert np.abs(picture - expected).max() < 0.01 * layer.max()
-
-
-def test_smear_at_the_centre_has_the_length_that_was_drawn() -> None:
-    centres = cell_centres((96, 64))
-    np.testing.assert_array_equal(centres[0, 0], [1.5 - 47.5, 1.5 - 31.5])
-    np.testing.assert_allclose(centres.mean((0, 1)), 0, atol=1e-12)
-    moving = replace(STILL, smear_px=(20.0, 20.001), short_share=0.0, still_share=0.0)
-    for seed in range(5):
-        made = shake(np.random.default_rng(seed), [photo()], moving)
-        centre = made.displacement[7:9, 11:13].mean((0, 1))  # the four cells about the middle
-        assert np.hypot(*centre) == pytest.approx(20, rel=1e-3)
-
-
-def test_two_layers_are_labelled_by_what_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    paths = [straight([0.0, 0.0]), straight([0.0, 12.0])]
-    outline = np.zeros((64, 96), np.float32)
-    outline[:, 48:] = 1
-    monkeypatch.setattr(shaken, "sample_paths", lambda *_: paths)
-    monkeypatch.setattr(shaken, "blob", lambda *_: outline)
-    sources = [np.full((300, 400, 3), 255, np.uint8)]
-    made = shake(np.random.default_rng(0), sources, STILL)
-    linear, displacement, valid = made.linear, made.displacement, made.valid
-    np.testing.assert_array_equal(displacement[8, :12], np.zeros((12, 2)))
-    np.testing.assert_array_equal(displacement[8, 12:], np.tile([0.0, 12.0], (12, 1)))
-    assert valid[8].all() and not valid[0, 12:].any()  # above, the second layer comes and goes
-    np.testing.assert_allclose(linear, 1, atol=1e-5)  # white before white
-
-
-def test_before_a_camera_at_rest_only_what_is_cut_out_moves() -> None:
-    options = replace(STILL, rest_share=1.0, smear_px=(10.0, 20.0))
-    for seed in range(6):
-        made = shake(np.random.default_rng(seed), [photo()], options)
-        length = np.hypot(*np.moveaxis(made.displacement, -1, 0))
-        assert (length == 0).mean() > 0.2 and length.max() > 5

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.errors import ImageError
 from tools.rendering import textures
 from tools.rendering.textures import Image, photographs, split_files
 
@@ -23,16 +22,6 @@ def test_every_fourth_file_by_name_is_held_out(tmp_path: Path) -> None:
     assert [p.name for p in split_files("test", tmp_path)] == ["d.png"]
     train, test = ({p.tobytes() for p in photographs(split, tmp_path)} for split in ("train", "test"))
     assert not train & test and len(train) == 7 + 4 and len(test) == 3 + 1
-
-
-def test_what_cannot_be_read_is_named_and_what_can_is_rgb(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="validation"):
-        photographs("validation")
-    (tmp_path / "torn.png").write_bytes(b"\x89PNG")
-    with pytest.raises(ImageError, match=r"torn\.png"):
-        photographs("train", tmp_path)
-    cv2.imwrite(str(tmp_path / "red.png"), np.full((2, 2, 3), (0, 0, 200), np.uint8))
-    np.testing.assert_array_equal(textures.read_photograph(tmp_path / "red.png")[0, 0], [200, 0, 0])
 
 
 @pytest.mark.parametrize(

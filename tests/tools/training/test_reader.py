@@ -6,7 +6,7 @@ import torch
 
 from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
-from tools.training.reader import Context, Reader, ReaderOptions, kind_target, loss_of, target_of
+from tools.training.reader import Reader, ReaderOptions, target_of
 from tools.training.spectra import SCALARS
 
 SMALL = ReaderOptions(window=8, region=12)
@@ -42,17 +42,6 @@ def test_without_the_lattice_directions_are_treated_alike(network: Reader, shift
                 torch.testing.assert_close(one, same, atol=1e-4, rtol=1e-4)
 
 
-def test_context_says_nothing_before_it_is_trained_and_then_what_is_far() -> None:
-    torch.manual_seed(0)
-    context, x = Context(6, 3, (2, 4)), torch.randn(1, 4, 12, DIRECTIONS, 6)
-    torch.testing.assert_close(context(x), x)
-    torch.nn.init.ones_(context.share)
-    changed = x.clone()
-    changed[:, :, -1] += 1
-    moved = (context(changed) - context(x)).abs().amax((0, 1, 3, 4))
-    assert (moved[:7] == 0).all() and (moved[7:] > 0).all()
-
-
 @pytest.mark.parametrize("k", [0, 7, 31])
 @pytest.mark.parametrize("j", [4, 9, 18])
 def test_target_is_a_distribution_with_its_maximum_at_the_truth(k: int, j: int) -> None:
@@ -67,27 +56,3 @@ def test_target_is_a_distribution_with_its_maximum_at_the_truth(k: int, j: int) 
     assert np.abs(np.angle(np.exp(1j * (np.arctan2(y, x) - 2 * angle)))) < 0.02
     backwards, _ = target_of(-d.expand(16, 2), torch.ones(16), BINS)
     torch.testing.assert_close(backwards, target[0, 0], atol=1e-4, rtol=1e-3)
-
-
-def test_loss_is_least_at_the_target() -> None:
-    torch.manual_seed(0)
-    d = torch.randn(1, 2, 2, 16, 2) * 10
-    target, weight = target_of(d, torch.ones(1, 2, 2, 16), BINS)
-    best = torch.log(target + 1e-9)
-    least = loss_of(best, target, weight)
-    for _ in range(5):
-        assert loss_of(best + 0.3 * torch.randn_like(best), target, weight) > least
-    torch.testing.assert_close(loss_of(best + 5, target, weight), least)
-
-
-@pytest.mark.parametrize(
-    ("length", "radius", "shows", "kind"),
-    [(0, 1, 1, 0), (0, 5, 1, 1), (3, 5, 1, 1), (9, 1, 1, 2), (9, 5, 1, 3), (0, 1, 0, 4), (9, 5, 0, 4)],
-)
-def test_target_of_a_kind_is_what_is_true_where_it_shows(
-    length: float, radius: float, shows: float, kind: int
-) -> None:
-    d = torch.zeros(16, 2)
-    d[:, 1] = length
-    target = kind_target(d, torch.full((16,), float(radius)), torch.tensor(float(shows)))
-    assert target.argmax() == kind and target[kind] == 1

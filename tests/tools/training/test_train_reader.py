@@ -11,12 +11,10 @@ import pytest
 import torch
 
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.smears.likelihood import DIRECTIONS
 from tools.rendering.shaken import ShakeOptions
 from tools.training import reader_data, recipe
-from tools.training.pool import load_shard
 from tools.training.reader import Reader
-from tools.training.reader_data import Sources, make_shard, write_shards
+from tools.training.reader_data import Sources, write_shards
 from tools.training.recipe import Recipe, make
 from tools.training.train_reader import ReaderTraining, Run, load_average, train
 
@@ -43,25 +41,6 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
         patch.setattr(reader_data, "ShakeOptions", MOVING)
         write_shards(folder, range(2), sources)
     return folder
-
-
-def test_shard_depends_on_its_number_alone_and_is_kept(
-    shards: Path, sources: Sources, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
-    monkeypatch.setattr(reader_data, "ShakeOptions", MOVING)
-    write_shards(shards, range(2), sources)
-    assert capfd.readouterr().out == ""
-    once, again = load_shard(shards / "000000.npz"), make_shard(0, sources)
-    assert set(again) == {f"{kind}{k}" for kind in "Csdvrt" for k in range(3)}
-    for key in again:
-        assert once[key].dtype == again[key].dtype and once[key].tobytes() == again[key].tobytes()
-        assert np.isfinite(once[key]).all()
-    assert once["C0"].tobytes() != load_shard(shards / "000001.npz")["C0"].tobytes()
-    for k, (h, w) in enumerate([(16, 20), (8, 10), (4, 5)]):
-        assert once[f"C{k}"].shape == (2, h, w, DIRECTIONS, 45) and once[f"s{k}"].shape == (2, h, w, 5)
-        assert once[f"d{k}"].shape == (2, h, w, 16, 2) and once[f"v{k}"].shape == (2, h, w, 16)
-        assert once[f"r{k}"].shape == (2, h, w, 16) and once[f"t{k}"].shape == (2, h, w)
 
 
 def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
