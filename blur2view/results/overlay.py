@@ -21,7 +21,7 @@ from blur2view.results.drawing import (
     wrap,
     write,
 )
-from blur2view.results.verdicts import sentence
+from blur2view.results.verdicts import verdict
 from blur2view.smears.blur import Blur, blur_of
 from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
 from blur2view.smears.grid import SmearGrid
@@ -80,7 +80,7 @@ def draw_overlay(
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(rgb_of(image), grid, matches, geometry)
-    words = sentence(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
+    words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
     panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel

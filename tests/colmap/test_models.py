@@ -76,10 +76,3 @@ def test_what_waits_for_ever_is_refused(
     monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
     with pytest.raises(DatabaseError, match="holds no model that can be read"):
         find_model(model)
-
-
-def test_a_name_without_an_end_is_refused(model: Path) -> None:
-    data = (model / "images.bin").read_bytes()
-    (model / "images.bin").write_bytes(data[:8] + data[8:72] + b"x" * 99)
-    with pytest.raises(DatabaseError, match="holds no model that can be read"):
-        find_model(model)

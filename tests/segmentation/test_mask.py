@@ -205,7 +205,7 @@ def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
         picture[240, 448].astype(float) - 0.45 * 255 * image[240, 448] - 0.55 * np.array((255, 70, 170))
     )
     assert pink.max() < 20 and np.abs(picture[20, 20] - 255 * image[20, 20]).max() < 25
-    assert "moving part" in mask_overlay.headline(mask)
+    assert "moving part" in mask_overlay.mask_verdict(mask)
     with pytest.raises(ValueError, match="expected a mask of shape"):
         mask_overlay.draw_motion(image[:100, :100], mask)
 

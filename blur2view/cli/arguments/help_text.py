@@ -15,7 +15,7 @@ EXIT_CODES = """
 130: interrupted by Ctrl-C: what is done is kept, --resume goes on
 """
 MANIFEST = """
-<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
+.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
     with
 """
 Rows = str | type[Document] | Mapping[str, str]

@@ -27,9 +27,6 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
     project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
     sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
     COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
---format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
-    blur2view.colmap.text_formats has both commands
---format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
