@@ -13,9 +13,11 @@ from blur2view.camera.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.stored import plain
 from blur2view.segmentation.mask import segment
+from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 
 CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
@@ -119,8 +121,21 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwor
     for wrong in (0, -1, np.inf, np.nan, 40, "1/30"):
         with pytest.raises(ValueError, match="exposure time must be positive"):
             found.angular_velocity(wrong)
-    with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
-        Camera.from_focal(800, PICTURE.shape)
+
+
+def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
+    for size in (PICTURE.shape, 960, PICTURE):
+        with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
+            Camera.from_focal(800, size)
+    with pytest.raises(ValueError, match="focal length must be 0.1 to 1e"):
+        Camera.from_focal("800", (960, 540))  # type: ignore[arg-type]
+    for wrong in (None, PICTURE):
+        with pytest.raises(
+            ValueError, match=r"matches must be a blur2view.SmearMatches, as of select_matches"
+        ):
+            estimate_two_view(wrong)  # type: ignore[arg-type]
+    with pytest.raises(ImageError, match="none.mp4: no such file"):
+        read_video("none.mp4")
 
 
 @pytest.mark.slow
