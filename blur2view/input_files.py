@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 if TYPE_CHECKING:
-    from PIL import Image
+    from PIL.ImageFile import ImageFile
 
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
 # Of a photograph: above medium-format sensors (150 megapixels), just below where Pillow itself refuses (179).
@@ -57,7 +57,7 @@ def read_regular(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
         return file.read(size) if size <= most else _refuse_size(most)
 
 
-def open_picture(content: bytes) -> "Image.Image":
+def open_picture(content: bytes) -> "ImageFile":
     """Open a photograph's content by Pillow, which raises errors of any type of what is damaged.
 
     This is the only place that does: of no format that starts another program. UnidentifiedImageError of a

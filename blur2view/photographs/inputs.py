@@ -170,8 +170,7 @@ def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
     """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read."""
-    entries = folder.rglob("*") if recursive else folder.iterdir()
-    entries = sorted(entries, key=_in_order)
+    entries = sorted(folder.rglob("*") if recursive else folder.iterdir(), key=_in_order)
     photographs = [
         path
         for path in entries

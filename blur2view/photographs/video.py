@@ -197,7 +197,8 @@ class _Reader:
         """Return how many frames may be missing at the end of a whole video."""
         if self.video.suffix.lower() == ".avi":
             return TAIL_AVI
-        return min(TAIL_S * max(self.capture.get(cv2.CAP_PROP_FPS), 1.0), max(TAIL_SHARE * announced, 1))
+        rate = float(self.capture.get(cv2.CAP_PROP_FPS))
+        return min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
 
 
 @lru_cache(maxsize=1)

@@ -142,7 +142,7 @@ def test_zeros_that_no_photograph_has_are_refused_before_they_take_memory(tmp_pa
     path, zeros = tmp_path / "a.smear.npz", np.zeros((1 << 13, 1 << 12, 4), np.float16)
     place = {"shape": np.array([1 << 18, 1 << 17]), "stride": np.array(32)}
     for write in (np.savez, np.savez_compressed):
-        write(path, smear_grid=zeros, **place)  # type: ignore[operator]
+        write(path, smear_grid=zeros, **place)  # type: ignore[arg-type]
         tracemalloc.start()
         with pytest.raises(OutputError, match="is no whole"):
             load_smears(path)
