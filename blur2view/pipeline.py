@@ -146,8 +146,8 @@ def estimate(
     ----------
     image : ndarray of shape (H, W, 3), (H, W, 4) or (H, W), picture of Pillow, or path
         The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
-        :func:`blur2view.read_image`. Of a path the file is read, and without ``camera`` the focal length of
-        its EXIF is a hint, as for ``blur2view estimate``.
+        :func:`blur2view.read_image`; one of Pillow is not turned upright. Of a path the file is read, and
+        without ``camera`` the focal length of its EXIF is a hint, as for ``blur2view estimate``.
     network : SmearNetwork or path, optional
         The shipped one by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional

@@ -81,6 +81,8 @@ def test_photograph_may_be_a_path_a_picture_of_pillow_grey_or_transparent(
     np.testing.assert_allclose(rgb_of(half), 0.5 + 0.2 * (rgb_of(levels) - 0.5), atol=1e-6)
     np.testing.assert_array_equal(rgb_of(Image.fromarray(half)), rgb_of(half))
     np.testing.assert_array_equal(rgb_of(levels[..., :1]), rgb_of(levels[..., 0]))
+    deep = levels[..., 0].astype(np.uint16) * 257
+    np.testing.assert_array_equal(rgb_of(Image.fromarray(deep)), rgb_of(deep))
     with pytest.raises(ImageError, match="no such file"):
         estimate("absent.jpg", network=network)
 
