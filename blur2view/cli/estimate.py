@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from blur2view.cli.arguments.estimate import EstimateOptions, EstimateSettings
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
-from blur2view.cli.work import DocumentWork, made
+from blur2view.cli.work import DocumentWork, result_of
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
-from blur2view.runs.job import Job, Made
+from blur2view.runs.job import Job, Result
 
 MOST_NAMED = 3  # inputs that the next command repeats; of more it names the folders
 
@@ -22,13 +22,13 @@ class EstimateWork(EstimateSettings, DocumentWork[EstimateDocument]):
 
     kind = EstimateDocument
 
-    def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
+    def __call__(self, job: Job[ResultFiles | None]) -> Result[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
         one, files = self.estimated(job), job.target
         document = EstimateDocument.of(one)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
         contents = {} if files is None else result_contents(files, document, one, full_field=self.full_field)
-        return made(one, document if self.prints_documents else None, summary, contents)
+        return result_of(one, document if self.prints_documents else None, summary, contents)
 
 
 def run(options: EstimateOptions) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.run import FAILED, End, begun, colmap_names, manifest_beside, run_over
+from blur2view.cli.run import FAILED, End, colmap_names, manifest_of, open_manifest, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
 from blur2view.colmap.connection import BESIDE
@@ -24,9 +24,9 @@ def run(options: ToColmapOptions) -> int:
     """
     work = ViewsWork.of(options)
     photographs, failures = name_photographs(options)
-    path = None if options.dry_run else manifest_beside(options.db)
+    path = None if options.dry_run else manifest_of(options, options.db)
     files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
-    with begun(options, work, path, files) as manifest:
+    with open_manifest(options, work, path, files) as manifest:
         replaces = _replaces(options)
         before = _written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
@@ -37,19 +37,19 @@ def run(options: ToColmapOptions) -> int:
         ]
         names = colmap_names(options.inputs) | {one.path: one.name for one in left}
         finished = run_over(options, work, jobs, manifest, names=names)
-        made = finished.kept
-        lost = before - {one.name for one in made}
+        views = finished.payloads
+        lost = before - {one.name for one in views}
         interrupted = finished.end is End.INTERRUPTED
-        if finished.end is End.BROKEN or (interrupted and (options.link or not made or lost)):
+        if finished.end is End.BROKEN or (interrupted and (options.link or not views or lost)):
             return finished.exit_code
         _refuse_loss(options, lost)
-        made = with_time(options, made, {name: one.path for name, one in of_name.items()})
-        backup = None if options.dry_run else _write_views(options, made, of_name, replace=replaces)
+        views = with_time(options, views, {name: one.path for name, one in of_name.items()})
+        backup = None if options.dry_run else _write_views(options, views, of_name, replace=replaces)
     document = ToColmapDocument(
         target=str(options.db),
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
-        photographs=[document_of(of_name[one.name], one) for one in made],
+        photographs=[document_of(of_name[one.name], one) for one in views],
         kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
         failures=[*failures, *finished.failures],
     )
@@ -79,18 +79,18 @@ def _written_before(options: ToColmapOptions) -> set[str]:
 
 def _write_views(
     options: ToColmapOptions,
-    made: Sequence[ExposureViews],
+    views: Sequence[ExposureViews],
     photographs: Mapping[str, NamedPhotograph],
     *,
     replace: bool,
 ) -> Path | None:
     """Return the backup, if there is one, after writing everything at once; photographs are by name."""
     if options.link:
-        planned = [(photographs[views.name].plan, views) for views in made]
-        links = [(plan, views) for plan, views in planned if plan is not None]
+        planned = [(photographs[one.name].plan, one) for one in views]
+        links = [(plan, one) for plan, one in planned if plan is not None]
         return write_links(options.db, links, backup=options.backup)
-    if made:
-        write_database(options.db, made, replace=replace)
+    if views:
+        write_database(options.db, views, replace=replace)
     return None
 
 

@@ -36,12 +36,6 @@ def test_link_to_itself_is_one_line(run: Call, tmp_path: Path) -> None:
     assert done == 1 and len(done.lines) == 1
 
 
-def test_json_names_failures_too(run: Call, still: Path, tmp_path: Path) -> None:
-    done = run(tmp_path / "absent.jpg", still, "--json")
-    assert done == 1 and len(done.document["estimates"]) == 1
-    assert "no such file" in done.document["failures"][0]["error"]
-
-
 def test_interrupt_is_no_traceback(run: Call, still: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(path: Path, **options: object) -> None:
         raise KeyboardInterrupt

@@ -15,7 +15,6 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
 from blur2view.cli.place import ALL_FRAMES
-from blur2view.colmap.models import find_model
 from blur2view.geometry.rotation import rotation_vector
 from tests.support.colour_code import colour_code
 from tests.support.walks import Walk
@@ -210,13 +209,6 @@ def test_what_cannot_be_placed_is_one_line(
         "video (blur2view to-colmap --link), or state --fraction")  # fmt: skip
     words = (database, tmp_path / "one", frames, "--fraction")
     assert complaint(*words, 0.5).endswith(f"none has enough smears at the model's points; {ALL_FRAMES}")
-
-
-def test_model_of_a_mapper_is_its_largest(linked: Path) -> None:
-    found = find_model(linked / "model")
-    assert (found.folder.name, found.registered, found.others) == ("1", FRAMES, 1)
-    alone = find_model(linked / "model" / "0")
-    assert (alone.folder.name, alone.registered, alone.others) == ("0", 3, 0)
 
 
 def test_pictures_that_are_not_there_are_asked_for(

@@ -13,11 +13,9 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.run import colmap_names
 from blur2view.cli.to_colmap import summary
 from blur2view.cli.views import NamedPhotograph, document_of
 from blur2view.colmap.mapping import mapper_options
-from blur2view.photographs.inputs import Inputs
 from blur2view.results.to_colmap import ToColmapDocument
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.colmap.test_link import link_of, only_plan
@@ -25,7 +23,6 @@ from tests.support.colmap_check import check_database
 from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
-from tests.support.tables import table
 
 ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
@@ -226,38 +223,3 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)
         assert database.read_keypoints(1)[:, 0].max() > 245
-
-
-def test_table_has_the_rate_over_the_exposure_time_of_exif(
-    run: Any, photos: list[Path], tmp_path: Path
-) -> None:
-    timed, sheet = photos[0].with_name("timed.png"), tmp_path / "t.csv"
-    Image.open(photos[0]).save(timed, exif=exif_of(ExposureTime=0.02))
-    assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
-    (said,) = table(sheet)
-    rate = np.radians(float(said["rotation_deg"])) / 0.02
-    assert np.linalg.norm([float(said[axis]) for axis in ("wx", "wy", "wz")]) == pytest.approx(rate, rel=1e-4)
-
-
-def test_names_are_below_the_folder_that_all_share() -> None:
-    one, other = Path("/x/left/a.jpg"), Path("/x/right/a.jpg")
-    assert colmap_names(Inputs(paths=[one])) == {one: "a.jpg"}
-    assert colmap_names(Inputs(paths=[one, other])) == {one: "left/a.jpg", other: "right/a.jpg"}
-
-
-def test_table_and_database_call_a_photograph_the_same(
-    run: Any, photos: list[Path], project: Path, tmp_path: Path
-) -> None:
-    below = tmp_path / "all" / "sub"
-    below.parent.mkdir()
-    photos[0].parent.rename(below)
-    given, sheet = ["--recursive", below.parent], tmp_path / "new.csv"
-    assert run("--db", tmp_path / "new.db", "--csv", sheet, *given)[0] == 0
-    assert [row["name"] for row in table(sheet)] == ["sub/moving.png", "sub/still.png"]
-    with pycolmap.Database.open(tmp_path / "new.db") as database:
-        assert {image.name for image in database.read_all_images()} == {
-            f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
-        }
-    sheet = tmp_path / "linked.csv"
-    assert run("--db", project, "--link", "--csv", sheet, *given)[0] == 0
-    assert [row["name"] for row in table(sheet)] == ["moving.png", "still.png"]

@@ -78,13 +78,6 @@ def test_what_waits_for_ever_is_refused(
         find_model(model)
 
 
-def test_a_name_without_an_end_is_refused(model: Path) -> None:
-    data = (model / "images.bin").read_bytes()
-    (model / "images.bin").write_bytes(data[:8] + data[8:72] + b"x" * 99)
-    with pytest.raises(DatabaseError, match="holds no model that can be read"):
-        find_model(model)
-
-
 @pytest.mark.parametrize(
     ("at", "written", "why"),
     [(8 + 64, b"\xff", "the name of image 1 is no UTF-8"), (0, b"\0\0\0\0\0\0\xf8\x7f", "not finite")],

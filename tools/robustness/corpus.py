@@ -91,7 +91,7 @@ def make_corpus(folder: Path, seed: int) -> None:
     for name in ("model", "views"):
         pycolmap.Reconstruction(folder / name).write_text(folder / f"{name}_text")
     shutil.copy(shipped_file("smear.onnx"), folder)
-    (folder / "linked.db.manifest.jsonl").unlink()
+    (folder / ".linked.db.manifest.jsonl").unlink()
 
 
 def _write_pictures(folder: Path, rng: Rng) -> None:

@@ -81,7 +81,7 @@ KINDS = {
         "place linked.db {} frames --fraction 0.4 -o out", "to-transforms {} --images frames -o out/a.json",
         "to-transforms {} --dialect nerfstudio --exposure 0.02 --images frames -o out/a.json"]),
     "results": Kind(
-        0.1, "*manifest.jsonl out/**/* extracted/* table.csv keep.txt page.html new.db",
+        0.1, ".*manifest.jsonl out/**/* extracted/* table.csv keep.txt page.html new.db",
         [words for words in COMMANDS if "--json" not in words],
         [f"{way} {GOOD} {OTHER}" for way in ("--resume", "--overwrite")], photographs=2),
     "full disks": Kind(0.02, more=[GOOD]),

@@ -16,7 +16,7 @@ EXIT_CODES = """
 141: what read the output wants no more of it, as head does; the rest is not done
 """
 MANIFEST = """
-<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
+.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
     with
 """
 Rows = str | type[Document] | Mapping[str, str]
