@@ -126,6 +126,7 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwor
 
 
 def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
+    size: Any
     for size in (PICTURE.shape, 960, PICTURE):
         with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
             Camera.from_focal(800, size)
