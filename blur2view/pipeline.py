@@ -17,10 +17,12 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.movers.parts import THRESHOLD
+from blur2view.movers.probability import at_cells, moving_probability
+from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.photographs.image import read_image
 from blur2view.photographs.video import frame_of, rows_towards
-from blur2view.smears.blur import Blur, blur_of
+from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
@@ -162,7 +164,11 @@ def estimate(
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
     grid = network.predict(image)
-    blur = blur_of(grid, image)
+    moving = None
+    if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
+        part = moving_probability(rgb_of(image), grid).part
+        moving = at_cells((part >= THRESHOLD).astype(np.float32), grid.cells.shape)
+    blur = blur_of(grid, image, moving)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())

@@ -164,7 +164,7 @@ def result_contents(
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
-    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
+    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s, one.estimate.blur)
     arrays = io.BytesIO()
     np.savez(
         arrays,

@@ -27,7 +27,8 @@ class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
         """Return the document and the summary of one photograph, with its files."""
         one, files = self.estimated(job), job.target
         start = time.perf_counter()
-        mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
+        rng = np.random.default_rng(self.run.seed)
+        mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         summary = mask_summary(document, mask, files, self.verbosity)
         further = []

@@ -61,7 +61,7 @@ def mask_verdict(mask: MotionMask) -> str:
     count = len(mask.regions)
     share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
     parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
-    moves = parts if count else "nothing moves"
+    moves = parts if count else "no mover found"
     if unseen < LEAST_SHARE:
         return moves
     hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line

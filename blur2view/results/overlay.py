@@ -22,7 +22,7 @@ from blur2view.results.drawing import (
     write,
 )
 from blur2view.results.verdicts import verdict
-from blur2view.smears.blur import blur_of
+from blur2view.smears.blur import Blur, blur_of
 from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -41,6 +41,7 @@ def draw_overlay(
     matches: SmearMatches,
     geometry: TwoViewGeometry,
     exposure_s: float | None = None,
+    blur: Blur | None = None,
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
@@ -61,6 +62,8 @@ def draw_overlay(
         Its ``inlier_mask`` and ``swapped`` have N entries.
     exposure_s : float, optional
         Exposure time, with which a rotation is given as an angular velocity.
+    blur : Blur, optional
+        Of the photograph, as it was estimated; by default what the grid alone says.
 
     Returns
     -------
@@ -77,7 +80,7 @@ def draw_overlay(
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
     canvas = draw_smears(rgb_of(image), grid, matches, geometry)
-    words = verdict(blur_of(grid, image), geometry, matches, grid.size, exposure_s)
+    words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
     panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel

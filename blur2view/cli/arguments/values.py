@@ -49,6 +49,13 @@ def positive_float(text: str) -> float:
     return float(text)
 
 
+def probability(text: str) -> float:
+    """Return a number above 0 and below 1."""
+    if not 0 < float(text) < 1:
+        raise ArgumentTypeError(f"must be above 0 and below 1, got {text}")
+    return float(text)
+
+
 def number_and_unit(text: str, *units: str) -> tuple[str, str]:
     """Return a text without the first of these units that it ends with, and that unit, empty if none."""
     unit = next((one for one in units if text.endswith(one)), "")
