@@ -77,8 +77,6 @@ def toggle(page: Page, *layers: str) -> None:
     settle(page)
 
 
-
-
 def scale_of(page: Page) -> float:
     """Screen pixels per pixel of the photograph, the whole photograph being shown."""
     box = page.locator("#stage").bounding_box()
