@@ -34,6 +34,6 @@ def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(
 )
 def test_a_name_too_long_for_results_is_that_one_photographs_error(tmp_path: Path, long: str) -> None:
     images = [Path("a.jpg"), Path("b/a.jpg"), Path(long)]
-    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",), overwrite=False)
+    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",))
     assert isinstance(refused, OutputError) and "too long" in str(refused)
     assert not any(isinstance(files, OutputError) for files in others)
