@@ -86,11 +86,12 @@ def open_manifest(
     path: Path | None,
     others: Paths = (),
     earlier: Iterable[Path] = (),
+    pointing: Iterable[Path] = (),
 ) -> Iterator[Manifest | None]:
     """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
 
     ``path`` is that of the manifest, ``others`` what else the call writes; what is done is also looked up in
-    ``earlier`` manifests.
+    ``earlier`` manifests, and in those of further outputs, ``pointing`` to this one from now on.
     """
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
@@ -100,9 +101,12 @@ def open_manifest(
             yield None
             return
         settings = settings_of(options.command, work, options.run.intrinsics)
-        with Manifest(path, settings, resume=options.resume, earlier=earlier) as manifest:
+        with Manifest(path, settings, resume=options.resume, earlier=[*earlier, *pointing]) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
+            for other in pointing:  # so that each output's own manifest leads to what is done
+                with Manifest(other, settings, resume=False) as beside:
+                    beside.append_pointer(path)
             yield manifest
 
 

@@ -62,11 +62,14 @@ def run(options: TriageOptions) -> int:
     files = extracted_names(names)
     classifier = Classifier(options)
     folders = keep and keep.parent, options.extract and options.extract.parent
-    with writable_folders(*folders), open_manifest(options, work, path, [keep], manifests[1:]) as manifest:
+    with (
+        writable_folders(*folders),
+        open_manifest(options, work, path, [keep], pointing=manifests[1:]) as manifest,
+    ):
         _check_list(options, names.values(), manifest)
         choice = _choice(options, files, manifest)
         chosen = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
-        _check_folder(options, files.values() if chosen in ("", choice) else (), path)
+        _check_folder(options, files.values() if chosen in ("", choice) else (), manifests)
         finished = run_over(
             options, work, jobs_of(options), manifest, classify=classifier, line=classifier.line
         )
@@ -76,7 +79,7 @@ def run(options: TriageOptions) -> int:
         kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
         whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
-            _check_folder(options, pictures.values(), path)
+            _check_folder(options, pictures.values(), manifests)
         if keep is not None and (whole or not options.selects):
             write_text(keep, list_text([names[one] for one in kept]))
             if manifest is not None:
@@ -154,10 +157,10 @@ def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifes
     return hashlib.sha256(json.dumps([settings, *map(str, kinds), *files.values()]).encode()).hexdigest()
 
 
-def _check_folder(options: TriageOptions, files: Collection[str], manifest: Path | None) -> None:
+def _check_folder(options: TriageOptions, files: Collection[str], manifests: Sequence[Path]) -> None:
     """Refuse a folder for the pictures that holds others than these, or files of the call."""
     if options.extract is not None:
-        besides = [one for one in (options.csv, options.keep, manifest) if one is not None]
+        besides = [one for one in (options.csv, options.keep, *manifests) if one is not None]
         refuse_others(options.extract, files, besides)
 
 
