@@ -123,6 +123,7 @@ def estimate(
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
+    full_field: bool = False,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
@@ -142,6 +143,10 @@ def estimate(
     shutter : RollingShutter, optional
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
+    full_field : bool
+        Read every window of a photograph above 2.5 megapixels, for ``grid.at_pixels()`` or
+        :func:`blur2view.segment`; a geometry needs no more than those of an ordinary photograph, spread over
+        the picture (see `SmearNetwork.predict`).
 
     Returns
     -------
@@ -161,7 +166,7 @@ def estimate(
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
-    grid = network.predict(image)
+    grid = network.predict(image, every_window=full_field)
     blur = blur_of(grid, image)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
@@ -216,11 +221,13 @@ def estimate_file(
     *,
     as_stored: bool = False,
     camera_of: CameraOf | None = None,
+    full_field: bool = False,
 ) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`;
+    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
+    ``full_field`` as of `estimate`;
     ``camera_of`` returns the intrinsics, by default those that the options or EXIF state. ImageError,
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
@@ -237,6 +244,7 @@ def estimate_file(
         rng=np.random.default_rng(run.seed),
         camera=camera,
         shutter=_shutter(path, run, exif),
+        full_field=full_field,
     )
     return FileEstimate(
         path=path,

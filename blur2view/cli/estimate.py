@@ -19,7 +19,7 @@ class EstimateWork(EstimateSettings, DocumentWork[EstimateDocument]):
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
-        one, files = self.estimated(job), job.target
+        one, files = self.estimated(job, full_field=self.full_field), job.target
         document = EstimateDocument.of(one)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
         contents = {} if files is None else result_contents(files, document, one, full_field=self.full_field)

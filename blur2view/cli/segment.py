@@ -25,7 +25,7 @@ class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
 
     def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
-        one, files = self.estimated(job), job.target
+        one, files = self.estimated(job, full_field=True), job.target
         start = time.perf_counter()
         mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)

@@ -83,12 +83,22 @@ class EstimatingWork(Work[Target, Kept]):
         return cls(network=CommandNetwork.of(options.model), **own)
 
     def estimated(
-        self, job: Job[Target], *, as_stored: bool = False, camera_of: CameraOf | None = None
+        self,
+        job: Job[Target],
+        *,
+        as_stored: bool = False,
+        camera_of: CameraOf | None = None,
+        full_field: bool = False,
     ) -> FileEstimate:
         """Return the estimate of a photograph, in the order in time that its neighbours decide."""
-        network = self.network.loaded
         one = estimate_file(
-            job.path, network, self.run, job.content, as_stored=as_stored, camera_of=camera_of
+            job.path,
+            self.network.loaded,
+            self.run,
+            job.content,
+            as_stored=as_stored,
+            camera_of=camera_of,
+            full_field=full_field,
         )
         one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s, timed=self.timings)
         if not job.neighbours:

@@ -147,9 +147,10 @@ def test_large_photograph_shows_its_tiles_to_a_person(
     for name, value in (("max_pixels", 4096), ("tile_px", 64), ("overlap_px", 0)):
         monkeypatch.setattr(SmearNetwork, name, value)
     large = write_picture(tmp_path / "large.png", colour_code(np.zeros((128, 192, 2)), 1.0))
-    assert run(large).err == ""
+    assert run(large, "--full-field").err == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    done = run(large)
+    assert run(large).err == ""  # read in one piece
+    done = run(large, "--full-field")
     assert done == 0
     printed = done.err
     assert "/6 [" in printed and "tile" in printed
