@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
@@ -18,7 +17,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
+from blur2view.photographs.image import read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of
 from blur2view.smears.grid import SmearGrid
@@ -194,7 +193,7 @@ class FileEstimate:
     """The estimate of one photograph's file."""
 
     path: Path  # as the user named it
-    image: NDArray[np.float32]  # (H, W, 3), upright unless wanted as stored
+    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
     estimate: Estimate
     run: Run
     read_s: float  # spent on decoding
@@ -232,7 +231,7 @@ def estimate_file(
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
     start = time.perf_counter()
-    image = read_image(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
+    image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
     exif = read_exif(path, content)
     camera = (camera_of or run.intrinsics.of)(path, (image.shape[1], image.shape[0]), exif)

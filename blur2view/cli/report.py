@@ -32,7 +32,7 @@ class ReportWork(ReportSettings, EstimatingWork[None, Entry]):
 
     def __call__(self, job: Job[None]) -> Made[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
-        one = self.estimated(job)
+        one = self.estimated(job, full_field=self.mask)
         start = time.perf_counter()
         mask = None
         if self.mask:

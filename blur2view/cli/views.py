@@ -106,7 +106,12 @@ class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
-        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.db, plan, self.run))
+        one = self.estimated(
+            job,
+            as_stored=True,
+            camera_of=partial(_camera, self.db, plan, self.run),
+            full_field=plan is not None and self.skip_movers,
+        )
         if plan is None:
             views = views_of(photograph.name, one.estimate)
         else:

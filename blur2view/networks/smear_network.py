@@ -18,10 +18,10 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
-from blur2view.networks.octave_reader import LEAST_PX, OctaveReader, Reading
+from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
 from blur2view.networks.octaves import LEVELS, octave_count
 from blur2view.networks.spectra import STEP
-from blur2view.networks.tiles import cells, ramps, reflected, spans
+from blur2view.networks.tiles import cells, mirrored, ramps, reflected, spans
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import DIRECTIONS
@@ -103,45 +103,44 @@ class SmearNetwork:
 
         Where a photograph is read in tiles the features are blended, too.
         """
-        grid, features = self._read(image, levels, every_window=every_window, with_features=True)
-        return grid, np.asarray(features)
+        return self._read(image, levels, every_window=every_window, with_features=True)
 
     def _read(
         self, image: AnyArray, levels: int, *, every_window: bool, with_features: bool = False
-    ) -> tuple[SmearGrid, Floats | None]:
-        shown, grey = shown_and_grey(image, self.info.brightness)
+    ) -> tuple[SmearGrid, Floats]:
+        spread = 0 if every_window else self._spread(image)
+        step = STEP << max(spread, octave_count(np.shape(image), levels) - 1) if spread else 1
+        shown, grey = shown_and_grey(image, self.info.brightness, step)
+        shape = shown.shape[0], shown.shape[1]
         with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
-            if every_window or grey.size <= self.max_pixels:
+            if spread:
+                flat = _flat(_small(shown, 1 << spread), STEP)
+                reading = self._reader.read(grey, octave_count(shape, levels), STEP << spread)
+                values, features = reading.values, reading.features
+            else:
                 flat = _flat(shown, STEP)
                 values, features = self._in_tiles(grey, flat, levels, with_features=with_features)
-                stride = STEP
-            else:
-                reading = self._spread(grey, levels)
-                values, features, stride = reading.values, reading.features, reading.stride
-                flat = _flat(_small(shown, stride // STEP), STEP)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
-        values, features = values[:rows, :columns], None if features is None else features[:rows, :columns]
+        values = values[:rows, :columns]
         if not np.isfinite(values).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
         cells, blur = np.split(values, [4], axis=-1)
-        window_px = WINDOW_PX * (stride // STEP)  # as if the picture were smaller
-        grid = SmearGrid(cells=cells, blur=blur, stride=stride, shape=grey.shape, window_px=window_px)
-        return grid, features
+        window_px = WINDOW_PX << spread  # as if the picture were smaller
+        grid = SmearGrid(cells=cells, blur=blur, stride=STEP << spread, shape=shape, window_px=window_px)
+        return grid, features[:rows, :columns]
 
-    def _spread(self, grey: Floats, levels: int) -> Reading:
-        """Return what is read of windows spread over a large photograph (H, W)."""
-        levels = octave_count(grey.shape, levels)
-        octave = int(np.log2(max(grey.size / STEP**2 / LEAST_CELLS, 1))) // 2
-        step = STEP << max(octave, levels - 1)
-        below, right = (-side % step for side in grey.shape)
-        whole = cv2.copyMakeBorder(grey, 0, below, 0, right, cv2.BORDER_REFLECT_101)
-        return self._reader.read(np.asarray(whole, np.float32), levels, STEP << octave)
+    def _spread(self, image: AnyArray) -> int:
+        """Return the octave of a large photograph whose cells are spread over it; 0 of any other."""
+        pixels = np.prod(np.shape(image)[:2])
+        if pixels <= self.max_pixels:
+            return 0
+        return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS, 1))) // 2
 
     def _in_tiles(
         self, grey: Floats, flat: NDArray[np.bool_], levels: int, *, with_features: bool
-    ) -> tuple[Floats, Floats | None]:
-        """Return what is read of all windows, (h, w, 10), and features if wanted, tiles blended.
+    ) -> tuple[Floats, Floats]:
+        """Return what is read of all windows, (h, w, 10), and features, empty unless wanted; tiles blended.
 
         Tiles that are flat all over are not read.
         """
@@ -154,7 +153,8 @@ class SmearNetwork:
         rows, columns = (spans(side, step, tile_px, self.overlap_px) for side in sides)
         shape = rows[-1].stop // STEP, columns[-1].stop // STEP
         values = np.zeros((*shape, 5 + len(KINDS)), np.float32)
-        features = np.zeros((*shape, DIRECTIONS, self.info.features), np.float32) if with_features else None
+        channels = self.info.features if with_features else 0
+        features = np.zeros((*shape, DIRECTIONS, channels), np.float32)
         weight = np.zeros(shape, np.float32)
         tiles = list(product(ramps(rows, STEP), ramps(columns, STEP)))
 
@@ -174,15 +174,11 @@ class SmearNetwork:
                 weight[window] += tile_weight
                 if reading is not None:
                     values[window] += reading.values * tile_weight[..., None]
-                if reading is not None and features is not None:
-                    features[window] += reading.features * tile_weight[..., None, None]
+                    features[window] += reading.features[..., :channels] * tile_weight[..., None, None]
                 self.on_tile(done, len(tiles))
         finally:
             pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
-        values /= weight[..., None]
-        if features is not None:
-            features /= weight[..., None, None]
-        return values, features
+        return values / weight[..., None], features / weight[..., None, None]
 
 
 def rgb_of(image: AnyArray) -> NDArray[np.float32]:
@@ -200,7 +196,7 @@ def rgb_of(image: AnyArray) -> NDArray[np.float32]:
         If it is none of these.
     """
     check_photograph(image)
-    return _rgb(image)
+    return floats_of(image)
 
 
 def check_photograph(image: AnyArray) -> None:
@@ -216,7 +212,8 @@ def check_photograph(image: AnyArray) -> None:
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
 
 
-def _rgb(image: AnyArray) -> Floats:
+def floats_of(image: AnyArray) -> Floats:
+    """Return what `check_photograph` lets pass, or a part of it, as RGB (H, W, 3) in [0, 1]."""
     values = np.ascontiguousarray(image, np.float32)
     if np.issubdtype(image.dtype, np.integer):
         values = values / np.float32(np.iinfo(image.dtype).max)
@@ -226,24 +223,29 @@ def _rgb(image: AnyArray) -> Floats:
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def shown_and_grey(image: AnyArray, brightness: float) -> tuple[NDArray[np.uint8], Floats]:
-    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (H, W, 3) of 8 bits, and its luma (H, W).
+def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArray[np.uint8], Floats]:
+    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (H, W, 3) of 8 bits, and its luma.
 
-    A strip of rows at a time, so that memory does not hold all of it as floats.
+    The luma's sides are rounded up to multiples of ``step`` and mirrored there. A strip of rows at a time, so
+    that memory does not hold all of it as RGB floats.
     """
     check_photograph(image)
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
     shown = image if as_it_is else np.empty((height, width, 3), np.uint8)
-    grey = np.empty((height, width), np.float32)
+    grey = np.empty((height + -height % step, width + -width % step), np.float32)
     for first in range(0, height, _STRIP_ROWS):
-        rows = slice(first, first + _STRIP_ROWS)
-        rgb = brightened(_rgb(image[rows]), gain)
+        rows = slice(first, min(first + _STRIP_ROWS, height))
+        rgb = brightened(floats_of(image[rows]), gain)
         even = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
-        grey[rows] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[:, :width]  # rounds otherwise in odd columns
+        grey[rows, :width] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[
+            :, :width
+        ]  # odd columns are rounded otherwise
         if not as_it_is:
             shown[rows] = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)  # rounded, saturated
+    grey[:, width:] = grey[:, mirrored(range(width, grey.shape[1]), width)]
+    grey[height:] = grey[mirrored(range(height, grey.shape[0]), height)]
     return shown, grey
 
 
