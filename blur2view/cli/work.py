@@ -38,16 +38,21 @@ Written = TypeVar("Written", bound=Document)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandNetwork:
-    """The network, as it goes to the processes that run it: what --model names and the file's SHA-256."""
+    """The network, as it goes to the processes that run it.
+
+    What --model and --provider name, and the file's SHA-256.
+    """
 
     model: str | None
     digest: str
+    provider: str | None = None
 
     @classmethod
-    def of(cls, model: str | None) -> Self:
-        """Return that of --model, loaded to see that it can be; its tiles are shown to a person."""
+    def of(cls, model: str | None, provider: str | None = None) -> Self:
+        """Return that of the options, loaded to see that it can be; its tiles are shown to a person."""
         path = model_path(model)
-        network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
+        digest = file_digest(path) if path.is_file() else ""
+        network = cls(model=model, digest=digest, provider=provider)
         network.loaded.on_tile = Progress(TILE).show  # or it says what is wrong
         network.loaded.tiles_at_once = usable_cores()  # here alone
         return network
@@ -61,7 +66,9 @@ class CommandNetwork:
 @lru_cache(maxsize=1)
 def _loaded(network: CommandNetwork) -> SmearNetwork:
     """Return the smear network, loaded once; processes beside others have a core each."""
-    loaded = SmearNetwork(network.model, threads=usable_cores() if parent_process() is None else 1)
+    threads = usable_cores() if parent_process() is None else 1
+    providers = () if network.provider is None else (network.provider,)
+    loaded = SmearNetwork(network.model, threads=threads, providers=providers)
     if file_digest(loaded.path) != network.digest:  # as a machine of a cluster may have
         raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
     return loaded
@@ -80,7 +87,7 @@ class EstimatingWork(Work[Target, Kept]):
     def of(cls, options: PhotographOptions) -> Self:
         """Return the work, of what has its names in the options of a command, after loading the network."""
         own = {one.name: getattr(options, one.name) for one in fields(cls) if one.name != "network"}
-        return cls(network=CommandNetwork.of(options.model), **own)
+        return cls(network=CommandNetwork.of(options.model, options.provider), **own)
 
     def estimated(
         self,

@@ -5,7 +5,7 @@ octaves that its smears need; or all windows, in overlapping tiles.
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
@@ -47,19 +47,28 @@ class SmearNetwork:
         An ONNX file written by ``tools/training/export_reader.py``; the shipped one by default.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is the same.
+    providers : sequence of str
+        Execution providers of ONNX Runtime, tried before the processor, as ``["cuda"]``, ``["coreml"]``,
+        ``["openvino"]``; results differ by rounding.
 
     Raises
     ------
     ModelError
-        If the file is missing, not ONNX, or not a network of this format.
+        If the file is missing, not ONNX, or no network of this format, or there is no such provider.
     """
 
     max_pixels = 2_500_000  # of photographs that are read in one piece, 1920x1080 among them
     tile_px, overlap_px = 1280, 256  # of tiles, whose overlaps are blended
 
-    def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        threads: int | None = None,
+        providers: Sequence[str] = (),
+    ) -> None:
         self.path = model_path(path)
-        session = open_session(self.path, threads or usable_cores())
+        session = open_session(self.path, threads or usable_cores(), providers)
         self.info = read_info(self.path, session)
         self._reader = OctaveReader(self.path, session, self.info)
         self.tiles_at_once = 1  # the result is the same; each takes the memory of one
