@@ -16,7 +16,7 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.photographs.image import read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of
@@ -122,7 +122,7 @@ def estimate(
     rng: np.random.Generator | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
-    full_field: bool = False,
+    detail: Detail = Detail.GEOMETRY,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
@@ -142,10 +142,10 @@ def estimate(
     shutter : RollingShutter, optional
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
-    full_field : bool
-        Read every window of a photograph above 2.5 megapixels, for ``grid.at_pixels()`` or
-        :func:`blur2view.segment`; a geometry needs no more than those of an ordinary photograph, spread over
-        the picture (see `SmearNetwork.predict`).
+    detail : Detail
+        What it is read for (see `SmearNetwork.predict`): with ``Detail.PIXELS`` every window of a photograph
+        above 2.5 megapixels, for ``grid.at_pixels()`` or :func:`blur2view.segment`; a geometry needs no more
+        than those of an ordinary photograph, spread over the picture.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def estimate(
     network = network or SmearNetwork()
     rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
-    grid = network.predict(image, every_window=full_field)
+    grid = network.predict(image, detail=detail)
     blur = blur_of(grid, image)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
@@ -220,13 +220,13 @@ def estimate_file(
     *,
     as_stored: bool = False,
     camera_of: CameraOf | None = None,
-    full_field: bool = False,
+    detail: Detail = Detail.GEOMETRY,
 ) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
     ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
-    ``full_field`` as of `estimate`;
+    ``detail`` as of `estimate`;
     ``camera_of`` returns the intrinsics, by default those that the options or EXIF state. ImageError,
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
@@ -243,7 +243,7 @@ def estimate_file(
         rng=np.random.default_rng(run.seed),
         camera=camera,
         shutter=_shutter(path, run, exif),
-        full_field=full_field,
+        detail=detail,
     )
     return FileEstimate(
         path=path,

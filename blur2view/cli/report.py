@@ -16,6 +16,7 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork, made
 from blur2view.errors import OutputError
+from blur2view.networks.smear_network import Detail
 from blur2view.output_files import below_shared_folder, check_file, prepared, write_files, writing
 from blur2view.results.report import Entry, report
 from blur2view.results.stored import plain, restore
@@ -32,7 +33,7 @@ class ReportWork(ReportSettings, EstimatingWork[None, Entry]):
 
     def __call__(self, job: Job[None]) -> Made[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
-        one = self.estimated(job, full_field=self.mask)
+        one = self.estimated(job, detail=Detail.PIXELS if self.mask else Detail.GEOMETRY)
         start = time.perf_counter()
         mask = None
         if self.mask:

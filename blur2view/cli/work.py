@@ -23,7 +23,7 @@ from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
 from blur2view.input_files import parse_json, read_regular
 from blur2view.networks.model_file import model_path, usable_cores
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
@@ -95,7 +95,7 @@ class EstimatingWork(Work[Target, Kept]):
         *,
         as_stored: bool = False,
         camera_of: CameraOf | None = None,
-        full_field: bool = False,
+        detail: Detail = Detail.GEOMETRY,
     ) -> FileEstimate:
         """Return the estimate of a photograph, in the order in time that its neighbours decide."""
         one = estimate_file(
@@ -105,7 +105,7 @@ class EstimatingWork(Work[Target, Kept]):
             job.content,
             as_stored=as_stored,
             camera_of=camera_of,
-            full_field=full_field,
+            detail=detail,
         )
         one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s, timed=self.timings)
         if not job.neighbours:

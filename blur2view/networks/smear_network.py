@@ -7,6 +7,7 @@ octaves that its smears need; or all windows, in overlapping tiles.
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from enum import StrEnum
 from itertools import product
 
 import cv2
@@ -29,8 +30,20 @@ from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]
 
-LEAST_CELLS = 700
-"""Cells at least of a large photograph of which not every window is read."""
+
+class Detail(StrEnum):
+    """What a photograph is read for."""
+
+    PIXELS = "pixels"
+    """Smears of every pixel, and masks: every window is read."""
+    GEOMETRY = "geometry"
+    """The camera's motion: of photographs above ``max_pixels`` some thousand windows spread over them."""
+    RANKING = "ranking"
+    """The order of photographs by their blur: of all but small ones a few hundred windows."""
+
+
+LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 120}
+"""Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
@@ -75,7 +88,7 @@ class SmearNetwork:
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
 
-    def predict(self, image: AnyArray, levels: int = LEVELS, *, every_window: bool = True) -> SmearGrid:
+    def predict(self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
 
         Parameters
@@ -84,10 +97,9 @@ class SmearNetwork:
             A photograph as :func:`rgb_of` takes it.
         levels : int
             Sizes at most that are read, the image's own included; the smaller ones for long smears.
-        every_window : bool
-            Whether every window of a photograph above ``max_pixels`` is read, as its pixels and masks need;
-            else `LEAST_CELLS` to four times as many, spread over the picture, in the sizes that its smears
-            need. Smaller photographs are read whole.
+        detail : Detail
+            What it is read for. Where not every window is, those that are are spread over the picture, in the
+            sizes that its smears need.
 
         Returns
         -------
@@ -103,21 +115,21 @@ class SmearNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        return self._read(image, levels, every_window=every_window)[0]
+        return self._read(image, levels, detail=detail)[0]
 
     def with_features(
-        self, image: AnyArray, levels: int = LEVELS, *, every_window: bool = True
+        self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS
     ) -> tuple[SmearGrid, Floats]:
         """Return what `predict` does, and the features (h, w, 32, C) of the cells, of the finest octave read.
 
         Where a photograph is read in tiles the features are blended, too.
         """
-        return self._read(image, levels, every_window=every_window, with_features=True)
+        return self._read(image, levels, detail=detail, with_features=True)
 
     def _read(
-        self, image: AnyArray, levels: int, *, every_window: bool, with_features: bool = False
+        self, image: AnyArray, levels: int, *, detail: Detail, with_features: bool = False
     ) -> tuple[SmearGrid, Floats]:
-        spread = 0 if every_window else self._spread(image)
+        spread = self._spread(np.shape(image)[:2], detail)
         step = STEP << max(spread, octave_count(np.shape(image), levels) - 1) if spread else 1
         shown, grey = shown_and_grey(image, self.info.brightness, step)
         shape = shown.shape[0], shown.shape[1]
@@ -139,12 +151,12 @@ class SmearNetwork:
         grid = SmearGrid(cells=cells, blur=blur, stride=STEP << spread, shape=shape, window_px=window_px)
         return grid, features[:rows, :columns]
 
-    def _spread(self, image: AnyArray) -> int:
-        """Return the octave of a large photograph whose cells are spread over it; 0 of any other."""
-        pixels = np.prod(np.shape(image)[:2])
-        if pixels <= self.max_pixels:
+    def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
+        """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
+        pixels = float(np.prod(shape))
+        if detail is Detail.PIXELS or (detail is Detail.GEOMETRY and pixels <= self.max_pixels):
             return 0
-        return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS, 1))) // 2
+        return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 
     def _in_tiles(
         self, grey: Floats, flat: NDArray[np.bool_], levels: int, *, with_features: bool

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from blur2view.errors import ModelError
 from blur2view.networks import octaves, smear_network
-from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, rgb_of
+from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, Detail, SmearNetwork, rgb_of
 from blur2view.networks.tiles import cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
@@ -289,7 +289,7 @@ def test_large_photograph_is_read_in_the_octaves_that_its_smears_need(
     network = SmearNetwork()
     run = Mock(wraps=network._reader.read_octave)
     monkeypatch.setattr(network._reader, "read_octave", run)
-    grid = network.predict(large_photograph(length, 32.0), every_window=False)
+    grid = network.predict(large_photograph(length, 32.0), detail=Detail.GEOMETRY)
     assert run.call_count == octaves_read
     assert grid.stride == 64 and grid.cells.shape == (25, 38, 4) and grid.window_px == 192
     field = grid.smears()
@@ -301,14 +301,14 @@ def test_large_photograph_is_read_in_the_octaves_that_its_smears_need(
 
 def test_photograph_of_ordinary_size_is_read_whole_in_any_case(blurring_model: Path) -> None:
     image, network = colour_code(turning_field(200, 300), 1.0), SmearNetwork(blurring_model)
-    grid, features = network.with_features(image, every_window=False)
+    grid, features = network.with_features(image, detail=Detail.GEOMETRY)
     np.testing.assert_array_equal(grid.cells, network.predict(image).cells)
     assert features.shape == (*grid.cells.shape[:2], 32, network.info.features)
 
 
 def test_threads_change_no_byte_of_a_large_photograph() -> None:
     image = large_photograph(20.0, 70.0)
-    first, second = (SmearNetwork(threads=n).predict(image, every_window=False) for n in (1, 3))
+    first, second = (SmearNetwork(threads=n).predict(image, detail=Detail.GEOMETRY) for n in (1, 3))
     assert first.cells.tobytes() == second.cells.tobytes() and first.blur is not None
     np.testing.assert_array_equal(first.blur, second.blur)
 
