@@ -25,6 +25,7 @@ from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
+from blur2view.networks.smear_network import Detail
 from blur2view.output_files import check_file, writable_folders, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
@@ -46,7 +47,7 @@ class TriageWork(EstimatingWork[None, None]):
 
     def __call__(self, job: Job[None]) -> Result[None]:
         """Return the row of one photograph."""
-        one = self.estimated(job)
+        one = self.estimated(job, detail=Detail.RANKING)
         return result_of(one, None, verdict_of(one))
 
 

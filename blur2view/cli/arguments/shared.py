@@ -103,6 +103,9 @@ class PhotographOptions(Options):
     take up to half as much again (default: %(default)s, enough for 32 megapixels, with masks for 24)"""
     model: str | None = option(None, "ONNX", group=ESTIMATION, rare=True)
     "a smear network, written by tools/training/export_reader.py (default: the shipped one)"
+    provider: str | None = option(None, "NAME", group=ESTIMATION, rare=True)
+    """let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has, for example
+    onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "run", self._run())
