@@ -224,7 +224,7 @@ def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
 
 
 def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
-    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits; ValueError of what it does not."""
+    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its own bits, or raise its ValueError."""
     if isinstance(image, Image.Image):
         deep, mode = image.mode.startswith("I;16"), "RGBA" if image.has_transparency_data else "RGB"
         image = np.asarray(image if deep else image.convert(mode))
@@ -259,7 +259,7 @@ def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArr
     The luma's sides are rounded up to multiples of ``step`` and mirrored there. A strip of rows at a time, so
     that memory does not hold all of it as RGB floats.
     """
-    check_photograph(image)
+    image = photograph_of(image)
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
