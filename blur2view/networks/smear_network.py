@@ -224,7 +224,7 @@ def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
 
 
 def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
-    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its own bits, or raise its ValueError."""
+    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits, or raise its ValueError."""
     if isinstance(image, Image.Image):
         deep, mode = image.mode.startswith("I;16"), "RGBA" if image.has_transparency_data else "RGB"
         image = np.asarray(image if deep else image.convert(mode))
@@ -238,7 +238,8 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
     if image.shape[2:] == (4,):
-        image = over_backdrop(image / np.float32(np.iinfo(image.dtype).max) if integer else image)
+        white = np.iinfo(image.dtype).max if integer else 1
+        image = over_backdrop(np.asarray(image / np.float32(white), np.float32))
     return image[..., 0] if image.shape[2:] == (1,) else image
 
 
