@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, require
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues, disagreement, read_exif
 from blur2view.camera.intrinsics import Intrinsics
@@ -21,8 +20,8 @@ from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import at_cells, moving_probability
-from blur2view.networks.smear_network import SmearNetwork, rgb_of
-from blur2view.photographs.image import read_content, read_image
+from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
+from blur2view.photographs.image import read_content, read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
@@ -119,28 +118,19 @@ class Estimate:
                 f"the exposure time must be positive seconds, as 0.04 or 1 / 25, at most {LONG_S:g}, got "
                 f"{exposure_s!r}; of a longer one divide the angular velocity of 1 second"
             )
-        return angular_velocity(self.geometry, exposure_s)
-
-
-def angular_velocity(geometry: TwoViewGeometry, exposure_s: float) -> AngularVelocity | None:
-    """Return the angular velocity of a geometry's pose; None without a pose."""
-    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
-    if pose is None or covariance is None:
-        return None
-    return AngularVelocity(
-        mean=pose.rotation_vector / exposure_s, covariance=covariance.matrix[:3, :3] / exposure_s**2
-    )
+        return self.geometry.angular_velocity(exposure_s)
 
 
 def estimate(
     image: "AnyArray | Image.Image | str | os.PathLike[str]",
     *,
-    network: SmearNetwork | None = None,
+    network: SmearNetwork | str | os.PathLike[str] | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | int | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
+    detail: Detail = Detail.GEOMETRY,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
@@ -148,9 +138,9 @@ def estimate(
     ----------
     image : ndarray of shape (H, W, 3), (H, W, 4) or (H, W), picture of Pillow, or path
         The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
-        :func:`blur2view.read_image`. Of a path the file is read, and without ``camera`` the focal length of
-        its EXIF is a hint, as for ``blur2view estimate``.
-    network : SmearNetwork, optional
+        :func:`blur2view.read_image`; one of Pillow is not turned upright. Of a path the file is read, and
+        without ``camera`` the focal length of its EXIF is a hint, as for ``blur2view estimate``.
+    network : SmearNetwork or path, optional
         The shipped one by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
         Which smears become matches; the robust estimator.
@@ -161,6 +151,10 @@ def estimate(
     shutter : RollingShutter, optional
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
+    detail : Detail
+        What it is read for (see `SmearNetwork.predict`): with ``Detail.PIXELS`` every window of a photograph
+        above 2.5 megapixels, for ``grid.at_pixels()`` or :func:`blur2view.segment`; a geometry needs no more
+        than those of an ordinary photograph, spread over the picture.
 
     Returns
     -------
@@ -173,19 +167,18 @@ def estimate(
         If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
         be used.
     """
-    if not isinstance(camera, Camera | None):
-        raise ValueError(
-            "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
-            f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
-        )
+    if camera is not None:
+        of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
+        require("camera", camera, Camera, of)
     if isinstance(image, str | os.PathLike):
         path, content = Path(image), read_content(Path(image))
-        image = read_image(path, content=content)
+        image = read_pixels(path, content=content)
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
-    image, rng = rgb_of(image), np.random.default_rng(0 if rng is None else rng)
-    network = network or SmearNetwork()
+    image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
+    if network is None or isinstance(network, str | os.PathLike):
+        network = SmearNetwork(network)
     clock = [time.perf_counter()]
-    grid = network.predict(image)
+    grid = network.predict(image, detail=detail)
     moving = None
     if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
         part = moving_probability(image, grid).part
@@ -217,7 +210,7 @@ class FileEstimate:
     """The estimate of one photograph's file."""
 
     path: Path  # as the user named it
-    image: NDArray[np.float32]  # (H, W, 3), upright unless wanted as stored
+    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
     estimate: Estimate
     run: Run
     read_s: float  # spent on decoding
@@ -244,16 +237,18 @@ def estimate_file(
     *,
     as_stored: bool = False,
     camera_of: CameraOf | None = None,
+    detail: Detail = Detail.GEOMETRY,
 ) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`;
+    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
+    ``detail`` as of `estimate`;
     ``camera_of`` returns the intrinsics, by default those that the options or EXIF state. ImageError,
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
     start = time.perf_counter()
-    image = read_image(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
+    image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
     exif = read_exif(path, content)
     camera = (camera_of or run.intrinsics.of)(path, (image.shape[1], image.shape[0]), exif)
@@ -265,6 +260,7 @@ def estimate_file(
         rng=np.random.default_rng(run.seed),
         camera=camera,
         shutter=_shutter(path, run, exif),
+        detail=detail,
     )
     return FileEstimate(
         path=path,

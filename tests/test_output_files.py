@@ -48,6 +48,6 @@ def test_the_next_call_on_a_database_removes_what_a_killed_one_left_beside_it(tm
 )
 def test_a_name_too_long_for_results_is_that_one_photographs_error(tmp_path: Path, long: str) -> None:
     images = [Path("a.jpg"), Path("b/a.jpg"), Path(long)]
-    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",), overwrite=False)
+    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",))
     assert isinstance(refused, OutputError) and "too long" in str(refused)
     assert not any(isinstance(files, OutputError) for files in others)

@@ -9,6 +9,7 @@ from blur2view.cli.arguments.estimate import EstimateOptions, EstimateSettings
 from blur2view.cli.outputs import ESTIMATE, result_contents, run_with_files
 from blur2view.cli.summary import estimate_summary
 from blur2view.cli.work import DocumentWork, result_of
+from blur2view.networks.smear_network import Detail
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument, EstimatesDocument
 from blur2view.runs.job import Job, Result
@@ -24,7 +25,8 @@ class EstimateWork(EstimateSettings, DocumentWork[EstimateDocument]):
 
     def __call__(self, job: Job[ResultFiles | None]) -> Result[EstimateDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
-        one, files = self.estimated(job), job.target
+        detail = Detail.PIXELS if self.full_field else Detail.GEOMETRY
+        one, files = self.estimated(job, detail=detail), job.target
         document = EstimateDocument.of(one)
         summary = estimate_summary(document, one.estimate, files, self.verbosity)
         contents = {} if files is None else result_contents(files, document, one, full_field=self.full_field)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -179,11 +178,7 @@ def result_contents(
 
 
 def mask_contents(
-    files: ResultFiles,
-    document: MaskDocument,
-    image: NDArray[np.float32],
-    mask: MotionMask,
-    further: Sequence[AnyArray],
+    files: ResultFiles, document: MaskDocument, image: AnyArray, mask: MotionMask, further: Sequence[AnyArray]
 ) -> dict[Path, bytes]:
     """Return what is written for a photograph: further pictures, mask, probabilities, overlay, document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)

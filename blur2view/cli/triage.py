@@ -12,23 +12,16 @@ from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.run import (
-    End,
-    Finished,
-    colmap_names,
-    jobs_of,
-    manifest_of,
-    open_manifest,
-    refuse_shared,
-    run_over,
-)
+from blur2view.cli.run import End, Finished, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
+from blur2view.networks.smear_network import Detail
 from blur2view.output_files import check_file, writable_folders, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
+from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
 from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
 from blur2view.results.verdicts import verdict_of
@@ -47,7 +40,7 @@ class TriageWork(EstimatingWork[None, None]):
 
     def __call__(self, job: Job[None]) -> Result[None]:
         """Return the row of one photograph."""
-        one = self.estimated(job)
+        one = self.estimated(job, detail=Detail.RANKING)
         return result_of(one, None, verdict_of(one))
 
 
@@ -63,11 +56,14 @@ def run(options: TriageOptions) -> int:
     files = extracted_names(names)
     classifier = Classifier(options)
     folders = keep and keep.parent, options.extract and options.extract.parent
-    with writable_folders(*folders), open_manifest(options, work, path, [keep], manifests[1:]) as manifest:
+    with (
+        writable_folders(*folders),
+        open_manifest(options, work, path, [keep], pointing=manifests[1:]) as manifest,
+    ):
         _check_list(options, names.values(), manifest)
         choice = _choice(options, files, manifest)
         chosen = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
-        _check_folder(options, files.values() if chosen in ("", choice) else (), path)
+        _check_folder(options, files.values() if chosen in ("", choice) else (), manifests)
         finished = run_over(
             options, work, jobs_of(options), manifest, classify=classifier, line=classifier.line
         )
@@ -77,7 +73,7 @@ def run(options: TriageOptions) -> int:
         kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
         whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
-            _check_folder(options, pictures.values(), path)
+            _check_folder(options, pictures.values(), manifests)
         if keep is not None:
             kept = [one for one in kept if listable(names[one])]
         if keep is not None and (whole or not options.selects):
@@ -158,13 +154,13 @@ def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifes
     return hashlib.sha256(json.dumps([settings, *map(str, kinds), *files.values()]).encode()).hexdigest()
 
 
-def _check_folder(options: TriageOptions, files: Collection[str], manifest: Path | None) -> None:
+def _check_folder(options: TriageOptions, files: Collection[str], manifests: Sequence[Path]) -> None:
     """Refuse a folder for the pictures that holds others than these, or photographs or files of the call."""
     if options.extract is not None:
         here = {os.path.realpath(path.parent) for path in options.inputs.paths}
         if os.path.realpath(options.extract) in here:
             raise OutputError(f"{options.extract}: holds the photographs themselves; name an empty folder")
-        besides = [one for one in (options.csv, options.keep, manifest) if one is not None]
+        besides = [one for one in (options.csv, options.keep, *manifests) if one is not None]
         refuse_others(options.extract, files, besides)
 
 

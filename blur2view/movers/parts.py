@@ -21,7 +21,10 @@ LEAST = 0.3
 """Probability of every place of a part."""
 LEAST_PLACES = 100
 """Smallest part: a window of the smear network shows 24 x 24 places."""
-CONSTANT, PEAK, DEPARTURE = -0.6, 0.95, 1.57
+MOST = 0.45
+"""Share of the picture from which on a part may as well be the surroundings that a camera passes: it does not
+count as one that moves. Training pictures have no larger ones."""
+CONSTANT, PEAK, DEPARTURE = -1.11, 1.25, 0.78
 """Log-odds that a part moves: a constant, a share of the log-odds of its highest probability, and a power of
 its mean departure; fitted by ``python -m tools.training.fit_parts``, see the training log."""
 FLOOR = 0.05
@@ -50,7 +53,7 @@ def described(moving: Floats, departure: Array) -> tuple[NDArray[np.int32], Arra
     """Return the parts, (h, w) numbered from 1, and of each the two features (N, 2) it is judged by."""
     likely = (moving >= LEAST).astype(np.uint8)
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely, connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= LEAST_PLACES
+    large = (stats[:, cv2.CC_STAT_AREA] >= LEAST_PLACES) & (stats[:, cv2.CC_STAT_AREA] <= MOST * moving.size)
     large[0] = False
     part = np.where(large, np.cumsum(large), 0)[part]
     area = stats[large, cv2.CC_STAT_AREA]

@@ -8,12 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import PLACE_PX, Picture, of_cells, of_places
 from blur2view.movers.network import shipped
 from blur2view.movers.parts import parts_of
+from blur2view.networks.smear_network import rgb_of
 from blur2view.smears.grid import SmearGrid
 
 Floats = NDArray[np.float32]
@@ -22,6 +23,8 @@ ROUNDS = 2
 """Fits of the camera's motion, the second without what moves."""
 MOST_PX = 2_500_000
 """Pixels of a photograph; larger ones are halved until they have no more."""
+CELL_PX = 32
+"""Side of the cells that the network was trained on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +58,7 @@ class Moving:
 
 
 def moving_probability(
-    image: Floats,
+    image: AnyArray,
     grid: SmearGrid,
     F: Array | None = None,
     camera: Camera | None = None,
@@ -65,8 +68,8 @@ def moving_probability(
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3)
-        RGB in [0, 1].
+    image : ndarray of shape (H, W, 3) or (H, W)
+        As of `blur2view.networks.smear_network.rgb_of`.
     grid : SmearGrid
         Its smears.
     F : ndarray of shape (3, 3), optional
@@ -76,16 +79,14 @@ def moving_probability(
     rng : numpy.random.Generator, optional
         Draws starts of the fit of the camera's motion; without it the camera is at rest.
     """
-    halvings = 0
-    while image.shape[0] * image.shape[1] > MOST_PX:
-        size = -(-image.shape[1] // 2), -(-image.shape[0] // 2)
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-        halvings += 1
-    factor = 1 << halvings
+    factor = factor_of(grid)
     if factor > 1:
-        grid, F, camera = reduced(grid, factor, image.shape[:2]), None, None
+        size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        F, camera = None, None
+    grid = reduced(grid, factor, image.shape[:2])
     cells = Cells.of(grid, camera)
-    picture = Picture(image, grid.cells.shape[:2], grid.stride)
+    picture = Picture(rgb_of(image), grid.cells.shape[:2], grid.stride)
     weight: Array = np.ones(cells.sigma_px.shape)
     motion = np.zeros_like(cells.displacement)
     for _ in range(1 if rng is None else ROUNDS):
@@ -107,19 +108,26 @@ def moving_probability(
     )
 
 
+def factor_of(grid: SmearGrid) -> int:
+    """Return by how much a photograph is reduced: to no more than `MOST_PX`, in cells of `CELL_PX`."""
+    factor = 1
+    while grid.shape[0] * grid.shape[1] > MOST_PX * factor**2 or grid.stride > CELL_PX * factor:
+        factor *= 2
+    return factor
+
+
 def reduced(grid: SmearGrid, factor: int, shape: tuple[int, int]) -> SmearGrid:
-    """Return the smears of the photograph so many times smaller, of this shape: means over cells."""
+    """Return the smears of the photograph so many times smaller, of this shape, in cells of `CELL_PX`."""
+    pooled = CELL_PX * factor // grid.stride
     values = grid.cells if grid.blur is None else np.concatenate([grid.cells, grid.blur], axis=-1)
-    missing = [(0, -side % factor) for side in values.shape[:2]]
+    missing = [(0, -side % pooled) for side in values.shape[:2]]
     padded = np.pad(values, [*missing, (0, 0)], mode="edge")
-    rows, columns = (side // factor for side in padded.shape[:2])
-    mean = padded.reshape(rows, factor, columns, factor, -1).mean((1, 3), dtype=np.float32)
+    rows, columns = (side // pooled for side in padded.shape[:2])
+    mean = padded.reshape(rows, pooled, columns, pooled, -1).mean((1, 3), dtype=np.float32)
     mean[..., :3] /= factor
     mean[..., 4:5] /= factor
     blur = None if grid.blur is None else mean[..., 4:]
-    return SmearGrid(
-        cells=mean[..., :4], stride=grid.stride, shape=shape, window_px=grid.window_px, blur=blur
-    )
+    return SmearGrid(cells=mean[..., :4], stride=CELL_PX, shape=shape, window_px=grid.window_px, blur=blur)
 
 
 def upsample_nearest(values: Array, zoom: int) -> Array:

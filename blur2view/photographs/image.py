@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
-from blur2view.arrays import over_backdrop
+from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
 from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
+from blur2view.photographs.pixels import Pixels, decode_deep, pixels_of, upright
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
-# Four cells of the network's grid: anything smaller shows no smear.
+# Anything smaller shows no smear.
 MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
@@ -40,7 +41,6 @@ LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 LIST_SUFFIXES = frozenset(["", ".txt", ".list", ".lst"])
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
@@ -80,6 +80,24 @@ def read_image(
         If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
         be used. The message is one line that names the path and the remedy.
     """
+    pixels = read_pixels(path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
+    if pixels.dtype == np.float32:
+        return pixels
+    with within_memory(Path(path)):
+        return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+
+
+def read_pixels(
+    path: str | os.PathLike[str],
+    *,
+    as_stored: bool = False,
+    max_memory_gib: float = math.inf,
+    content: bytes | None = None,
+) -> AnyArray:
+    """Return a photograph as `read_image` does, (H, W, 3), with the 8 or 16 bits of its file.
+
+    Floats in [0, 1] only of alpha, which is composited, and of 12 bits.
+    """
     path = Path(path)
     encoded = read_content(path) if content is None else content
     if not encoded:
@@ -87,9 +105,11 @@ def read_image(
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         pixels, white = _decode(path, encoded, as_stored, max_memory_gib)
-        values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
-        values /= white
-        if values.shape[2] in (2, 4):  # the last is alpha
+        values: AnyArray = np.atleast_3d(pixels)
+        has_alpha = values.shape[2] in (2, 4)
+        if has_alpha or white != np.iinfo(values.dtype).max:
+            values = np.divide(values, np.float32(white), dtype=np.float32)
+        if has_alpha:
             values = over_backdrop(values)
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
@@ -112,6 +132,8 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
         remedy = "check the path"
         if set(path.name) & set("*?["):
             remedy = "no name fits this pattern, or it stands in quotes"
+        if str(path).startswith("~"):
+            remedy = "write ~ without quotes"
         if path.is_symlink():
             remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
         raise ImageError(f"{path}: no such file; {remedy}") from None
@@ -146,15 +168,15 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
-                return _decode_deep(encoded), 65535
+                return decode_deep(encoded), 65535
             # Pillow's TIFF reader has rotated the picture by now, so ask again
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
-            pixels, white = _pixels(path, photo)
+            pixels, white = pixels_of(path, photo)
             if ";12" in stored:
                 white = 4095
             if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
                 pixels = white - pixels  # which Pillow does for 8 bits only
-            return pixels if as_stored else _upright(pixels, orientation), white
+            return pixels if as_stored else upright(pixels, orientation), white
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
@@ -248,35 +270,3 @@ def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> N
     if need_gib > max_memory_gib:
         more = f"--max-memory {math.ceil(need_gib)}"
         raise ImageError(f"{size}, which take about {need_gib:.1f} GiB of memory; resize it or add {more}")
-
-
-def _pixels(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
-    """Return pixels as grey, grey + alpha, RGB or RGBA, and the value that means white."""
-    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
-        grey = np.asarray(photo)
-        if grey.min() < 0 or grey.max() > 65535:
-            raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
-        return grey.astype(np.uint16), 65535
-    if photo.mode == "F":
-        raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
-    mode = "RGBA" if photo.has_transparency_data else "RGB"
-    return np.asarray(photo.convert(mode)), 255
-
-
-def _decode_deep(encoded: bytes) -> Pixels:
-    """Return 16-bit colour, decoded, (H, W, 3) or (H, W, 4), RGB order."""
-    pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
-        raise ValueError("its 16-bit pixels cannot be decoded")
-    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
-
-
-def _upright(pixels: Pixels, orientation: int) -> Pixels:
-    """Return pixels upright by an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
-    if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels

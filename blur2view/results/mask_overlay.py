@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.results.drawing import (
     FAINT,
     LEADING_PX,
@@ -23,8 +23,8 @@ HATCH_PX = 12
 LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
-def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
-    """Return the picture of a motion mask over its photograph (H, W, 3), sRGB-coded in [0, 1], as uint8 RGB.
+def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
+    """Return the picture of a motion mask over its photograph (H, W, 3), as uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
     caption below says how much moves, what the colours mean and what was measured. The photograph's longer

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.networks.smear_network import rgb_of
+from blur2view.networks.smear_network import photograph_of
 from blur2view.results.drawing import (
     FAINT,
     LEADING_PX,
@@ -79,7 +79,8 @@ def draw_overlay(
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    canvas = draw_smears(rgb_of(image), grid, matches, geometry)
+    image = photograph_of(image)
+    canvas = draw_smears(image, grid, matches, geometry)
     words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
     panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
@@ -88,7 +89,7 @@ def draw_overlay(
 
 
 def draw_smears(
-    image: NDArray[np.float32],
+    image: AnyArray,
     grid: SmearGrid,
     matches: SmearMatches,
     geometry: TwoViewGeometry,

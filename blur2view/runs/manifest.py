@@ -51,9 +51,9 @@ class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
     A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls did with it is looked up, also in the ``earlier`` manifests. To be closed; an empty one
-    is then removed. OutputError if there is a file of another kind, one that cannot be read or written, or
-    one of a call that runs.
+    what earlier calls did with it is looked up, also in the ``earlier`` manifests and in those that a line
+    names. To be closed; an empty one is then removed. OutputError if there is a file of another kind, one
+    that cannot be read or written, or one of a call that runs.
     """
 
     def __init__(self, path: Path, settings: Settings, *, resume: bool, earlier: Iterable[Path] = ()) -> None:
@@ -64,12 +64,12 @@ class Manifest:
         self._heads: dict[str, dict[str, Any]] = {}
         self._digests: dict[Path, str] = {}
         self._headed = self._damaged = False
+        self._looked_at = {os.path.abspath(path)}
         self._new = not os.path.lexists(path)
         self._file = _open_alone(path)
         try:
             for other in earlier:
-                with suppress(OSError, Blur2ViewError), open_regular(other) as file:
-                    self._read(file, other)
+                self._read_other(other)
             self._damaged = False
             if os.fstat(self._file).st_size:  # some files of /proc that say so wait for ever
                 with open(self._file, "rb", closefd=False) as file:
@@ -170,6 +170,17 @@ class Manifest:
         """Append that a call makes something of all photographs: of a file its own digest by default."""
         self._write({"target": self._name(target), "sha256": digest or file_digest(target)})
 
+    def append_pointer(self, other: Path) -> None:
+        """Append that another manifest says what is done, too."""
+        self._write({"manifest": self._name(other)})
+
+    def _read_other(self, path: Path) -> None:
+        """Note the lines of another manifest, if it is one."""
+        if (place := os.path.abspath(path)) not in self._looked_at:
+            self._looked_at.add(place)
+            with suppress(OSError, Blur2ViewError), open_regular(path) as file:
+                self._read(file, path)
+
     def _read(self, file: BinaryIO, path: Path) -> None:
         """Note the lines of earlier calls; one that was cut off is dropped."""
         size = file.seek(0, os.SEEK_END)
@@ -193,6 +204,9 @@ class Manifest:
             restore(str, line[SIGN])
             restore(int, line.get("format", 1))
             self._heads[restore(str, line["settings"])] = line | {"options": dict(line["options"])}
+            return
+        if "manifest" in line:
+            self._read_other(folder / restore(str, line["manifest"]))
             return
         if "target" in line:
             self._targets[name(line["target"])] = restore(str, line["sha256"])

@@ -14,7 +14,6 @@ from blur2view.movers.camera_motion import Cells
 from blur2view.movers.inputs import off_lines_error_px, off_lines_px
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import moving_probability
-from blur2view.networks.smear_network import rgb_of
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.pixels import MovingRegion, moving_parts, moving_regions, parts_above, to_pixels
 
@@ -94,7 +93,7 @@ def segment(
     ValueError
         If the image has another shape than the estimate, or the threshold is no such probability.
     """
-    image, grid, geometry = rgb_of(image), estimate.grid, estimate.geometry
+    grid, geometry = estimate.grid, estimate.geometry
     if image.shape[:2] != grid.shape:
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
     if not 0 < threshold < 1:

@@ -43,8 +43,8 @@ class MovingRegion:
     probability: float
 
 
-def to_pixels(places: Floats, image: Floats, place_px: int = PLACE_PX) -> Floats:
-    """Resample probabilities (h, w) of places to the pixels of an image (H, W, 3), along its edges.
+def to_pixels(places: Floats, image: AnyArray, place_px: int = PLACE_PX) -> Floats:
+    """Resample probabilities (h, w) of places to the pixels of an image, along its edges.
 
     Places, squares of ``place_px`` pixels, cover the image.
 
@@ -55,7 +55,9 @@ def to_pixels(places: Floats, image: Floats, place_px: int = PLACE_PX) -> Floats
     height, width = image.shape[:2]
     rows, columns = -(-height // place_px), -(-width // place_px)
     values = np.ascontiguousarray(places[:rows, :columns])
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
+    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
+    grey = np.asarray(grey / np.float32(white), np.float32)
     guide = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)
     mean, level = _mean(guide), _mean(values)
     slope = (_mean(guide * values) - mean * level) / (_mean(guide * guide) - mean**2 + GUIDE_EPS)

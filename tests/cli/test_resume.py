@@ -112,15 +112,19 @@ def test_other_network_is_done_again(
         assert len(read) == count
 
 
-def test_list_and_folder_go_on_from_what_was_done_for_a_table(again: Call, read: list[str]) -> None:
+def test_each_output_of_triage_goes_on_from_what_was_done_for_another(again: Call, read: list[str]) -> None:
     assert again("triage") == 0
     read.clear()
-    for more in (["--keep", "k.txt"], ["--keep", "k.txt", "--best", 1, "--extract", "kept"]):
+    keep, best = ["--keep", "k.txt"], ["--best", 1, "--extract", "kept"]
+    for more in (keep, [*keep, *best], []):
         done = again("triage", "--resume", *more)
         assert done == 0 and read == [] and "2 photographs (2 done before)" in done.out
     assert Path("k.txt").read_text() and len(os.listdir("kept")) == 1
+    write_photographs(Path("in"), 3)
+    assert again("triage", "--resume", *keep) == 0 and read == ["002.png"]
+    assert again("triage", "--resume") == 0 and read == ["002.png"]
     hidden = {path.name for path in Path().iterdir() if path.name.startswith(".")}
-    assert hidden == {f".{name}.manifest.jsonl" for name in ("t.csv", "k.txt")}
+    assert hidden == {f".{name}.manifest.jsonl" for name in ("t.csv", "k.txt", "kept")}
 
 
 @pytest.mark.parametrize("command", ["estimate", "segment"])

@@ -153,10 +153,10 @@ def test_smears_without_rays_of_a_distorted_camera_do_no_harm() -> None:
 def test_a_part_is_judged_by_its_peak_and_by_how_far_its_smears_depart() -> None:
     moving, departure = np.zeros((80, 80), np.float32), np.full((80, 80), 0.1)
     moving[:20, :20] = moving[40:60, :20] = moving[:20, 40:60] = moving[60:66, 60:66] = 0.6
-    moving[5, 5] = moving[45, 5] = moving[62, 62] = 0.95
+    moving[5, 5] = moving[62, 62] = 0.95
     departure[:20, :20] = departure[:20, 40:60] = departure[60:66, 60:66] = 3.0
     part = parts_of(moving, departure)
-    assert part[10, 10] > 0.9 > part[10, 50] > part[50, 10] > 0
+    assert part[10, 10] > 0.9 > part[10, 50] > 0.5 > part[50, 10] > 0  # sure; unsure; neither
     assert part[63, 63] == 0 == part[30, 30]  # too small, and none at all
     assert (part[:20, :20] == part[0, 0]).all()
 

@@ -10,7 +10,6 @@ from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import CAMERA, ESTIMATION, INPUT, MANY, Options, option
 from blur2view.cli.terminal import QUIET
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
@@ -92,10 +91,10 @@ class PhotographOptions(Options):
     )
     """share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be used, the most
     certain ones; at most %(max_matches)s of them, spread evenly, are (default: %(default)s)"""
-    max_error: float = option(EstimatorOptions.max_error_px, "PX", group=ESTIMATION, rare=True, cutoff=CUTOFF)
+    max_error: float = option(EstimatorOptions.max_error_px, "PX", group=ESTIMATION, rare=True)
     """a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the better of
-    both orders, is below this many pixels or below %(cutoff)g of its own standard deviations (default:
-    %(default).4g, the square root of the paper's 3 squared pixels)"""
+    both orders, is below a tenth of its length and below this many pixels, or below two of its own
+    standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)"""
     seed: int = option(0, "N", group=ESTIMATION, convert=values.seed, rare=True)
     "of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)"
     max_memory: float = option(MAX_MEMORY_GIB, "GIB", group=ESTIMATION, rare=True)
@@ -103,6 +102,9 @@ class PhotographOptions(Options):
     take up to half as much again (default: %(default)s, enough for 32 megapixels, with masks for 24)"""
     model: str | None = option(None, "ONNX", group=ESTIMATION, rare=True)
     "a smear network, written by tools/training/export_reader.py (default: the shipped one)"
+    provider: str | None = option(None, "NAME", group=ESTIMATION, rare=True)
+    """let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has, for example
+    onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "run", self._run())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from blur2view.networks.spectra import LAGS, SCALES, polar_cepstra, power_spectra
+from blur2view.networks.spectra import LAGS, SCALES, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.training.spectra import Spectra
 
@@ -33,7 +33,7 @@ def test_features_of_training_are_those_of_the_package(spectra: Spectra) -> None
     grey[..., 100:, 150:200] = torch.from_numpy(rng.random((156, 50), np.float32) * 0.2)
     cepstra, scalars = spectra(grey)
     for threads in (1, 2):
-        actual, scales = polar_cepstra(power_spectra(grey[0, 0].numpy(), threads), threads)
+        actual, scales = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy()), threads), threads)
         assert actual.shape == (8, 11, DIRECTIONS, LAGS) and scales.shape == (8, 11, SCALES)
         np.testing.assert_allclose(actual, cepstra[0].numpy(), atol=1e-3)
         np.testing.assert_allclose(scales, scalars[0, ..., :SCALES].numpy(), atol=1e-4)
