@@ -1,5 +1,6 @@
 """Files of results: planned before any work, each written whole or not at all."""
 
+import errno
 import os
 import tempfile
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -79,7 +80,8 @@ def half_written(path: Path) -> Path:
 def unwritable(folder: Path, error: OSError) -> OutputError:
     """Return the one line about a folder that takes no files."""
     reason = error.strerror or type(error).__name__
-    return OutputError(f"{folder}: results cannot be written there ({reason}); choose another folder with -o")
+    room = "make room there or " if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+    return OutputError(f"{folder}: results cannot be written there ({reason}); {room}name another folder")
 
 
 def check_file(target: Path, what: str, inputs: Iterable[Path] = (), *, option: str = "-o") -> None:

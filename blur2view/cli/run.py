@@ -138,6 +138,8 @@ def run_over(
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
+        if len(jobs) > 1 and options.verbosity > QUIET and sys.stderr.isatty():
+            print(printable(options.inputs.counted), file=sys.stderr)
         bar.show(0, len(jobs))
         with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as results:
             for job, outcome in results:

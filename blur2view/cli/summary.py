@@ -83,7 +83,8 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
 
 def _share(document: EstimateDocument) -> str:
     """Return the share of the smears that fit, rounded down: not all are 100%."""
-    return f"{100 * document.num_inliers // max(document.num_matches, 1)}%"
+    share = 100 * document.num_inliers // max(document.num_matches, 1)
+    return f"{share}%, {100 * document.support_by_chance:.0f}% would by chance"
 
 
 def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
@@ -106,6 +107,7 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
     if document.scores:
         costs = ", ".join(f"{name} {cost:.1f}" for name, cost in document.scores.items())
         lines.append(f"penalised costs: {costs}; {document.iterations} samples")
+    lines += geometry.table.lines()
     return [*lines, *_seconds(document.timings_s)]
 
 

@@ -13,7 +13,6 @@ from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
 
@@ -122,22 +121,25 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
     total += f"; backup {printable(document.backup)}" if document.backup else ""
     undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
-    if undecided and not linked:
-        total += f"; the translation of {undecided} is undecided, COLMAP makes no points from those"
+    if undecided:
+        total += f"; the translation of {undecided} is undecided: "
+        total += (
+            "the depth of their points comes from your other photographs"
+            if linked
+            else ("COLMAP makes no points from those")
+        )
     return "\n".join([*lines, total])
 
 
 def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
     name = printable(one.name)
     if not one.num_matches:
-        unsure = linked and one.config not in NO_GEOMETRY
-        reason = "no feature of yours has a smear that can be used" if unsure else one.reason
-        return f"{name}: {one.action}, no matches: {reason} [{one.config}]"
+        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
     moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
     if one.translation_known:
         moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
     elif not linked:
         counts = f"none of {one.num_matches} matches is written as an inlier"
-    order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
+    order = f"known by neighbours ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

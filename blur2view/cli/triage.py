@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -81,8 +82,10 @@ def run(options: TriageOptions) -> int:
         whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
             _check_folder(options, pictures.values(), manifests)
+        if keep is not None:
+            kept = [one for one in kept if listable(names[one])]
         if keep is not None and (whole or not options.selects):
-            write_text(keep, list_text([names[one] for one in kept]))
+            write_text(keep, "".join(f"{names[one]}\n" for one in kept))
             if manifest is not None:
                 manifest.append_target(keep)
         if options.extract is not None and whole:
@@ -91,7 +94,7 @@ def run(options: TriageOptions) -> int:
             extract(options.extract, pictures)
     if options.verbosity > QUIET:
         print(closing_line(finished, options, len(kept)))
-    return finished.exit_code
+    return finished.exit_code or int(len(kept) < len(pictures))
 
 
 def selected(options: TriageOptions, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
@@ -119,12 +122,13 @@ def _view(path: Path) -> Array | None:
         return None
 
 
-def list_text(names: Sequence[str]) -> str:
-    """Return COLMAP's list of images, one a line; a name with a line break, which none holds, is left out."""
-    for name in names:
-        if name.splitlines() != [name]:
-            complain(OutputError(f"{name}: has a line break in its name, which no list holds; rename it"))
-    return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
+def listable(name: str) -> bool:
+    """Return whether COLMAP's list of images, one a line, can hold a name, after a line if it cannot."""
+    if name.splitlines() == [name.strip()]:
+        return True
+    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
+    complain(OutputError(f"{name}: {why}"))
+    return False
 
 
 def _check_list(options: TriageOptions, names: Collection[str], manifest: Manifest | None) -> None:
@@ -159,8 +163,11 @@ def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifes
 
 
 def _check_folder(options: TriageOptions, files: Collection[str], manifests: Sequence[Path]) -> None:
-    """Refuse a folder for the pictures that holds others than these, or files of the call."""
+    """Refuse a folder for the pictures that holds others than these, or photographs or files of the call."""
     if options.extract is not None:
+        here = {os.path.realpath(path.parent) for path in options.inputs.paths}
+        if os.path.realpath(options.extract) in here:
+            raise OutputError(f"{options.extract}: holds the photographs themselves; name an empty folder")
         besides = [one for one in (options.csv, options.keep, *manifests) if one is not None]
         refuse_others(options.extract, files, besides)
 

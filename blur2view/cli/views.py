@@ -27,6 +27,7 @@ from blur2view.networks.smear_network import Detail
 from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
+from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ViewsDocument
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Result
@@ -55,6 +56,7 @@ class NamedPhotograph:
 def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
     geometry, plan, count = views.geometry, photograph.plan, len(matched(views))
+    unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
     return ViewsDocument(
         image=str(photograph.path),
         name=views.name,
@@ -62,7 +64,7 @@ def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocum
         action="add" if plan is None else plan.step.value,
         config=geometry.config.name,
         parallax=str(geometry.parallax),
-        reason=geometry.reason,
+        reason="no feature of yours has a smear that can be used" if unsure else geometry.reason,
         num_keypoints=len(views.points_open),
         num_matches=count,
         num_inliers=int(geometry.inlier_mask.sum()) if count else 0,

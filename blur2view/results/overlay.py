@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.networks.smear_network import check_photograph
+from blur2view.networks.smear_network import photograph_of
 from blur2view.results.drawing import (
     FAINT,
     LEADING_PX,
@@ -79,7 +79,7 @@ def draw_overlay(
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    check_photograph(image)
+    image = photograph_of(image)
     canvas = draw_smears(image, grid, matches, geometry)
     words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
     panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)

@@ -31,6 +31,8 @@ class Row(Document):
     """The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed."""
     parallax: str = ""
     """proven, undecided or absent."""
+    parallax_probability: float | None = None
+    """Probability that things at different depths are seen; empty where no models were compared."""
     blur: str = ""
     """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of focus
     and moved, cannot tell."""
@@ -96,6 +98,7 @@ class Row(Document):
         return cls(
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
+            parallax_probability=geometry.parallax_probability,
             blur=str(blur.kind),
             smear_px=blur.smear_px,
             smear_sigma_px=blur.smear_sigma_px,

@@ -1,9 +1,11 @@
 """``blur2view estimate``: what it prints and writes."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from blur2view.geometry.sampson import serrmin
 from blur2view.photographs.image import read_image
@@ -79,3 +81,28 @@ def test_same_seed_gives_the_same_bytes(run: Call, moving: Path, still: Path, tm
     assert run(still, moving, "-o", tmp_path / "second", "--seed", 7) == 0
     for name in ("moving.smear.npz", "moving.png"):
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
+
+
+def test_many_photographs_show_progress_to_a_person(
+    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    captured = run(still, moving)
+    assert captured == 0
+    assert "2/2" in captured.err and "photo" in captured.err
+    assert captured.err.startswith(f"2 photographs: 2 in {still.parent}\n")
+    assert captured.out.startswith(f"{still}: Sharp")
+    done = run(still)
+    assert done == 0 and done.err == ""
+
+
+def test_the_next_command_is_told_to_who_watches_and_can_be_pasted(
+    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    odd = moving.rename(moving.with_name("a b.png"))
+    assert "next: " not in run(odd).out
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    assert run(odd).out.endswith(f"next: blur2view report '{odd}' -o report.html\n")
+    assert run(odd, still).out.endswith(f"next: blur2view triage '{odd}' {still} --csv table.csv\n")
+    for words in ((odd, "-q"), (odd, "--json"), (odd, odd.with_name("none.png"))):
+        assert "next: " not in run(*words).out

@@ -155,6 +155,20 @@ def test_output_that_nobody_takes_is_no_traceback(
 
 
 @pytest.mark.slow
+def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
+    still: Path, tiny_model: Path
+) -> None:
+    words = command("estimate", still, "--model", tiny_model)
+    with subprocess.Popen(
+        words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as running:
+        assert running.stdout is not None and running.stderr is not None
+        running.stdout.close()
+        assert running.stderr.read() == b""
+    assert running.returncode == 141
+
+
+@pytest.mark.slow
 def test_standard_input_that_is_no_list_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "t.png").write_bytes(b"\x89PNG\r\n")
     strict = environment() | {"PYTHONIOENCODING": "utf-8:strict"}

@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,14 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
+from blur2view.cli.to_colmap import summary
+from blur2view.cli.views import NamedPhotograph, document_of
 from blur2view.colmap.mapping import mapper_options
+from blur2view.results.to_colmap import ToColmapDocument
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
+from tests.colmap.test_link import link_of, only_plan
 from tests.support.colmap_check import check_database
-from tests.support.colmap_projects import ProjectOptions, make_project, user_rows
+from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
 
@@ -172,6 +177,34 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
     assert code == 1 and "moving.png: add" in out.splitlines()[0]  # the others change no name
     assert err.count("\n") == 2 and "bad.jpg" in err  # and not the one that is named twice
     assert "wrote 2 images and 1 pair of 1 photograph" in out
+
+
+def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: Path) -> None:
+    plan = link_of(only_plan(project, "still.png"))[0]
+    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
+    unusable = replace(views, usable=np.zeros(len(views.points_open), bool))
+    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), unusable)
+    assert document.reason == "no feature of yours has a smear that can be used"
+    whole = ToColmapDocument(
+        target="p.db", dry_run=False, backup="b.bak", photographs=[document], kept=[], failures=[]
+    )
+    assert summary(whole, linked=True).splitlines() == [
+        f"still.png: add, no matches: {document.reason} [{document.config}]",
+        "p.db: wrote 2 images and 3 pairs of 1 photograph; backup b.bak",
+    ]
+
+
+def test_linked_photographs_say_where_depth_and_order_are_from(project: Path) -> None:
+    plan = link_of(only_plan(project, "still.png"))[0]
+    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
+    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), views)
+    open_ = replace(document, translation_known=False, time_known=True, time_confidence=0.99)
+    whole = ToColmapDocument(
+        target="p.db", dry_run=False, backup=None, photographs=[open_], kept=[], failures=[]
+    )
+    line, total = summary(whole, linked=True).splitlines()
+    assert "translation undecided" in line and "order in time known by neighbours (99 % sure)" in line
+    assert total.endswith("undecided: the depth of their points comes from your other photographs")
 
 
 def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path], project: Path) -> None:

@@ -158,6 +158,15 @@ def test_near_the_limit_a_frame_follows_the_one_before_and_no_other_photograph_d
     assert uses == ["sharp", last]
 
 
+def test_what_no_list_holds_is_not_counted_as_kept(frames: Path, call: Call, tmp_path: Path) -> None:
+    for name in ("a\nb.png", "c d.png"):
+        shutil.copy(frames / "still.png", frames / name)
+    done = call("triage", frames, "--keep", tmp_path / "keep.txt")
+    assert done == 1 and "a\\nb.png: has a line break" in done.line
+    assert (tmp_path / "keep.txt").read_text() == "c d.png\nstill.png\n"
+    assert "; 2 kept; wrote" in done.out
+
+
 @pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")
 def test_a_list_that_would_be_waited_for_is_refused(call: Call, moving: Path, tmp_path: Path) -> None:
     (tmp_path / "keep.txt").symlink_to("/proc/kmsg")

@@ -8,9 +8,8 @@ import pytest
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
-from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
-from blur2view.robust.residuals import WeightedEnds
+from blur2view.robust.likelihood import Likelihood
 from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene
 from tools.evaluation.degeneracy import RIGHT, Named, confusions, outcome
 
@@ -24,10 +23,11 @@ def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Kind) -> 
         F = fundamental_from_pose(scene.K, scene.R, scene.t)
         assert serrmin(F, scene.true_ends).max() < 1e-12
     if kind in ("pure rotation", "plane", "general"):
-        matches = WeightedEnds(ends=scene.true_ends / 768, sigma=np.full(len(scene.true_ends), 0.1 / 768))
-        plane = find_plane(matches, True, np.random.default_rng(0))
+        exact = replace(scene.matches, ends=scene.true_ends, sigma_px=np.full(len(scene.true_ends), 0.2))
+        likelihood = Likelihood.of(exact)
+        plane = find_plane(likelihood, np.random.default_rng(0))
         assert plane is not None
-        inside = np.mean(np.abs(transfer_orders(plane.generator(), matches).least) < 3)
+        inside = np.mean(np.abs(plane.orders(likelihood).least) < 3)
         assert inside > 0.99 if kind != "general" else inside < 0.9
 
 

@@ -39,15 +39,17 @@ def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
 
 
 def test_motions_placed_in_a_model_are_compared_after_one_scale(tmp_path: Path) -> None:
-    names = [f"{name}{end}" for name in ("a.jpg", "b.jpg") for end in ("#open", "#close")]
+    names = [f"{name}{end}" for name in ("a.jpg", "left/a.jpg") for end in ("#open", "#close")]
+    names.append("without its other end.jpg#open")
     turn, move = np.array([0.01, -0.02, 0.005]), np.array([0.1, 0.02, 0.05])
     walk = Walk(names=names, size=(96, 64), focal=90.0, turn=turn, move=move)
     points = np.random.default_rng(0).uniform([-1, -1, 4], [1, 1, 6], (9, 3))
-    walk.write(points, tmp_path / "walk.db", {tmp_path / "model": range(4)})
+    walk.write(points, tmp_path / "walk.db", {tmp_path / "model": range(5)})
     found = placed.placed_motions(tmp_path / "model")
     np.testing.assert_allclose(found["a"], [turn, move], rtol=0.05)
-    across = np.cross(found["b"][1], turn)
-    for name, t in (("a", found["a"][1]), ("b", across), ("c", move)):
+    across = np.cross(found["left/a"][1], turn)
+    (tmp_path / "left").mkdir()
+    for name, t in (("a", found["a"][1]), ("left/a", across), ("c", move)):
         np.savez(tmp_path / f"{name}.npz", R=rotation_matrix(2 * turn), t=t)
     row = placed.page(found, placed.measured_motions(tmp_path)).splitlines()[2]
     assert row == "| 2 | 0.000 | 45.0 | 50% |"
