@@ -90,7 +90,7 @@ def test_refusal_comes_before_the_work(
     run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "moving.json").write_text("mine")
-    monkeypatch.setattr(pipeline, "read_image", lambda path: pytest.fail("read in vain"))
+    monkeypatch.setattr(pipeline, "read_pixels", lambda path: pytest.fail("read in vain"))
     assert run(moving, "-o", tmp_path) == 1
 
 
