@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import transfer, unit_norm
+from blur2view.geometry.epipolar import cross_matrix, transfer, unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.robust.likelihood import Likelihood
