@@ -11,7 +11,7 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.errors import ImageError
-from blur2view.photographs.image import read_image
+from blur2view.photographs.image import read_pixels
 from blur2view.runs.manifest import Manifest, Settings
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
@@ -254,9 +254,9 @@ def test_a_video_whose_last_failure_is_its_end_is_not_stopped(
     def failing(path: Path, **options: Any) -> Any:
         if path.name == "000002":
             raise ImageError(f"{path}: fails")
-        return read_image(path, **options)
+        return read_pixels(path, **options)
 
-    monkeypatch.setattr(pipeline, "read_image", failing)
+    monkeypatch.setattr(pipeline, "read_pixels", failing)
     done = call("triage", clip, "--max-failures", 1)
     assert done == 1 and "stopped" not in done.err and "3 photographs" in done.out
     done = call("triage", clip, tmp_path / "bad.png", "--max-failures", 1)
