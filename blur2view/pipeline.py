@@ -1,9 +1,11 @@
 """The whole path in one call: photograph -> smears and blur -> ambiguous matches -> two-view geometry."""
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,18 +18,24 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.networks.smear_network import Detail, SmearNetwork
-from blur2view.photographs.image import read_pixels
+from blur2view.movers.parts import THRESHOLD
+from blur2view.movers.probability import at_cells, moving_probability
+from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
+from blur2view.photographs.image import read_content, read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
-from blur2view.smears.blur import Blur, blur_of
+from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view, without_motion
 from blur2view.two_view.options import EstimatorOptions
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]
 """Of a photograph's path, width and height, and EXIF."""
+LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,14 +100,24 @@ class Estimate:
     shutter: RollingShutter | None = None
     time: TimeDirection = field(default_factory=TimeDirection)
 
+    def __repr__(self) -> str:
+        height, width = self.grid.shape
+        fit, moved = int(self.geometry.inlier_mask.sum()), self.blur.smear_px
+        blur = f"{self.blur.kind}, smears of {moved:.1f} px" if moved is not None else str(self.blur.kind)
+        found = f"{self.geometry.config.name}, {fit} of {len(self.matches)} smears fit"
+        return f"<Estimate of {width}x{height} px: {blur}; {found}>"
+
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
         Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians. ValueError if the exposure time is not positive and finite.
+        rotation itself, in radians. ValueError if the exposure time is not positive seconds, 2 at most.
         """
-        if not 0 < exposure_s < np.inf:
-            raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")
+        if not np.issubdtype(type(exposure_s), np.number) or not 0 < exposure_s <= LONG_S:
+            raise ValueError(
+                f"the exposure time must be positive seconds, as 0.04 or 1 / 25, at most {LONG_S:g}, got "
+                f"{exposure_s!r}; of a longer one divide the angular velocity of 1 second"
+            )
         return angular_velocity(self.geometry, exposure_s)
 
 
@@ -114,12 +132,12 @@ def angular_velocity(geometry: TwoViewGeometry, exposure_s: float) -> AngularVel
 
 
 def estimate(
-    image: AnyArray,
+    image: "AnyArray | Image.Image | str | os.PathLike[str]",
     *,
     network: SmearNetwork | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
     detail: Detail = Detail.GEOMETRY,
@@ -128,15 +146,16 @@ def estimate(
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
+    image : ndarray of shape (H, W, 3), (H, W, 4) or (H, W), picture of Pillow, or path
         The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
-        :func:`blur2view.read_image`.
+        :func:`blur2view.read_image`. Of a path the file is read, and without ``camera`` the focal length of
+        its EXIF is a hint, as for ``blur2view estimate``.
     network : SmearNetwork, optional
         The shipped one by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
         Which smears become matches; the robust estimator.
-    rng : numpy.random.Generator, optional
-        Source of randomness; ``default_rng(0)`` by default, so that a call repeats exactly.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness or its seed, 0 by default, so that a call repeats exactly.
     camera : Camera, optional
         Intrinsics of this photograph, for its size.
     shutter : RollingShutter, optional
@@ -154,19 +173,28 @@ def estimate(
 
     Raises
     ------
-    ValueError, ModelError
-        If image or camera is none, or a shutter comes without a camera; if the network cannot be used.
+    ValueError, ModelError, ImageError
+        If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
+        be used.
     """
     if not isinstance(camera, Camera | None):
         raise ValueError(
             "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
             f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
         )
+    if isinstance(image, str | os.PathLike):
+        path, content = Path(image), read_content(Path(image))
+        image = read_pixels(path, content=content)
+        camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
+    image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
     network = network or SmearNetwork()
-    rng = np.random.default_rng(0) if rng is None else rng
     clock = [time.perf_counter()]
     grid = network.predict(image, detail=detail)
-    blur = blur_of(grid, image)
+    moving = None
+    if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
+        part = moving_probability(image, grid).part
+        moving = at_cells((part >= THRESHOLD).astype(np.float32), grid.cells.shape)
+    blur = blur_of(grid, image, moving)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())

@@ -82,6 +82,8 @@ class Camera:
         """
         if not possible_focal(focal_px):
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px}")
+        if len(image_size) != 2:
+            raise ValueError(f"image_size must be (width, height), as image.shape[1::-1], got {image_size}")
         width, height = image_size
         centre = np.array([(width - 1) / 2, (height - 1) / 2])
         K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])

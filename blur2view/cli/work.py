@@ -30,7 +30,7 @@ from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
 from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Kept, Made, Target, Work, file_digest
+from blur2view.runs.job import Job, Payload, Result, Target, Work, file_digest
 from blur2view.runs.manifest import Settings
 
 Written = TypeVar("Written", bound=Document)
@@ -75,7 +75,7 @@ def _loaded(network: CommandNetwork) -> SmearNetwork:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatingWork(Work[Target, Kept]):
+class EstimatingWork(Work[Target, Payload]):
     """Work that begins with the estimate of a photograph."""
 
     run: Run
@@ -120,11 +120,11 @@ class EstimatingWork(Work[Target, Kept]):
         return replace(one, estimate=in_time(one.estimate, motions))
 
 
-def made(
-    one: FileEstimate, kept: Kept, summary: str, files: Mapping[Path, bytes] | None = None
-) -> Made[Kept]:
+def result_of(
+    one: FileEstimate, payload: Payload, summary: str, files: Mapping[Path, bytes] | None = None
+) -> Result[Payload]:
     """Return what the work on a photograph gives, with its row and its warnings."""
-    return Made(kept=kept, summary=summary, row=Row.of(one), files=files or {}, warnings=one.warnings)
+    return Result(payload=payload, summary=summary, row=Row.of(one), files=files or {}, warnings=one.warnings)
 
 
 @dataclass(frozen=True, kw_only=True)

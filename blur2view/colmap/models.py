@@ -31,18 +31,41 @@ class FoundModel:
 
 
 def read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none."""
+    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none.
+
+    This is the only place that reads one: its images have names that are text, finite poses and cameras;
+    their points, which are many, are checked where they are looked up, by `seen_points`.
+    """
     import pycolmap
 
     try:
         for path in folder.iterdir():
             if path.suffix in (".bin", ".txt"):
                 _check_file(path)
-        return pycolmap.Reconstruction(folder)
+        model = pycolmap.Reconstruction(folder)
+        _check_model(folder, model)
+        return model
     except (OSError, struct.error, ValueError, RuntimeError, LookupError):  # of files that do not go together
         reason = "holds no model that can be read" if folder.is_dir() else "no such folder"
         remedy = "name the one with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
+
+
+def _check_model(folder: Path, model: Any) -> None:
+    """Raise a DatabaseError where a model contradicts itself; pycolmap's own errors of what it holds pass."""
+    remedy = "let COLMAP write the model again"
+    for image in model.images.values():
+        try:
+            name = image.name
+        except UnicodeDecodeError:
+            remedy = f"rename it, and {remedy}"
+            raise DatabaseError(
+                f"{folder}: the name of image {image.image_id} is no UTF-8; {remedy}"
+            ) from None
+        if image.has_pose and not np.isfinite(image.cam_from_world().matrix()).all():
+            raise DatabaseError(f"{folder}: the pose of image {name} is not finite; {remedy}")
+        if image.camera_id not in model.cameras:
+            raise DatabaseError(f"{folder}: image {name} has no camera; {remedy}")
 
 
 def seen_points(model: Any, image: Any, places: Iterable[int]) -> Array:

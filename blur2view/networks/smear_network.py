@@ -13,9 +13,10 @@ from itertools import product
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from threadpoolctl import threadpool_limits
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ModelError
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
@@ -87,6 +88,9 @@ class SmearNetwork:
         self.tiles_at_once = 1  # the result is the same; each takes the memory of one
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
+
+    def __repr__(self) -> str:
+        return f"<SmearNetwork {self.info.model_id} of {self.path.name}, a cell every {STEP} px>"
 
     def predict(self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
@@ -202,39 +206,45 @@ class SmearNetwork:
         return values / weight[..., None], features / weight[..., None, None]
 
 
-def rgb_of(image: AnyArray) -> NDArray[np.float32]:
+def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
     """Return a photograph as the network reads it: (H, W, 3), float32, sRGB-coded RGB in [0, 1], contiguous.
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
+    image : ndarray of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), or a picture of Pillow
         RGB (OpenCV's BGR as ``image[..., ::-1]``) or grey, sRGB-coded: uint8, uint16, or floats in [0, 1];
-        contiguous or not. It is not changed.
+        contiguous or not. Of RGBA what is transparent shows mid-grey. It is not changed.
 
     Raises
     ------
     ValueError
         If it is none of these.
     """
-    check_photograph(image)
-    return floats_of(image)
+    return floats_of(photograph_of(image))
 
 
-def check_photograph(image: AnyArray) -> None:
-    """Raise ValueError of what `rgb_of` does not take."""
+def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
+    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits, or raise its ValueError."""
+    if isinstance(image, Image.Image):
+        deep, mode = image.mode.startswith("I;16"), "RGBA" if image.has_transparency_data else "RGB"
+        image = np.asarray(image if deep else image.convert(mode))
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
     integer = image.dtype in (np.uint8, np.uint16)
-    if image.shape[2:] not in ((), (3,)) or image.ndim < 2 or not image.size:
+    if image.shape[2:] not in ((), (1,), (3,), (4,)) or image.ndim < 2 or not image.size:
         raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
     if not (integer or np.issubdtype(image.dtype, np.floating)):
         raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
     if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
+    if image.shape[2:] == (4,):
+        white = np.iinfo(image.dtype).max if integer else 1
+        image = over_backdrop(np.asarray(image / np.float32(white), np.float32))
+    return image[..., 0] if image.shape[2:] == (1,) else image
 
 
 def floats_of(image: AnyArray) -> Floats:
-    """Return what `check_photograph` lets pass, or a part of it, as RGB (H, W, 3) in [0, 1]."""
+    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1]."""
     values = np.ascontiguousarray(image, np.float32)
     if np.issubdtype(image.dtype, np.integer):
         values = values / np.float32(np.iinfo(image.dtype).max)
@@ -250,7 +260,7 @@ def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArr
     The luma's sides are rounded up to multiples of ``step`` and mirrored there. A strip of rows at a time, so
     that memory does not hold all of it as RGB floats.
     """
-    check_photograph(image)
+    image = photograph_of(image)
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
-from blur2view.input_files import MAX_PIXELS, read_regular
+from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
 from blur2view.photographs.pixels import Pixels, decode_deep, pixels_of, upright
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
@@ -24,8 +24,6 @@ from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_
 MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
-# What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
-BACKDROP = 0.5
 # of these formats a file may be an animation or have pages
 MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
 NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
@@ -37,9 +35,11 @@ RAW_SUFFIXES = frozenset(
 )
 RAW_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM")
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
+LIST_SUFFIXES = frozenset(["", ".txt", ".list", ".lst"])
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
@@ -53,7 +53,7 @@ def read_image(
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
-    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
+    JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
     are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
@@ -110,7 +110,7 @@ def read_pixels(
         if has_alpha or white != np.iinfo(values.dtype).max:
             values = np.divide(values, np.float32(white), dtype=np.float32)
         if has_alpha:
-            values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
+            values = over_backdrop(values)
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
@@ -129,7 +129,12 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
     try:
         return read_regular(path)
     except FileNotFoundError:
-        raise ImageError(f"{path}: no such file; check the path") from None
+        remedy = "check the path"
+        if set(path.name) & set("*?["):
+            remedy = "no name fits this pattern, or it stands in quotes"
+        if path.is_symlink():
+            remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
+        raise ImageError(f"{path}: no such file; {remedy}") from None
     except IsADirectoryError:
         raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
     except OSError as error:
@@ -144,7 +149,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             return _develop(path, encoded, as_stored, max_memory_gib), 65535
         if is_heic(encoded):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
-        with Image.open(io.BytesIO(encoded)) as photo:
+        with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
             if (pictures := _pictures(photo)) > 1:
                 raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
@@ -173,8 +178,11 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        listed = _may_be_list(path, encoded)
-        remedy = f"if it lists photographs, write @{path}" if listed else "convert it to JPEG, PNG or TIFF"
+        remedy = "convert it to JPEG, PNG or TIFF"
+        if encoded.startswith(SQLITE):
+            remedy = "a COLMAP database goes to --camera, to-colmap --db or place"
+        elif _may_be_list(path, encoded):
+            remedy = f"if it lists photographs, write @{path}"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
         raise
@@ -188,12 +196,12 @@ _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
 def _may_be_list(path: Path, content: bytes) -> bool:
-    """Return whether a file is text and not named as a photograph."""
+    """Return whether a file is text and named as one."""
     try:
         content.decode()
     except UnicodeDecodeError:
         return False
-    return path.suffix.lower() not in PHOTOGRAPH_SUFFIXES and b"\0" not in content
+    return path.suffix.lower() in LIST_SUFFIXES and b"\0" not in content
 
 
 def is_raw(path: Path, encoded: bytes) -> bool:

@@ -46,12 +46,12 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     words = f"pink moves, hatched is unobservable; {mask.reason.partition(';')[0]}"
     lines = wrap(words, width - 20, TEXT_SIZE)
     picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
-    write(picture, headline(mask), (10, view.height + 24), size=0.55)
+    write(picture, mask_verdict(mask), (10, view.height + 24), size=0.55)
     write(picture, lines, (10, view.height + 44), colour=FAINT)
     return picture
 
 
-def headline(mask: MotionMask) -> str:
+def mask_verdict(mask: MotionMask) -> str:
     """Return how much moves and how much is unobservable; if that is most, it comes first."""
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
@@ -61,7 +61,7 @@ def headline(mask: MotionMask) -> str:
     count = len(mask.regions)
     share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
     parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
-    moves = parts if count else "nothing moves"
+    moves = parts if count else "no mover found"
     if unseen < LEAST_SHARE:
         return moves
     hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line

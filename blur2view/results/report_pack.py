@@ -18,9 +18,9 @@ from blur2view.camera.camera import Camera
 from blur2view.networks.smear_network import floats_of
 from blur2view.pipeline import FileEstimate
 from blur2view.results.estimate import EstimateDocument
-from blur2view.results.mask_overlay import headline
+from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.overlay import circles
-from blur2view.results.verdicts import kind, meaning
+from blur2view.results.verdicts import kind, verdict_of
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.selection import cells_apart
@@ -56,7 +56,7 @@ def photograph(one: FileEstimate, mask: MotionMask | None = None, mask_s: float 
         "height": height,
         "picture": picture(one.image),
         "kind": kind(geometry),
-        "meaning": meaning(one),
+        "meaning": verdict_of(one),
         "median_px": float(np.median(used.length_px)) if len(used) else None,
         "document": EstimateDocument.of(one).to_json(),
         "grid": nodes(estimate.grid),
@@ -121,7 +121,7 @@ def motion(mask: MotionMask) -> Json:
         "labels": packed(mask.labels[::every, ::every], "uint8"),
         "every_px": every,
         "probability": packed(np.clip(mask.probability[rows, columns], 0, 1), "uint8", 1 / 255),
-        "headline": headline(mask),
+        "headline": mask_verdict(mask),
         "reason": mask.reason,
     }
 

@@ -26,7 +26,8 @@ class Call:
     """A call of the command line and what came of it; one that had to be ended has a ``code`` below 0.
 
     ``photographs`` is how many it names, the first of them good, None if nobody knows. ``before`` is a
-    snapshot of its folder, ``lost`` counts rows of a database that are gone. ``whole`` is False where results
+    snapshot of its folder, ``lost`` counts rows of a database that are gone, ``ran`` are other programs that
+    it started. ``whole`` is False where results
     may be missing: the disk was full, or an earlier call left others. ``seconds`` are of a processor.
     """
 
@@ -40,6 +41,7 @@ class Call:
     peak_gib: float
     photographs: int | None = 1
     lost: int = 0
+    ran: tuple[str, ...] = ()
     whole: bool = True
 
     @property
@@ -51,6 +53,7 @@ class Call:
 def complaints(call: Call) -> list[str]:
     """Return everything that is wrong with a call, an empty list if nothing is."""
     found = [] if call.code in (0, 1, 2) else [f"exit code {call.code}"]
+    found += [f"starts {name}" for name in call.ran]
     if call.seconds > MOST_S or call.peak_gib > MOST_GIB:
         found.append(f"takes {call.seconds:.0f} s of a processor, {call.peak_gib:.2f} GiB")
     found += [*_streams(call), *_files(call)]
