@@ -152,9 +152,8 @@ def estimate(
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
     detail : Detail
-        What it is read for (see `SmearNetwork.predict`): with ``Detail.PIXELS`` every window of a photograph
-        above 2.5 megapixels, for ``grid.at_pixels()`` or :func:`blur2view.segment`; a geometry needs no more
-        than those of an ordinary photograph, spread over the picture.
+        ``Detail.PIXELS`` reads every window of a photograph above 2.5 megapixels, as ``grid.at_pixels()`` and
+        :func:`blur2view.segment` need; a geometry needs some thousand, spread over the picture.
 
     Returns
     -------

@@ -158,6 +158,7 @@ class SmearNetwork:
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
         pixels = float(np.prod(shape))
+        detail = Detail(detail)  # a word will do
         if detail is Detail.PIXELS or (detail is Detail.GEOMETRY and pixels <= self.max_pixels):
             return 0
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2

@@ -116,7 +116,7 @@ def test_folder_that_cannot_be_written_is_one_line(
 ) -> None:
     (tmp_path / "file").touch()
     done = run(still, "-o", tmp_path / "file" / below)
-    assert done == 1 and "results cannot be written there" in done.line and "-o" in done.line
+    assert done == 1 and "results cannot be written there" in done.line and "name another folder" in done.line
 
 
 def test_full_disk_leaves_no_half_written_file(
