@@ -250,7 +250,7 @@ def estimate_file(
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
     ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
-    ``detail`` of `estimate`; ``camera_of`` returns intrinsics, by default those of options or EXIF. ImageError,
+    ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of options or EXIF. ImageError,
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
     start = time.perf_counter()
