@@ -152,8 +152,7 @@ def estimate(
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
     detail : Detail
-        ``Detail.PIXELS`` reads every window of a photograph above 2.5 megapixels, as ``grid.at_pixels()`` and
-        :func:`blur2view.segment` need; a geometry needs some thousand, spread over the picture.
+        ``Detail.PIXELS`` reads every window of a large photograph, for masks and ``grid.at_pixels()``.
 
     Returns
     -------
@@ -222,10 +221,8 @@ class FileEstimate:
     @property
     def timings_s(self) -> dict[str, float] | None:
         """Return the seconds of each step: read, predict, select and solve; None if nobody wants them."""
-        if not self.timed:
-            return None
-        steps = asdict(self.estimate.timings)
-        return {"read": self.read_s} | {name.removesuffix("_s"): value for name, value in steps.items()}
+        steps = {"read_s": self.read_s, **asdict(self.estimate.timings)}
+        return {name.removesuffix("_s"): value for name, value in steps.items()} if self.timed else None
 
 
 def estimate_file(
@@ -242,8 +239,7 @@ def estimate_file(
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
     ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
-    ``detail`` as of `estimate`;
-    ``camera_of`` returns the intrinsics, by default those that the options or EXIF state. ImageError,
+    ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of options or EXIF. ImageError,
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
     start = time.perf_counter()
@@ -289,6 +285,5 @@ def _shutter(path: Path, run: Run, exif: ExifValues) -> RollingShutter | None:
         return None
     if exposure_s is None:
         raise CameraError(f"{path}: --readout needs the exposure time, EXIF names none; add --exposure S")
-    frame = frame_of(path)
-    towards = exif.rows_towards if frame is None else rows_towards(frame[0])
+    towards = rows_towards(frame[0]) if (frame := frame_of(path)) else exif.rows_towards
     return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=towards)
