@@ -109,6 +109,6 @@ PENALTY = {
     "parallax": 5.5,
 }
 PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they had
-PROVEN_FROM = 0.92  # probability of parallax: of the 65, none of the 51 others reaches it, 6 of 14 do
+PROVEN_FROM = 0.92  # probability of parallax: of the 65, one of the 51 others reaches it, 6 of 14 do
 # and below which it is absent, where LEAST_INDEPENDENT smears are independent, all correlation counted: bound
-ABSENT_BELOW = 0.2
+ABSENT_BELOW = 0.015

@@ -5,12 +5,9 @@ turns what was stated into deviations. Both orders are possible, and their proba
 smears follow no model; of n smears only the effective number is independent, and every log-likelihood is
 tempered by that share. Two kinds of models are judged:
 
-- F says on which line a smear lies, not where: the error that counts is the Sampson distance (`residuals`,
-  `costs`). Chance, a smear of any direction, is a component of its own.
+- F says on which line a smear lies, not where: the Sampson distance counts (`residuals`, `costs`);
 - a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
-  (`field_costs`), by Student's distribution, and chance likewise. A field with parallax
-  along the lines of F (`with_parallax`) allows larger errors along those lines, and is the link between the
-  two: nested in it are the field alone and, far along the lines, F alone.
+  (`field_costs`). A field with parallax along the lines of F (`with_parallax`) links the two.
 """
 
 from __future__ import annotations
@@ -28,7 +25,7 @@ from blur2view.geometry.depth import order_log_odds, parallax_along_lines
 from blur2view.geometry.epipolar import denormalise, homogeneous
 from blur2view.geometry.sampson import residual_parts
 from blur2view.robust import calibration as c
-from blur2view.robust.parametrization import CameraPrior, Manifold
+from blur2view.robust.parametrization import CameraPrior, Manifold, assumed_camera
 from blur2view.robust.residuals import OrderedResiduals
 from blur2view.smears.matches import SmearMatches
 
@@ -72,14 +69,12 @@ class Likelihood:
     @cached_property
     def ends(self) -> Array:
         """Ends (N, 2, 2), normalised."""
-        ends: Array = self.matches.ends * np.diag(self.T)[:2] + self.T[:2, 2]
-        return ends
+        return np.asarray(self.matches.ends * np.diag(self.T)[:2] + self.T[:2, 2])
 
     @cached_property
     def middle(self) -> Array:
         """Midpoints (N, 2) of the ends, normalised."""
-        middle: Array = self.ends.mean(axis=1)
-        return middle
+        return np.asarray(self.ends.mean(axis=1))
 
     @cached_property
     def displacement(self) -> Array:
@@ -92,6 +87,11 @@ class Likelihood:
         return np.asarray(self.matches.sampson_px * self.sigma_fitted)
 
     @property
+    def intrinsics_known(self) -> bool:
+        """Whether the intrinsics are known."""
+        return self.lens == (0.0, 0.0)
+
+    @property
     def length_px(self) -> Array:
         """Lengths (N,), pixels."""
         return self.matches.length_px
@@ -100,11 +100,6 @@ class Likelihood:
     def unit_px(self) -> float:
         """Pixels per normalised unit."""
         return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
-
-    @property
-    def intrinsics_known(self) -> bool:
-        """Whether the intrinsics are known."""
-        return self.lens == (0.0, 0.0)
 
     @property
     def effective_share(self) -> float:
@@ -176,22 +171,17 @@ class Likelihood:
         return parallax_along_lines(*point.motion(), self.middle.T, self.displacement.T)
 
     def weigh(self, plain: OrderedResiduals, parallax: Array, weight: float) -> OrderedResiduals:
-        """Return residuals with the odds of the orders by positive depth, of `parallax_along_lines` (2, N).
-
-        ``weight`` in [0, 1] tempers the odds.
-        """
+        """Return residuals with the odds of the orders by positive depth, tempered by a weight in [0, 1]."""
         odds = order_log_odds(parallax, self.along)
         return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
-        cost: Array = -2 * np.log((residuals.total + self.chance) / (1 + self.chance))
-        return cost
+        return np.asarray(-2 * np.log((residuals.total + self.chance) / (1 + self.chance)))
 
     def order_weights(self, residuals: OrderedResiduals) -> Array:
         """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
-        weights: Array = residuals.likelihoods / (residuals.total + self.chance)
-        return weights
+        return np.asarray(residuals.likelihoods / (residuals.total + self.chance))
 
     # Displacement fields: where both ends are
 
@@ -262,18 +252,25 @@ class Likelihood:
         """
         skew = 0.5 * np.array([F[2, 1] - F[1, 2], F[0, 2] - F[2, 0], F[1, 0] - F[0, 1]])
         normal = np.cross(skew, homogeneous(self.middle))[:, :2]  # of the lines at mid exposure
-        line = self.whiten(np.stack([normal[:, 1], -normal[:, 0]], axis=1))
+        normal /= np.maximum(np.hypot(*normal.T), TINY)[:, None]
+        line, across = self.whiten(np.stack([np.stack([normal[:, 1], -normal[:, 0]], axis=1), normal]))
         line /= np.maximum(np.hypot(*line.T), TINY)[:, None]
-        across = np.stack([-line[:, 1], line[:, 0]], axis=1)
-        both = self._both(predicted, slow)
-        turned = np.stack([(both * line).sum(axis=-1), (both * across).sum(axis=-1)], axis=-1)
+        height = line[:, 0] * across[:, 1] - line[:, 1] * across[:, 0]  # deviations per unit off the line
+        along = (self._both(predicted, slow) * line).sum(axis=-1)
+        off = [2**0.5 * self._signed_sampson(f) * height for f in (F, F.T)]  # of F and not of the field
+        likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
+        turned = np.stack([along, likely], axis=-1)
+        # errors worse than stated, in all directions, and chance: they are no parallax
+        other = _student(turned / c.WIDER, np.ones(1))[0] / c.WIDER**2 + self.field_chance
         density = _student(turned, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
-        wide = (
-            _student(turned / c.WIDER, np.ones(1)) / c.WIDER**2
-        )  # errors worse than stated, in all directions
-        both = [np.vstack([d, wide, self.field_chance]).T for d in (density[:1], density)]
-        without, along_lines = (mixture(d)[1].sum() for d in both)
-        return self.effective_share * float(along_lines - without)
+        density += self.matches.shared.outlier_odds * other
+        _, log_density = mixture(density.T)
+        return self.effective_share * float((log_density - np.log(density[0])).sum())
+
+    def _signed_sampson(self, F: Array) -> Array:
+        """Return signed Sampson distances (2, N) in both orders, normalised."""
+        first, second, _ = self.orders
+        return residual_parts(F, first, second)[0].reshape(2, -1)
 
     def _both(self, predicted: Array, slow: Array) -> Array:
         """Return whitened residuals (2, N, 2) of a field, of the smears as they are and reversed."""
@@ -299,12 +296,3 @@ def mixture(density: Array) -> tuple[Array, Array]:
     for _ in range(c.MIXTURE_ROUNDS):
         weights = weights * ((1 / (density @ weights)) @ density) / len(density)
     return weights, np.log(density @ weights)
-
-
-def assumed_camera(image_size: tuple[float, ...]) -> Array:
-    """Return K^-1 (3, 3) of the assumed camera: centred, focal length ASSUMED_FOCAL times the longer side."""
-    width, height = image_size
-    focal = c.ASSUMED_FOCAL * max(width, height)
-    return np.array(
-        [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
-    )

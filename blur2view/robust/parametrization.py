@@ -25,6 +25,7 @@ from blur2view.geometry.rotation import (
     rotation_vector,
     step_on_sphere,
 )
+from blur2view.robust.calibration import ASSUMED_FOCAL
 
 
 class Family(Protocol):
@@ -232,3 +233,12 @@ def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:
     """
     rotations, t = essential_motions(F)
     return CameraF(t=t, R=rotations[0], spread=spread)
+
+
+def assumed_camera(image_size: tuple[float, ...]) -> Array:
+    """Return K^-1 (3, 3) of the assumed camera: centred, focal length ASSUMED_FOCAL times the longer side."""
+    width, height = image_size
+    focal = ASSUMED_FOCAL * max(width, height)
+    return np.array(
+        [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
+    )

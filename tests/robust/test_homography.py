@@ -27,8 +27,8 @@ from blur2view.robust.homography_search import (
     find_plane,
     solve_signed,
 )
-from blur2view.robust.likelihood import Likelihood, assumed_camera
-from blur2view.robust.parametrization import CameraPrior
+from blur2view.robust.likelihood import Likelihood
+from blur2view.robust.parametrization import CameraPrior, assumed_camera
 from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, rotation
 

@@ -54,13 +54,22 @@ def test_parallax_is_counted_and_a_plane_gains_nothing_from_it() -> None:
         A, F, ends = beside_a_plane(seed, 0.0)
         assert gain(A, F, ends) < 6
         A, F, ends = beside_a_plane(seed, 0.4)
-        assert gain(A, F, ends) > 150
+        assert gain(A, F, ends) > 60
 
 
 def test_a_wrong_F_gains_less_than_the_true_one() -> None:
     A, F, ends = beside_a_plane(3, 0.4)
     wrong = cross_matrix(np.array([-0.5, 0.9, 1.0])) @ cayley(A)
     assert gain(A, wrong, ends) < 0.3 * gain(A, F, ends)
+
+
+def test_distances_from_the_lines_are_those_of_F_not_of_the_field() -> None:
+    """A homography that errs across the lines: F explains every smear all the same."""
+    A, F, ends = beside_a_plane(3, 0.0)
+    likelihood = normalised_likelihood(ends, NOISE)
+    shifted = plane_of(A, likelihood).family.step(np.array([0, 0, 6 * NOISE, 0, 0, 6 * NOISE, 0, 0]))
+    predicted = likelihood.whiten(shifted.displacement(likelihood.middle))
+    assert likelihood.with_parallax(predicted, np.zeros(6), F) > 100
 
 
 def test_order_transpose_and_time_do_not_matter() -> None:
@@ -71,7 +80,7 @@ def test_order_transpose_and_time_do_not_matter() -> None:
 
 def test_overstated_deviations_hide_little_of_the_parallax_and_make_none() -> None:
     A, F, ends = beside_a_plane(5, 0.3)
-    assert gain(A, F, ends, 2 * NOISE) > 80
+    assert gain(A, F, ends, 2 * NOISE) > 8
     A, F, ends = beside_a_plane(5, 0.0)
     assert gain(A, F, ends, 2 * NOISE) < 1
 
@@ -84,10 +93,8 @@ def test_both_orders_of_every_smear_are_summed() -> None:
     here = likelihood.field_costs(plane.predicted, plane.slow)
     reversed_ = likelihood.field_costs(-plane.predicted, plane.slow)
     assert np.allclose(here, reversed_)
-    long = likelihood.length_px > 8
-    assert np.allclose(
-        (here - 6 * np.log1p((plane.residual**2).sum(axis=1) / 4))[long], 2 * np.log(2), atol=0.2
-    )
+    decided = 6 * np.log1p((plane.residual**2).sum(axis=1) / 4)
+    assert np.isclose(np.median((here - decided)[likelihood.length_px > 8]), 2 * np.log(2), atol=0.05)
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-9])

@@ -7,13 +7,13 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import apply_similarity, cross_matrix, homogeneous, symmetric_skew, unit_norm
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.geometry.sampson import entry_jacobian, residual_parts, sampson, serrmin, signed_sampson
-from blur2view.robust.likelihood import assumed_camera
 from blur2view.robust.parametrization import (
     CameraF,
     CameraPrior,
     GeneralF,
     Manifold,
     TranslationF,
+    assumed_camera,
     camera_from_matrix,
 )
 from blur2view.robust.refinement import WeightedPoint, refine, refining

@@ -3,7 +3,8 @@
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.robust.likelihood import Likelihood, assumed_camera
+from blur2view.robust.likelihood import Likelihood
+from blur2view.robust.parametrization import assumed_camera
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from tests.support.scenes import IMAGE_SIZE

@@ -207,7 +207,7 @@ def test_a_turn_that_is_faster_down_the_rows_is_no_parallax_unless_the_shutter_i
         ends = np.stack([middle - half, middle + half], axis=1)
         ends += np.random.default_rng(seed).normal(0, 0.2, ends.shape)
         matches = SmearMatches(ends=ends, sigma_px=np.full(400, 0.4), image_size=IMAGE_SIZE)
-        geometry = estimate_two_view(matches)
+        geometry = estimate_two_view(matches, camera=scene.camera)
         assert geometry.parallax is not Parallax.PROVEN
         assert geometry.config is Configuration.PANORAMIC
         assert (geometry.rotation_probability or 0.0) > 0.9
