@@ -13,6 +13,7 @@ from tests.support.scenes import make_scene
 from tests.support.walks import Walk
 from tools.evaluation import benchmark, placed, rates
 from tools.evaluation.gyroscope import figures_of, pairs_of
+from tools.evaluation.processes_timed import Run, checkout, in_turn
 from tools.metrics import pose_error_deg, pose_of
 
 
@@ -95,6 +96,23 @@ def test_every_stage_runs_and_leaves_its_files(tmp_path: Path) -> None:
 def test_the_first_call_is_extra_and_the_table_gives_ratios_memory_and_machine() -> None:
     calls: list[int] = []
     assert benchmark.timed(lambda: calls.append(1), 3) >= 0 and len(calls) == 4
-    text = benchmark.page({"decode": 0.5}, (1.0, 345.6), 0.25, repeats=9)
-    assert "| decode | 0.500 | 2.00 |" in text and "346 MiB" in text
+    text = benchmark.page({"decode": 0.5}, 0.25, repeats=9)
+    assert "| decode | 0.500 | 2.00 |" in text
     assert "cores; medians of 9 runs; one 1280x720 photograph" in text
+    ours, theirs = (Run(wall_s=s, cpu_s=2 * s, memory_mib=100 * s) for s in (1.0, 4.0))
+    assert benchmark.row_of("a", [ours], "1.00") == ("a", "1.00", "2.00", "100", "1.00")
+    assert benchmark.row_of("a", [ours, theirs], "1.00")[5:] == ("0.25", "0.25", "0.25")
+
+
+def test_processes_of_two_trees_take_turns_and_a_failure_ends_the_benchmark(tmp_path: Path) -> None:
+    said = tmp_path / "said"
+    code = f"import os; open({str(said)!r}, 'a').write(os.environ['PYTHONPATH'][-1])"
+    trees = [tmp_path / name for name in "ab"]
+    for tree in trees:
+        tree.mkdir()
+    runs = in_turn(trees, ["-c", code], repeats=2)
+    assert said.read_text() == "abab" and len(runs) == 2 and runs[0].memory_mib > 1
+    with pytest.raises(SystemExit, match="ends with 3"):
+        in_turn(trees, ["-c", "raise SystemExit(3)"], repeats=1)
+    with pytest.raises(SystemExit, match="no-commit: is no commit"):
+        checkout("no-commit", tmp_path / "c")
