@@ -110,8 +110,10 @@ def _files(call: Call) -> Iterator[str]:
         yield f"{call.lost} rows of the user's are gone"
     for name in new:
         path, last = call.folder / name, name.rpartition("/")[2]
-        hidden = last.startswith(".") and not last.startswith("..")  # which a photograph may be
-        if hidden or last.endswith((".tmp", "-journal")) or not name.startswith(outputs):
+        manifest = last.endswith(".manifest.jsonl")
+        hidden = last.startswith(".") and not last.startswith("..") and not manifest  # .. a photograph may be
+        of = name.removeprefix(".") if manifest else name
+        if hidden or last.endswith((".tmp", "-journal")) or not of.startswith(outputs):
             yield f"{'changes' if name in call.before else 'leaves'} {name}"
         elif "--link" in call.words:
             if not linked:
