@@ -129,3 +129,20 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
         angles[orientation] = document["rotation_deg"], document["backward"]["rotation_deg"]
     assert angles[2] == angles[1] != angles[6]
     np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("--readout 0.03", [" or, in the other order in time, "]),
+        ("--readout 0.03 -v", [" or, in the other order in time, "]),
+        ("-v", ["CALIBRATED", "rotation", "angular velocity", "rad/s in 0.05 s", "translation towards"]),
+    ],
+)
+def test_summary_has_the_pose_and_both_orders_of_a_rolling_shutter(
+    call: Call, photo: Path, more: str, words: list[str]
+) -> None:
+    done = call("estimate", photo, "--focal", 300, "--exposure", "1/20", *more.split())
+    assert done == 0
+    text = done.out
+    assert all(word in text for word in words)

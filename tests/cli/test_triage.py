@@ -172,3 +172,20 @@ def test_a_list_that_would_be_waited_for_is_refused(call: Call, moving: Path, tm
     (tmp_path / "keep.txt").symlink_to("/proc/kmsg")
     done = call("triage", moving, "--keep", tmp_path / "keep.txt")
     assert done == 1 and "is no list of an earlier call" in done.err
+
+
+@pytest.mark.slow
+def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
+    frames: Path, call: Call, tmp_path: Path
+) -> None:
+    lines = call("triage", frames, "--recursive", "--keep", tmp_path / "all.txt").out.splitlines()
+    uses = [line.rpartition(": ")[2].partition(" ")[0] for line in lines[:3]]
+    assert uses == ["unusable", "blurred", "sharp"]
+    assert len(lines) == 4 and "1 kept" in lines[-1]  # one closing line
+    remedy = "none is kept: --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
+    assert remedy in call("triage", frames / "left" / "moving.png", "--keep", tmp_path / "one.txt").out
+    last = call("triage", frames / "chaos.png", "--keep", tmp_path / "other.txt").out
+    assert "none is kept: the sharpest has smears of " in last and "--max-smear is 3; wrote " in last
+    (tmp_path / "none.png").write_bytes(b"no picture")
+    done = call("triage", tmp_path / "none.png", "--keep", tmp_path / "none.txt")
+    assert done == 1 and "no photograph shows texture" not in done.out

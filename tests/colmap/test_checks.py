@@ -5,12 +5,13 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from blur2view.colmap import connection
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.link import plan_links
-from blur2view.errors import CameraError, DatabaseError
+from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import ProjectOptions, make_project
 from tests.support.malformed_projects import SQL_FAULTS
@@ -69,3 +70,13 @@ def test_a_camera_of_odd_values_is_one_line(tmp_path: Path, values: str) -> None
     with pytest.raises(CameraError, match="camera") as caught:
         camera_of_database(path, 1)
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+def test_many_cameras_are_named_by_a_few(tmp_path: Path) -> None:
+    more = " UNION ALL ".join(f"SELECT {number}" for number in range(2, 400))
+    copies = f"INSERT INTO cameras SELECT n.*, model, width, height, params, 0 FROM cameras, ({more}) n"
+    path = faulty(tmp_path / "project.db", copies)
+    for camera, photograph in ((None, "x.jpg"), (999, ""), (None, os.fsdecode(b"\xff.jpg"))):
+        with pytest.raises(Blur2ViewError, match=r"1, 2, .*, 10 \.\.\."):
+            camera_of_database(path, camera, photograph)
+    assert np.isfinite(camera_of_database(path, 2).K).all()
