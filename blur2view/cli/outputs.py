@@ -58,7 +58,7 @@ def run_with_files(
     endings: Sequence[str],
     work: Work[ResultFiles | None, Written | None],
     collect: Callable[[list[Written], list[FailureDocument]], Document],
-    beside: Callable[[Path], Path] | None = None,
+    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
 ) -> int:
     """Return the exit code, after the work on every photograph, which has files of its own, with -o.
 
@@ -93,20 +93,20 @@ def plan_outputs(
     endings: Sequence[str],
     *,
     overwrite: bool = False,
-    beside: Callable[[Path], Path] | None = None,
+    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
     manifest: Manifest | None = None,
 ) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
 
     With ``overwrite`` results of another photograph may be replaced, too; photographs and files of others
-    never are. ``beside`` maps the name of a photograph to that of a further file, below the folder. The
+    never are. ``beside`` maps the name of a photograph to those of further files, below the folder. The
     manifest alone tells apart photographs of one name that were named from different folders.
     """
     photographs = {os.path.realpath(image) for image in inputs.paths}
     first_of: dict[Path, Path] = {}
     plan: list[ResultFiles | OutputError] = []
     for image, name in zip(inputs.paths, result_names(inputs), strict=True):
-        further = None if beside is None else folder / beside(inputs.names.get(image, Path(image.name)))
+        further = tuple(folder / path for path in beside(inputs.names.get(image, Path(image.name))))
         files = ResultFiles(
             folder=folder / name.parent, stem=name.name, endings=tuple(endings), beside=further
         )
