@@ -16,7 +16,9 @@ from blur2view.segmentation.mask import MotionLabel
 GREY = np.zeros(3, np.uint8)
 GREY[[MotionLabel.STATIC, MotionLabel.MOVING, MotionLabel.UNOBSERVABLE]] = 0, 255, 128
 """Grey of every `MotionLabel` in ``*.mask.png``."""
-TURNED = ("JPEG", "MPO", "PNG", "TIFF", "WEBP")
+DAMAGED = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
+"""What Pillow raises of a picture that it cannot read."""
+TURNED = ("JPEG", "PNG", "TIFF", "WEBP")
 """Formats in which EXIF may say that a photograph is to be turned, and which trainers read as they are."""
 
 
@@ -57,7 +59,7 @@ def stored_labels(path: Path) -> NDArray[np.uint8]:
     try:
         with Image.open(path, formats=["PNG"]) as picture:
             grey = np.asarray(picture)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except DAMAGED:
         grey = np.zeros(0, np.uint8)
     if grey.ndim != 2 or not np.isin(grey, GREY).all():
         raise OutputError(f"{path}: is no mask of blur2view segment; segment the photograph again")
@@ -69,9 +71,8 @@ def stored_labels(path: Path) -> NDArray[np.uint8]:
 def as_stored(upright: NDArray[np.uint8], photograph: Path) -> NDArray[np.uint8]:
     """Return a mask of the upright photograph as its pixels are stored, by EXIF (2.3, tag 0x0112)."""
     orientation = 1
-    with suppress(OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-        with Image.open(photograph, formats=TURNED) as picture:
-            orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
+    with suppress(*DAMAGED), Image.open(photograph, formats=TURNED) as picture:
+        orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
     if orientation in (3, 4, 7, 8):
         upright = upright[::-1]
     if orientation in (2, 3, 6, 7):
