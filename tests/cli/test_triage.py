@@ -10,9 +10,10 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.triage import Classifier, hint, list_text, use_of
+from blur2view.cli.triage import Classifier, hint, list_text
 from blur2view.photographs.image import read_image
 from blur2view.results.table import Row
+from blur2view.results.uses import use_of
 from tests.support.calls import Call
 from tests.support.colour_code import forward_motion, write_picture
 from tests.support.tables import table
@@ -153,8 +154,8 @@ def test_without_a_table_and_a_list_each_photograph_has_its_line(frames: Path, c
 )
 def test_use_follows_smear_and_geometry(smear_px: float | None, verdict: str, before: str, use: str) -> None:
     row = Row(verdict=verdict, smear_px=smear_px, defocus_px=1.0, blur="camera moved")
-    assert use_of(row, smear_px, 3.0, 2.0, before) == use
-    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before) == ""
+    assert use_of(row, smear_px, 3.0, 2.0, before).name == use
+    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before).name == ""
 
 
 @pytest.mark.parametrize(
@@ -171,7 +172,7 @@ def test_what_is_out_of_focus_is_never_sharp(
     blur: str, defocus_px: float | None, smear_px: float, use: str
 ) -> None:
     row = Row(verdict="DEGENERATE", blur=blur, defocus_px=defocus_px, smear_px=smear_px)
-    assert use_of(row, smear_px, 3.0, 2.0) == use
+    assert use_of(row, smear_px, 3.0, 2.0).name == use
 
 
 @pytest.mark.parametrize(
