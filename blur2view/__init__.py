@@ -23,7 +23,8 @@ First calls
   ``Camera.from_opencv(K, dist, (width, height))``, E and the pose.
 - ``result.angular_velocity(exposure_s)``: mean and covariance; None without a pose.
 - ``for result in estimate_frames(frames, camera=camera)``: the frames of a video, each in the right direction
-  of time. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which threads may share.
+  of time, with ``timestamps_s=timestamps_of(paths)`` if wanted. Others: a loop over ``estimate`` with one
+  ``network = SmearNetwork()``, which threads may share.
 - ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
   ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
 - ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written, as ``predict``

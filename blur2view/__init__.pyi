@@ -29,6 +29,7 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeome
 from blur2view.networks.model_file import ModelInfo as ModelInfo
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
 from blur2view.photographs.image import read_image as read_image
+from blur2view.photographs.timestamps import timestamps_of as timestamps_of
 from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import Timings as Timings
 from blur2view.pipeline import estimate as estimate

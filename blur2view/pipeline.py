@@ -81,6 +81,8 @@ class Estimate:
         For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
     time : TimeDirection
         Whether neighbouring frames decided which end of the exposure came first.
+    timestamp_s : float or None
+        When it was taken, as `estimate_frames` was told, seconds.
     """
 
     grid: SmearGrid
@@ -92,12 +94,14 @@ class Estimate:
     camera: Camera | None = None
     shutter: RollingShutter | None = None
     time: TimeDirection = field(default_factory=TimeDirection)
+    timestamp_s: float | None = None
 
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
-        Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians. ValueError if the exposure time is not positive and finite.
+        Its sign is that of time, which is open unless ``time.known``; a gyroscope shows ``of_gyroscope``.
+        With an exposure time of 1 it is the rotation itself, in radians. ValueError if the exposure time is
+        not positive and finite.
         """
         if not 0 < exposure_s < np.inf:
             raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")

@@ -33,6 +33,8 @@ def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate
 def estimate_frames(
     frames: Iterable[AnyArray],
     *,
+    timestamps_s: Iterable[float] | None = None,
+    ordered: bool = True,
     network: SmearNetwork | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
@@ -50,6 +52,11 @@ def estimate_frames(
     ----------
     frames : iterable of ndarray of shape (H, W, 3) or (H, W)
         Consecutive frames, all of one size, in the order of time.
+    timestamps_s : iterable of float, optional
+        When each was taken, seconds, as of `timestamps_of`: ``timestamp_s`` of its estimate.
+    ordered : bool
+        If not, the direction of time stays open, and each estimate is given before the next frame is asked
+        for: nothing lags.
     network, select, options, camera, shutter
         As of :func:`estimate`.
 
@@ -61,15 +68,48 @@ def estimate_frames(
     Raises
     ------
     ValueError, ModelError
-        As :func:`estimate`.
+        As :func:`estimate`; ValueError if there are fewer times than frames.
+
+    Examples
+    --------
+    Rates of a robot's camera, with the covariance that ROS's ``sensor_msgs/Imu`` has::
+
+        from pathlib import Path
+        import blur2view
+
+        network = blur2view.SmearNetwork(threads=4)
+        paths = sorted(Path("mav0/cam0/data").glob("*.png"))
+        stamps = blur2view.timestamps_of(paths, "mav0/cam0/data.csv")  # or from the names alone
+        images = map(blur2view.read_image, paths)
+        camera = blur2view.Camera.from_focal(458.0, (752, 480))
+        estimates = blur2view.estimate_frames(
+            images, timestamps_s=stamps, camera=camera, network=network
+        )
+        for one in estimates:
+            rate = one.angular_velocity(0.02)
+            if rate is None or not one.time.known:
+                continue  # it did not move, or shows no pose, or its sign is open
+            gyroscope = rate.of_gyroscope
+            message = Imu()
+            message.header.stamp = rospy.Time.from_sec(one.timestamp_s)
+            message.angular_velocity = Vector3(*gyroscope.mean)
+            message.angular_velocity_covariance = gyroscope.covariance.ravel().tolist()
+            message.orientation_covariance[0] = message.linear_acceleration_covariance[0] = -1
+            publisher.publish(message)
     """
     network = network or SmearNetwork()
+    times = None if timestamps_s is None else iter(timestamps_s)
     held: tuple[Estimate, Features, list[NeighbourMotion]] | None = None
     for frame in frames:
         image = rgb_of(frame)
         estimated = estimate(
             image, network=network, select=select, options=options, camera=camera, shutter=shutter
         )
+        if times is not None:
+            estimated = replace(estimated, timestamp_s=_next_time(times))
+        if not ordered:
+            yield estimated
+            continue
         features, motions = features_of(image), list[NeighbourMotion]()
         if held is not None:
             earlier, later = match_features(held[1], features)
@@ -78,3 +118,11 @@ def estimate_frames(
         held = estimated, features, motions
     if held is not None:
         yield in_time(held[0], held[2])
+
+
+def _next_time(times: Iterator[float]) -> float:
+    """Return the time of the next frame; ValueError without one."""
+    try:
+        return float(next(times))
+    except StopIteration:
+        raise ValueError("there are fewer timestamps than frames") from None

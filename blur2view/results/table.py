@@ -60,7 +60,7 @@ class Row(Document):
     frame: int | None = None
     """Number of the frame in its video, from 0."""
     timestamp_s: float | None = None
-    """Its time in the video, seconds."""
+    """Its time in the video, or that which a photograph's name is, seconds."""
     wx: float | None = None
     wy: float | None = None
     wz: float | None = None
