@@ -79,9 +79,10 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, fram
         size = f"{model.registered} of {plural(frames, 'frame')}"
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
     placed = f"placed the views of {plural(len(placement.placed), 'frame')}"
-    line = (
-        f"{printable(str(options.output))}: {placed}, exposure over frame interval {placement.fraction:.2f}"
-    )
+    line = f"{printable(str(options.output))}: {placed}, exposure over frame interval "
+    line += f"{placement.fraction:.2f}"
+    if not placement.measured:
+        line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
     lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
     if options.verbosity > SHORT:
         for name in placement.left:

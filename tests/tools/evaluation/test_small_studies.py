@@ -1,4 +1,4 @@
-"""Small studies: smears against measured ones, placed views, rates, poses and times, of known cases."""
+"""Small studies: smears against measured ones, rates, poses and times, of known cases."""
 
 from pathlib import Path
 
@@ -11,8 +11,7 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.results.table import Row, table_text
 from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene, rotation
-from tests.support.walks import Walk
-from tools.evaluation import benchmark, placed, pose_coverage, rates
+from tools.evaluation import benchmark, pose_coverage, rates
 from tools.evaluation.gyroscope import figures_of, page, pairs_of
 from tools.evaluation.smear_figures import lean_deg
 from tools.metrics import pose_auc, pose_error_deg, pose_of
@@ -66,21 +65,6 @@ def test_a_lean_towards_the_axes_is_positive_on_both_sides(axis: int, apart: int
 
     assert lean_deg(smear(axis + 0.9 * apart), smear(axis + apart)) == pytest.approx(2)
     assert lean_deg(-smear(axis + 1.2 * apart), smear(axis + apart)) == pytest.approx(-4)
-
-
-def test_motions_placed_in_a_model_are_compared_after_one_scale(tmp_path: Path) -> None:
-    names = [f"{name}{end}" for name in ("a.jpg", "b.jpg") for end in ("#open", "#close")]
-    turn, move = np.array([0.01, -0.02, 0.005]), np.array([0.1, 0.02, 0.05])
-    walk = Walk(names=names, size=(96, 64), focal=90.0, turn=turn, move=move)
-    points = np.random.default_rng(0).uniform([-1, -1, 4], [1, 1, 6], (9, 3))
-    walk.write(points, tmp_path / "walk.db", {tmp_path / "model": range(4)})
-    found = placed.placed_motions(tmp_path / "model")
-    np.testing.assert_allclose(found["a"], [turn, move], rtol=0.05)
-    across = np.cross(found["b"][1], turn)
-    for name, t in (("a", found["a"][1]), ("b", across), ("c", move)):
-        np.savez(tmp_path / f"{name}.npz", R=rotation_matrix(2 * turn), t=t)
-    row = placed.page(found, placed.measured_motions(tmp_path)).splitlines()[2]
-    assert row == "| 2 | 0.000 | 45.0 | 50% |"
 
 
 def test_reversed_rates_point_the_other_way(tmp_path: Path) -> None:
