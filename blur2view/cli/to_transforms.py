@@ -45,8 +45,9 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         exposure_s=options.exposure,
         max_smear_px=options.max_smear or float("inf"),
     )
-    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in content["frames"]]
-    _check_photographs(paths)
+    frames = _present(target, content["frames"])
+    left, content = len(content["frames"]) - len(frames), content | {"frames": frames}
+    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in frames]
     files = {} if options.masks is None else _masks(options, content, paths, images)
     signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
     if PLY_KEY in content:
@@ -57,17 +58,22 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     for folder in sorted({path.parent for path in files}, reverse=True):
         with writing(folder):
             write_files({path: data for path, data in files.items() if path.parent == folder})
-    return summary(target, content, options.verbosity, masks=options.masks is not None)
+    line = summary(target, content, options.verbosity, masks=options.masks is not None)
+    if left:
+        line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"
+    return line
 
 
-def _check_photographs(paths: list[Path]) -> None:
-    """Refuse a folder without the photographs: instant-ngp passes over missing ones without a word."""
-    missing = [path for path in paths if not path.is_file()]
-    if missing:
+def _present(target: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the frames whose photographs are there; OutputError if none is."""
+    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in frames]
+    present = [frame for frame, path in zip(frames, paths, strict=True) if path.is_file()]
+    if not present:
         raise OutputError(
-            f"{missing[0]}: no such photograph ({len(missing)} of {len(paths)} are missing); "
+            f"{paths[0]}: no such photograph ({len(paths)} of {len(paths)} are missing); "
             "name their folder with --images"
         )
+    return present
 
 
 def _masks(
@@ -133,10 +139,11 @@ def _write_model(options: ToTransformsOptions) -> str:
     if images is None and not link.is_dir():
         raise OutputError(f"{options.model}: does not say where its photographs are; name them with --images")
     model = read_model(options.model)
-    kept = {one.name for one in with_views(model, options.model, options.max_smear or float("inf"))}
-    keep_photographs(model, options.model, kept)
-    names = sorted(image.name for image in model.images.values())
-    _check_photographs([(images or link) / name for name in names])
+    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
+    frames = [{"file_path": os.path.relpath((images or link) / name, options.output)} for name in kept]
+    present = _present(options.output / MODEL.name, frames)
+    names = {name for name, frame in zip(kept, frames, strict=True) if frame in present}
+    keep_photographs(model, options.model, names)
     refuse_foreign(folder)
     if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")

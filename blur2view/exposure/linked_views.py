@@ -48,7 +48,8 @@ def keypoint_views(
     smears = grid.at(points)
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
     ends = smear_ends(points, smears.displacement)
-    sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)), estimate.matches.shared)
+    across = across_px(length, smears.sigma_rad.astype(float))
+    sampson = sampson_px(length, across, estimate.matches.shared)
     order = motion_order(geometry, estimate.matches, estimate.camera, grid.size)
     swapped = order.swapped(ends, sampson)
     first, last = open_and_close(ends, swapped)
@@ -60,13 +61,14 @@ def keypoint_views(
     fits = usable  # without F all are taken to follow H
     if geometry.F is not None:
         errors = serrmin(geometry.F, order.camera.undistorted(ends))
-        fits = usable & (errors < options.tolerance_px(sampson) ** 2)
+        fits = usable & (errors < options.tolerance_px(length, sampson) ** 2)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     return replace(
         views_of(name, estimate),
         points_open=np.where(moved, first, still),
         points_close=np.where(moved, last, still),
         sigma_px=sigma,
+        across_px=across,
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
         usable=usable,
     )

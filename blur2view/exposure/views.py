@@ -13,6 +13,8 @@ from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import INDEPENDENT, SharedErrors
+from blur2view.smears.selection import LEAST_SIGMA_PX
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
 
@@ -40,6 +42,10 @@ class ExposureViews:
         Unknown, and so arbitrary, by default.
     usable : ndarray of bool, shape (N,), or None
         Points that are matched; None: all, where F or H is known.
+    across_px : ndarray of shape (N,) or None
+        Standard deviation of the part of points_close - points_open across itself, as of `SmearMatches`.
+    shared : SharedErrors
+        What the errors have in common.
 
     Raises
     ------
@@ -56,6 +62,8 @@ class ExposureViews:
     camera: Camera | None
     time: TimeDirection = field(default_factory=TimeDirection)
     usable: NDArray[np.bool_] | None = None
+    across_px: Array | None = None
+    shared: SharedErrors = INDEPENDENT
 
     def __post_init__(self) -> None:
         shapes = self.points_open.shape, self.points_close.shape, (*self.sigma_px.shape, 2)
@@ -120,6 +128,8 @@ def views_in_order(name: str, estimate: Estimate, swapped: NDArray[np.bool_]) ->
         points_open=points_open,
         points_close=points_close,
         sigma_px=estimate.matches.sigma_px,
+        across_px=estimate.matches.across_px,
+        shared=estimate.matches.shared,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,
         time=estimate.time,
@@ -145,7 +155,12 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
     if geometry.F is None:
         return None
     ends = np.stack([views.points_open, views.points_close], axis=1)
-    matches = SmearMatches(ends=ends, sigma_px=np.maximum(views.sigma_px, 1e-3))
+    matches = SmearMatches(
+        ends=ends,
+        sigma_px=np.maximum(views.sigma_px, LEAST_SIGMA_PX),
+        across_px=views.across_px,
+        shared=views.shared,
+    )
     order = motion_order(geometry, matches, views.camera, views.size)
     if order.pose is None or not order.pose.translation.any():
         return None

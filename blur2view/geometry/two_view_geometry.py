@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import colmap_two_view_geometry
 from blur2view.geometry.epipolar import unit_norm
-from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.model_table import ModelTable, MotionModel
+from blur2view.geometry.pose import AngularVelocity, PoseCovariance, RigidTransform
+
+__all__ = ["Configuration", "MotionModel", "Parallax", "TimeDirection", "TwoViewGeometry"]
 
 
 class Configuration(StrEnum):
@@ -38,27 +41,6 @@ class Parallax(StrEnum):
     """Parallax and errors that neighbours share look the same here, or too little is seen."""
     ABSENT = "absent"
     """A homography leaves nothing to explain, or nothing moved."""
-
-
-class MotionModel(StrEnum):
-    """Model of the motion that F or, without F, H is from; in brackets its number of parameters."""
-
-    TRANSLATION = "translation"
-    """F of a translation (2)."""
-    CAMERA = "camera"
-    """F of one ordinary camera, the same at both ends (5, and 3 of the camera held by a prior)."""
-    GENERAL = "general"
-    """Any F (7)."""
-    CALIBRATED = "calibrated"
-    """F of known intrinsics (5)."""
-    ROTATION = "rotation"
-    """H of a pure rotation (3, and 3 of the camera held by a prior)."""
-    PLANE = "plane"
-    """Any H (8)."""
-    ROTATION_OR_PLANE = "rotation or plane"
-    """H that is one of the two, undecided which (8)."""
-    NONE = "none"
-    """Neither F nor H."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +106,10 @@ class TwoViewGeometry:
         Whether too little is seen for any conclusion, also on parallax.
     backward : TwoViewGeometry or None
         The other order in time, where a rolling shutter makes it another motion than the inverse.
+    table : ModelTable
+        All models that were compared, with their probabilities; empty where none were.
+    support_by_chance : float
+        Share of the smears that would be inliers of the same F or H if their directions were random.
     """
 
     F: Array | None
@@ -140,6 +126,18 @@ class TwoViewGeometry:
     covariance: PoseCovariance | None = None
     insufficient_data: bool = False
     backward: TwoViewGeometry | None = None
+    table: ModelTable = field(default_factory=ModelTable)
+    support_by_chance: float = 0.0
+
+    @property
+    def parallax_probability(self) -> float | None:
+        """Probability of parallax; None where no models were compared."""
+        return self.table.probability(MotionModel.PARALLAX)
+
+    @property
+    def rotation_probability(self) -> float | None:
+        """Probability that the camera turned alone, with a global or a rolling shutter."""
+        return self.table.probability(MotionModel.ROTATION, MotionModel.ROLLING_ROTATION)
 
     @property
     def support(self) -> float:
@@ -181,6 +179,15 @@ class TwoViewGeometry:
             cam2_from_cam1=None if pose is None else pose.inverse(),
             covariance=None if pose is None or covariance is None else covariance.inverse(pose),
             swapped=~self.swapped,
+        )
+
+    def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
+        """Return the rotation over the exposure time, with its covariance; None without a pose."""
+        pose, covariance = self.cam2_from_cam1, self.covariance
+        if pose is None or covariance is None:
+            return None
+        return AngularVelocity(
+            mean=pose.rotation_vector / exposure_s, covariance=covariance.matrix[:3, :3] / exposure_s**2
         )
 
     def to_pycolmap(self) -> Any:

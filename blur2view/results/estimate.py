@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from blur2view.geometry.model_table import MotionModel
 from blur2view.results.document import Document, FailureDocument, Matrix
 from blur2view.results.pose import BackwardDocument, CameraDocument, CovarianceDocument, PoseDocument, pose_of
 
@@ -51,9 +52,17 @@ class EstimateDocument(Document):
     parallax: str
     """Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F may
     be of errors only, or too little is seen) or absent (H alone, or nothing moved)."""
+    parallax_probability: float | None
+    rotation_probability: float | None
+    plane_probability: float | None
+    """Probabilities that things at different depths are seen, that the camera turned alone (also with a
+    rolling shutter), that all lies in one plane; null where no models were compared."""
+    models: dict[str, dict[str, float]]
+    """Every model that was compared: parameters, log_likelihood, probability."""
+    independent_smears: float
+    """As many as if each erred for itself: the log-likelihoods are of so many."""
     reason: str
-    """One sentence with the figures that decided. Smears agree with F if their ends lie within a tenth of
-    their length, or within a standard deviation, of their epipolar lines."""
+    """One sentence with the figures that decided."""
     motion_model: str
     """The family of motions that F is from (translation, camera, general, calibrated), without F that of H
     (rotation, plane, rotation or plane), else none."""
@@ -61,6 +70,8 @@ class EstimateDocument(Document):
     """The penalised cost of every family that was fitted; the lowest explains the smears best."""
     support: float
     """Share of the smears that are inliers of F, without F of H: num_inliers over num_matches."""
+    support_by_chance: float
+    """Share that would be if the directions of the same smears were random."""
     K: Matrix | None
     """Calibration matrix of the intrinsics that were used, in pixels with (0, 0) at the centre of the
     top-left one."""
@@ -121,7 +132,7 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
-        from blur2view.results.verdicts import meaning
+        from blur2view.results.verdicts import verdict_of
 
         estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
         return cls(
@@ -133,17 +144,30 @@ class EstimateDocument(Document):
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
-            meaning=meaning(one),
+            meaning=verdict_of(one),
             blur=str(estimate.blur.kind),
             smear_px=estimate.blur.smear_px,
             defocus_px=estimate.blur.defocus_px,
             defocus_sigma_px=estimate.blur.defocus_sigma_px,
             moving_share=estimate.blur.moving_share,
             parallax=str(geometry.parallax),
+            parallax_probability=geometry.parallax_probability,
+            rotation_probability=geometry.rotation_probability,
+            plane_probability=geometry.table.probability(MotionModel.PLANE, MotionModel.ROLLING_PLANE),
+            models={
+                str(row.model): {
+                    "parameters": row.parameters,
+                    "log_likelihood": row.log_likelihood,
+                    "probability": row.probability,
+                }
+                for row in geometry.table.rows
+            },
+            independent_smears=geometry.table.effective_count,
             reason=geometry.reason,
             motion_model=str(geometry.model),
             scores={str(name): cost for name, cost in geometry.scores},
             support=geometry.support,
+            support_by_chance=geometry.support_by_chance,
             K=None if estimate.camera is None else estimate.camera.K.tolist(),
             camera=CameraDocument.from_attributes(estimate.camera),
             E=None if geometry.cam2_from_cam1 is None or geometry.E is None else geometry.E.tolist(),

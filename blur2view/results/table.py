@@ -31,6 +31,8 @@ class Row(Document):
     """The configuration, a name of COLMAP's TwoViewGeometryConfiguration; empty if the photograph failed."""
     parallax: str = ""
     """proven, undecided or absent."""
+    parallax_probability: float | None = None
+    """Probability that things at different depths are seen; empty where no models were compared."""
     blur: str = ""
     """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of focus
     and moved, cannot tell."""
@@ -93,13 +95,14 @@ class Row(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> Row:
         """Return the row of a photograph, without a name."""
-        from blur2view.results.verdicts import meaning
+        from blur2view.results.verdicts import verdict_of
 
         estimate, geometry, blur = one.estimate, one.estimate.geometry, one.estimate.blur
         diagonal = math.hypot(*estimate.grid.size)
         return cls(
             verdict=geometry.config.name,
             parallax=str(geometry.parallax),
+            parallax_probability=geometry.parallax_probability,
             blur=str(blur.kind),
             smear_px=blur.smear_px,
             smear_sigma_px=blur.smear_sigma_px,
@@ -116,7 +119,7 @@ class Row(Document):
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
             elapsed_s=None if one.timings_s is None else sum(one.timings_s.values()),
-            meaning=meaning(one),
+            meaning=verdict_of(one),
         )
 
 

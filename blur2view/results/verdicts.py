@@ -8,9 +8,10 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.robust.calibration import MIN_LENGTH_PX
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import MIN_LENGTH_PX, constant_field
+from blur2view.two_view.consensus import constant_field
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
@@ -28,6 +29,7 @@ KINDS = {
 }
 VERDICT_ORDER = [config.name for config in KINDS]
 COMMON_DIRECTION = 0.5  # least length of the smears' mean, in double angle, over their mean length
+MAY_HAVE_TURNED = 0.1  # probability of a rotation from which on it is named beside the movement
 DIAGONAL = 0.5  # of a direction, its smaller part over its larger one
 
 
@@ -37,15 +39,13 @@ def kind(geometry: TwoViewGeometry) -> str:
     return "undecided" if beside_H else KINDS[geometry.config]
 
 
-def meaning(one: FileEstimate) -> str:
-    """Return the `sentence` of a photograph; how fast it turned, if --exposure says how long."""
+def verdict_of(one: FileEstimate) -> str:
+    """Return the `verdict` of a photograph; how fast it turned, if --exposure says how long."""
     estimate = one.estimate
-    return sentence(
-        estimate.blur, estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s
-    )
+    return verdict(estimate.blur, estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s)
 
 
-def sentence(
+def verdict(
     blur: Blur,
     geometry: TwoViewGeometry,
     matches: SmearMatches,
@@ -97,9 +97,10 @@ def _motion(
         depth = ", depth undecided" * (config is Configuration.PLANAR and undecided)
         return f"Camera moved {_direction(geometry)}, {turned}{depth}"
     if config is Configuration.PLANAR:
-        return (
-            f"Camera moved{', depth undecided' if undecided else ' past something flat'}; blur {length}{way}"
-        )
+        moved = f"Camera moved{', depth undecided' if undecided else ' past something flat'}"
+        if (geometry.rotation_probability or 0.0) > MAY_HAVE_TURNED:
+            moved = "Camera moved or turned, depth undecided"
+        return f"{moved}; blur {length}{way}"
     return f"Camera moved past near and far things; blur {length}{way}"
 
 

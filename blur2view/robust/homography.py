@@ -1,24 +1,25 @@
-"""Homographies of smears whose order is unknown: families as manifolds, residuals, robust fitting.
+"""Homographies of smears whose order is unknown: families as manifolds, displacements.
 
 An exposure is short, so a homography between its ends is near the identity and is written by its generator
 A as Cayley's transform H = (I - A/2)^-1 (I + A/2): exact, the inverse of H has -A, and exchanging the two
 ends of a smear is exchanging A and -A. A = K [w]x K^-1 gives exactly the rotations K R K^-1. To first order
-the displacement at p is d = +-((A p)_12 - p (A p)_3), quadratic in p and linear in A. Coordinates are
-normalised as `problem.build_problem` does: for a known camera, those of K = I.
+the displacement at p is v(p) = +-((A p)_12 - p (A p)_3), quadratic in p and linear in A; the chord of its
+path is v(p) + (A p)_3 / 4 v(v), to fifth order in the smear's length. Coordinates are those of `Likelihood`:
+for a known camera, of K = I.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
+from blur2view.robust.calibration import ROLLING_SPREAD
 from blur2view.robust.parametrization import CameraPrior, Family
-from blur2view.robust.residuals import OrderedResiduals, WeightedEnds
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
@@ -28,7 +29,18 @@ class Homographies(Family, Protocol):
     """A family of homographies near the identity, by the generator A."""
 
     def generator(self) -> Array:
-        """Return A of shape (3, 3)."""
+        """Return A of shape (3, 3); of a rolling shutter that of the middle row."""
+
+    def displacement(self, points: Array) -> Array:
+        """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
+        return chords(self.generator(), points)
+
+    def derivatives(self, basis: Array, points: Array) -> Array:
+        """Return their derivatives (k, N, 2), to first order; ``basis`` is `velocity_basis` at the points."""
+        return np.moveaxis(basis @ entries_of(self.tangent()).T, -1, 0)
+
+
+H = TypeVar("H", bound=Homographies)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +118,50 @@ class RotationH(Homographies):
         return value * self.spread.weight, np.diag(self.spread.weight)
 
 
+@dataclass(frozen=True, kw_only=True)
+class RollingH(Homographies, Generic[H]):
+    """A homography with a rotation that changes down the rows, read one after the other.
+
+    At height y above the middle (normalised, downwards) the points move by the rotation y change, besides;
+    the prior holds ``change`` to what a hand does while a shutter rolls (`calibration.ROLLING_SPREAD`).
+    """
+
+    dimension: ClassVar[int] = 11  # at most: three more than those of the middle row
+    middle: H  # of the middle row
+    change: Array  # (3,) radians per unit of y
+    spread: CameraPrior
+
+    def generator(self) -> Array:
+        """Return A of shape (3, 3) of the middle row."""
+        return self.middle.generator()
+
+    def tangent(self) -> Array:
+        """Return dA of shape (k, 3, 3), the last three per unit of y."""
+        return np.concatenate([self.middle.tangent(), GENERATORS])
+
+    def displacement(self, points: Array) -> Array:
+        """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
+        changing = points[:, 1:] * chords(cross_matrix(self.change), points)
+        return self.middle.displacement(points) + changing
+
+    def derivatives(self, basis: Array, points: Array) -> Array:
+        """Return their derivatives (k, N, 2), to first order."""
+        changing = np.moveaxis(basis @ entries_of(GENERATORS).T, -1, 0)
+        return np.concatenate([self.middle.derivatives(basis, points), points[:, 1:] * changing])
+
+    def step(self, delta: Array) -> RollingH[H]:
+        """Return the point with delta added to the parameters."""
+        return replace(self, middle=self.middle.step(delta[:-3]), change=self.change + delta[-3:])
+
+    def prior(self) -> tuple[Array, Array]:
+        """Return residuals, those of the middle row and the change, and their Jacobian."""
+        value, jacobian = self.middle.prior()
+        weight, (rows, columns) = self.spread.weight[:3] / ROLLING_SPREAD, jacobian.shape
+        both = np.zeros((rows + 3, columns + 3))
+        both[:rows, :columns], both[rows:, columns:] = jacobian, np.diag(weight)
+        return np.append(value, self.change * weight), both
+
+
 def cayley(A: Array) -> Array:
     """Return H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
     return np.asarray(np.linalg.solve(IDENTITY - 0.5 * A, IDENTITY + 0.5 * A), float)
@@ -125,24 +181,16 @@ def velocity_basis(points: Array) -> Array:
     return np.stack([np.stack(along_x, axis=1), np.stack(along_y, axis=1)], axis=1)
 
 
-def transfer_residuals(A: Array, matches: WeightedEnds) -> Array:
-    """Return residuals (2, 2, N) from a homography: order (ends[:, 0] first or last), component, smear.
-
-    That of the order x, y is (pi((I - A/2) y) - pi((I + A/2) x)) / sqrt(2), pi the division by the third
-    coordinate: both ends are carried to mid exposure. Its two components have the standard deviation of a
-    Sampson distance.
-    """
-    first, second, _ = matches.orders
-    residual = 0.5**0.5 * (_carry(IDENTITY - 0.5 * A, second) - _carry(IDENTITY + 0.5 * A, first))
-    return np.swapaxes(residual.reshape(2, 2, -1), 0, 1)
+def entries_of(A: Array) -> Array:
+    """Return the entries (..., 8) of generators (..., 3, 3) with A33 = 0, which move points alike."""
+    return np.asarray((A - A[..., 2, 2, None, None] * IDENTITY).reshape(*A.shape[:-2], 9)[..., :8])
 
 
-def transfer_orders(A: Array, matches: WeightedEnds) -> OrderedResiduals:
-    """Return the lengths of the residuals from a homography in standard deviations, in both orders."""
-    return OrderedResiduals(both=np.linalg.norm(transfer_residuals(A, matches), axis=1) / matches.sigma)
-
-
-def _carry(M: Array, x: Array) -> Array:
-    """Return pi(M x) of shape (2, N)."""
-    x_, y_, third = M @ x
-    return np.stack([x_, y_]) / np.where(np.abs(third) < TINY, TINY, third)
+def chords(A: Array, points: Array) -> Array:
+    """Return the chords (N, 2) of the paths of a generator (3, 3) whose midpoints are points (N, 2)."""
+    A = A - A[2, 2] * IDENTITY
+    third = points @ A[2, :2]
+    moved = points @ A[:2, :2].T + A[:2, 2] - points * third[:, None]
+    bent = moved @ A[:2, :2].T - points * (moved @ A[2, :2])[:, None]
+    chord: Array = moved + 0.25 * third[:, None] * bent
+    return chord

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.robust.homography import PlaneH, transfer_residuals, velocity_basis
+from blur2view.robust.calibration import CUTOFF
+from blur2view.robust.field_fit import FieldFit, fit_field
+from blur2view.robust.homography import PlaneH, velocity_basis
+from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
-from blur2view.robust.residuals import CUTOFF, WeightedEnds, robust_weight
 
 FOUR_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 3)))  # (8, 4)
 TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
@@ -21,7 +23,6 @@ ROTATIONS: Array = np.zeros((8, 3))  # entries of A = [w]x are ROTATIONS @ w
 ROTATIONS[[7, 5, 2, 6, 3, 1], [0, 0, 1, 1, 2, 2]] = [1, -1, 1, -1, 1, -1]
 SEARCH_STEPS = 6  # rounds of reweighted least squares inside the loop
 SEARCH = RansacOptions(max_iterations=96, confidence=0.99, batch=48)
-FINAL_STEPS = 4  # of reweighted least squares on exact residuals; the search ends near the optimum
 
 
 def solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
@@ -47,30 +48,28 @@ class HomographyEstimator:
     residual |d -+ v|^2 of the better sign is |d|^2 + |v|^2 - 2 |d . v|.
     """
 
-    matches: WeightedEnds
-    has_camera: bool
+    likelihood: Likelihood
     sample_size: ClassVar[int] = 4  # enough for every homography
 
     @property
     def count(self) -> int:
         """Number of smears."""
-        return len(self.matches.ends)
+        return len(self.likelihood)
 
     @cached_property
     def displacement(self) -> Array:
         """Displacements (N, 2)."""
-        difference: Array = self.matches.ends[:, 1] - self.matches.ends[:, 0]
-        return difference
+        return self.likelihood.displacement
 
     @cached_property
     def basis(self) -> Array:
         """First-order displacements (N, 2, 8) for unit entries."""
-        return velocity_basis(self.matches.ends.mean(axis=1))
+        return velocity_basis(self.likelihood.middle)
 
     @cached_property
     def scaled(self) -> tuple[NDArray[np.float32], ...]:
         """Basis (2, N, 8), displacement (2, N) and squared length (N,) in standard deviations, float32."""
-        scale = 1 / (np.sqrt(2.0) * self.matches.sigma)
+        scale = self.likelihood.unit_px / (np.sqrt(2.0) * self.likelihood.sigma_px)
         basis = np.ascontiguousarray(np.moveaxis(self.basis * scale[:, None, None], 1, 0), np.float32)
         d = np.ascontiguousarray((self.displacement * scale[:, None]).T, np.float32)
         return basis, d, (d * d).sum(axis=0)
@@ -79,7 +78,7 @@ class HomographyEstimator:
         """Return candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
         four = weighted_samples(np.ones(self.count), 4, samples, rng)
         models = solve_signed(self.basis[four], self.displacement[four], FOUR_SIGNS)
-        if self.has_camera:
+        if self.likelihood.has_camera:
             two = weighted_samples(np.ones(self.count), 2, samples, rng)
             rotations = solve_signed(self.basis[two] @ ROTATIONS, self.displacement[two], TWO_SIGNS)
             models = np.concatenate([models, rotations @ ROTATIONS.T])
@@ -106,7 +105,7 @@ class HomographyEstimator:
             velocity = basis @ model.astype(np.float32)  # (2, N)
             along = (velocity * d).sum(axis=0)
             residual = (velocity * velocity).sum(axis=0) + squared - 2 * np.abs(along)
-            weight = robust_weight(residual)
+            weight = 1 / (1 + residual / CUTOFF**2) ** 2  # Geman and McClure
             weighted = (basis * weight[:, None]).reshape(-1, 8)
             normal = weighted.T @ basis.reshape(-1, 8) + TINY * np.eye(8)
             model = np.linalg.solve(normal, weighted.T @ (d * np.sign(along)).ravel())
@@ -118,7 +117,7 @@ class HomographyEstimator:
         return float(inlier.mean()), float(inlier.mean())
 
 
-def find_plane(matches: WeightedEnds, has_camera: bool, rng: np.random.Generator) -> PlaneH | None:
+def find_plane(likelihood: Likelihood, rng: np.random.Generator) -> FieldFit[PlaneH] | None:
     """Return the homography that explains most smears, refined; None if no sample gave any.
 
     Raises
@@ -126,23 +125,5 @@ def find_plane(matches: WeightedEnds, has_camera: bool, rng: np.random.Generator
     ValueError
         If there are fewer than four smears.
     """
-    estimator = HomographyEstimator(matches=matches, has_camera=has_camera)
-    entries = ransac(estimator, SEARCH, rng).model
-    return None if entries is None else refine_plane(PlaneH(entries=entries), estimator)
-
-
-def refine_plane(plane: PlaneH, estimator: HomographyEstimator) -> PlaneH:
-    """Return a homography after some rounds of reweighted least squares on the residuals of both ends.
-
-    Every smear in its better order; residuals change by -1 / sqrt(2) of the first-order displacement.
-    """
-    matches = estimator.matches
-    jacobian = 0.5**0.5 * estimator.basis / matches.sigma[:, None, None]
-    for _ in range(FINAL_STEPS):
-        forward, backward = both = transfer_residuals(plane.generator(), matches) / matches.sigma
-        squared = (both**2).sum(axis=1)
-        residual = np.where(squared[0] <= squared[1], forward, backward).T
-        root = np.sqrt(robust_weight(squared.min(axis=0)))[:, None]
-        rows = (root[:, :, None] * jacobian).reshape(-1, 8)
-        plane = plane.step(np.linalg.lstsq(rows, (root * residual).ravel(), rcond=None)[0])
-    return plane
+    entries = ransac(HomographyEstimator(likelihood=likelihood), SEARCH, rng).model
+    return None if entries is None else fit_field(PlaneH(entries=entries), likelihood)

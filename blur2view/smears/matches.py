@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.smears.noise import INDEPENDENT, SharedErrors, bulk_px, sampson_px
+from blur2view.smears.noise import INDEPENDENT, SharedErrors, inlier_sigma_px, sampson_px
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,7 +29,7 @@ class SmearMatches:
         Standard deviation of the part of the error across every smear, positive; by default that of errors
         which are alike in all directions.
     shared : SharedErrors
-        What their errors have in common; nothing by default.
+        How the deviations are meant, and what errors have in common; nothing by default.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class SmearMatches:
     def __len__(self) -> int:
         return len(self.ends)
 
-    def subset(self, index: NDArray[Any]) -> SmearMatches:
+    def subset(self, index: NDArray[Any] | slice) -> SmearMatches:
         """Return the matches of an index or mask."""
         arrays = self.ends[index], self.sigma_px[index], self.across_px[index]
         return replace(self, ends=arrays[0], sigma_px=arrays[1], across_px=arrays[2])
@@ -106,9 +106,9 @@ class SmearMatches:
         return sampson_px(self.length_px, self.across_px, self.shared)
 
     @property
-    def bulk_px(self) -> tuple[Array, Array]:
+    def inlier_sigma_px(self) -> tuple[Array, Array]:
         """Standard deviations (N,) along and across the smears of errors that are no outliers, pixels."""
-        return bulk_px(self.length_px, self.sigma_px, self.across_px)
+        return inlier_sigma_px(self.length_px, self.sigma_px, self.across_px, self.shared)
 
 
 def _read_only(array: Array) -> Array:

@@ -7,33 +7,31 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import require
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.robust.homography import pixel_homography, transfer_orders
-from blur2view.robust.problem import SmearProblem
+from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.robust.homography import pixel_homography
+from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import consensus, insufficient_data, still
-from blur2view.two_view.degeneracy import Assessment, assess
-from blur2view.two_view.model_selection import Fit, search_and_fit, with_inliers
+from blur2view.two_view.choice import Choice, choose
+from blur2view.two_view.consensus import consensus, inliers_of, insufficient_data, still
+from blur2view.two_view.families import Fit, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import in_order_of_rotation, with_pose
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
-LIKELY = [
-    Parallax.ABSENT,
-    Parallax.UNDECIDED,
-    Parallax.PROVEN,
-]  # of two orders in time the one that needs less
+# Of two orders in time the one that needs less parallax comes first.
+LESS_PARALLAX = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN]
 
 
 def estimate_two_view(
     matches: SmearMatches,
     options: EstimatorOptions | None = None,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
 ) -> TwoViewGeometry:
@@ -43,8 +41,8 @@ def estimate_two_view(
     ----------
     matches : SmearMatches
     options : EstimatorOptions, optional
-    rng : numpy.random.Generator, optional
-        Default: seed 0. The same state gives the same answer.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness or its seed, 0 by default. The same state gives the same answer.
     camera : Camera, optional
         Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
     shutter : RollingShutter, optional
@@ -66,11 +64,12 @@ def estimate_two_view(
     ValueError
         If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
+    require("matches", matches, SmearMatches, "as of select_matches(network.predict(image))")
     if shutter is not None and (camera is None or not camera.known):
         raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
-    rng = np.random.default_rng(0) if rng is None else rng
-    geometry = as_recorded(matches, options, rng, camera)
+    rng = np.random.default_rng(0 if rng is None else rng)
+    geometry = as_recorded(matches, options, rng, camera, rolling=shutter is None)
     without_orders = geometry.F is None and geometry.H is None
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
@@ -83,7 +82,7 @@ def estimate_two_view(
     if len(flips) == 1:
         reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
         return replace(flips[0], reason=reason)
-    first, second = sorted(flips, key=lambda f: (f.cam2_from_cam1 is None, LIKELY.index(f.parallax)))
+    first, second = sorted(flips, key=lambda f: (f.cam2_from_cam1 is None, LESS_PARALLAX.index(f.parallax)))
     return replace(first, backward=second)
 
 
@@ -133,21 +132,31 @@ def to_global_shutter(
 
 
 def as_recorded(
-    matches: SmearMatches, options: EstimatorOptions, rng: np.random.Generator, camera: Camera | None
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+    camera: Camera | None,
+    *,
+    rolling: bool = False,
 ) -> TwoViewGeometry:
-    """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter."""
+    """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter.
+
+    With ``rolling`` a rolling shutter is one of the models.
+    """
     nothing_moved = still(matches)
     refusal = nothing_moved or insufficient_data(matches)
     if refusal is not None:
         return no_geometry(matches, refusal, insufficient_data=nothing_moved is None)
     if camera is not None:
         matches = undistorted(matches, camera)
-    problem, fits, iterations = search_and_fit(matches, options, rng, camera)
-    geometry = select_model(matches, problem, fits, iterations, options, rng)
-    if problem.intrinsics_known:
-        geometry = in_order_of_rotation(
-            with_pose(geometry, matches, problem, fits, options), matches, problem.ends
-        )
+    likelihood, fits, iterations = search_and_fit(Likelihood.of(matches, camera), options, rng)
+    best = min(fits, key=lambda fit: fit.score)
+    has_consensus, figures = consensus(best, likelihood, options, rng)
+    choice = choose(likelihood, fits, rng, has_consensus=has_consensus, rolling=rolling)
+    geometry = geometry_of(choice, likelihood, fits, options)
+    geometry = replace(geometry, reason=f"{geometry.reason}: {figures}", iterations=iterations)
+    if likelihood.intrinsics_known:
+        geometry = in_order_of_rotation(with_pose(geometry, likelihood, fits, options), likelihood)
     return in_one_order(geometry, matches)
 
 
@@ -179,50 +188,29 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     return replace(matches, ends=np.where(seen, straight, matches.ends))
 
 
-def select_model(
-    matches: SmearMatches,
-    problem: SmearProblem,
-    fits: list[Fit],
-    iterations: int,
-    options: EstimatorOptions,
-    rng: np.random.Generator,
+def geometry_of(
+    choice: Choice, likelihood: Likelihood, fits: list[Fit], options: EstimatorOptions
 ) -> TwoViewGeometry:
-    """Return the model of least cost, tested against chance, no parallax and several motions."""
-    best = min(fits, key=lambda fit: fit.score)
-    no_consensus, figures = consensus(best, problem, matches, rng)
-    assessed = assess(matches, problem, fits, rng, no_consensus)
-    costs = {fit.model: fit.score for fit in [*fits, assessed.fit]}
-    scores = tuple(sorted(costs.items(), key=lambda score: score[1]))
-    F = None
-    if assessed.trusted:
-        F, inlier_mask = with_inliers(assessed.fit.point.matrix(), matches, problem, options)
-        swapped = swapped_order(F, matches.ends)
-        reason = f"{assessed.sentence}; {figures}; {chosen(assessed, scores)}"
-    elif assessed.generator is not None:
-        ordered = transfer_orders(assessed.generator, problem.weighted)
-        inlier_mask = np.abs(ordered.least) * problem.sigma_px < options.tolerance_px(problem.sigma_px)
-        swapped = ordered.swapped
-        reason = f"{assessed.model}: {assessed.sentence}"
-    else:
-        inlier_mask = swapped = np.zeros(len(matches), bool)
-        reason = f"{assessed.sentence}: {figures}"
-    return TwoViewGeometry(
-        F=F,
-        H=None if assessed.generator is None else pixel_homography(assessed.generator, problem.T),
-        config=assessed.config,
-        reason=reason,
-        inlier_mask=inlier_mask,
-        swapped=swapped,
-        iterations=iterations,
-        model=assessed.model,
-        scores=scores,
+    """Return the geometry of a choice, with its inliers and their orders."""
+    costs = {fit.model: fit.score for fit in [*fits, choice.fit]}
+    homography, nothing = choice.homography, np.zeros(len(likelihood), bool)
+    geometry = TwoViewGeometry(
+        F=likelihood.pixels(choice.fit.point.matrix()) if choice.reports_F else None,
+        H=None if homography is None else pixel_homography(homography.family.generator(), likelihood.T),
+        config=choice.config,
+        reason=choice.sentence,
+        inlier_mask=nothing,
+        swapped=nothing,
+        model=choice.model,
+        scores=tuple(sorted(costs.items(), key=lambda score: score[1])),
+        table=choice.table,
     )
-
-
-def chosen(assessed: Assessment, scores: tuple[tuple[MotionModel, float], ...]) -> str:
-    """Return the clause that names the model of F, with the others' costs above its own."""
-    if assessed.config is Configuration.MULTIPLE:
-        return "F is the best single one"
-    own = assessed.fit
-    others = ", ".join(f"{model} {cost - own.score:+.1f}" for model, cost in scores if model != own.model)
-    return f"F is of the {own.model} family (penalised cost of the others: {others})"
+    if geometry.F is not None:
+        found = inliers_of(geometry.F, likelihood, options)
+        swapped = swapped_order(geometry.F, likelihood.matches.ends)
+    elif homography is not None:
+        found = inliers_of(homography, likelihood, options)
+        swapped = homography.orders(likelihood).swapped
+    else:
+        return geometry
+    return replace(geometry, inlier_mask=found.mask, support_by_chance=found.by_chance, swapped=swapped)

@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
+from blur2view.robust.calibration import CUTOFF, ON_PLANE
 from blur2view.robust.estimators import LocalEstimator
+from blur2view.robust.field_fit import FieldFit
+from blur2view.robust.homography import PlaneH
+from blur2view.robust.likelihood import Likelihood, mixture
 from blur2view.robust.parametrization import GeneralF
-from blur2view.robust.problem import SmearProblem
 from blur2view.robust.ransac import RansacOptions, ransac
 from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import CUTOFF, RefineOptions
-from blur2view.two_view.model_selection import residual_scale
-from blur2view.two_view.parallax import mixture
+from blur2view.robust.residuals import RefineOptions
+from blur2view.two_view.families import residual_scale
 
 SMEARS = 700  # that the two are sought and fitted in
 SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
@@ -82,48 +84,51 @@ def independence(values: Array, used: NDArray[np.bool_], middle: Array) -> float
     return 1 / max(float((sums**2).sum()) / max(float((kept**2).sum()), TINY), 1.0)
 
 
-def errors_by_order(problem: SmearProblem, F: Array, backward: NDArray[np.bool_]) -> Array:
+def errors_by_order(likelihood: Likelihood, F: Array, backward: NDArray[np.bool_]) -> Array:
     """Return residuals (N,) of F (3, 3) in standard deviations, in orders that neighbours share.
 
     ``backward`` (N,) marks smears whose ends[:, 1] is the open end, as a homography has it; in every block
     that or the opposite holds for all smears, whichever fits better. F's own choice of every order would,
     where they hardly differ, leave errors that neighbours share for that alone.
     """
-    both = problem.weighted.residuals(F).both
+    both = likelihood.residuals(F).both
     options = np.where(backward, both[::-1], both)
-    block = blocks_of(problem.middle, BLOCKS)
+    block = blocks_of(likelihood.middle, BLOCKS)
     cost = [np.bincount(block, weights=np.minimum(option**2, 9.0))[block] for option in options]
     return np.asarray(np.where(cost[0] <= cost[1], options[0], options[1]))
 
 
 def leaves_structure(
-    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], level: float = COHERENT
+    likelihood: Likelihood, F: Array, backward: NDArray[np.bool_], level: float = COHERENT
 ) -> bool:
     """Return whether neighbours share the errors that F leaves, or the directions of its many outliers.
 
     ``level`` is the share of independent errors below which they do.
     """
-    residual, middle = errors_by_order(problem, F, backward), problem.middle
+    residual, middle = errors_by_order(likelihood, F, backward), likelihood.middle
     if independence(residual[None], np.abs(residual) < CUTOFF, middle) < level:
         return True
-    far = np.abs(problem.weighted.residuals(F).least) >= CUTOFF
-    angle = 2 * np.arctan2(*(problem.ends[:, 1] - problem.ends[:, 0]).T)
+    far = np.abs(likelihood.residuals(F).least) >= CUTOFF
+    angle = 2 * np.arctan2(*likelihood.displacement.T)
     directions = np.stack([np.cos(angle), np.sin(angle)])
     return bool(far.mean() > MANY_OUTLIERS and independence(directions, far, middle) < ALIKE)
 
 
 def find_two_motions(
-    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], on_plane: float, rng: np.random.Generator
+    likelihood: Likelihood, F: Array, plane: FieldFit[PlaneH], rng: np.random.Generator
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 
-    F (3, 3) is the best single one, ``backward`` (N,) the orders of the best homography (`errors_by_order`),
-    ``on_plane`` the share of smears that it explains.
+    F (3, 3) is the best single one, ``plane`` the best homography.
     """
-    if on_plane > ONE_PLANE or problem.scale < SUSPECT_SCALE or not leaves_structure(problem, F, backward):
+    on_plane = float((np.hypot(*plane.residual.T) < ON_PLANE).mean())
+    if on_plane > ONE_PLANE or likelihood.sigma_fitted < SUSPECT_SCALE:
+        return None
+    backward = plane.orders(likelihood).swapped
+    if not leaves_structure(likelihood, F, backward):
         return None
     for _ in range(ATTEMPTS):
-        motions = _two_motions(problem, F, backward, rng)
+        motions = _two_motions(likelihood, F, backward, rng)
         if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
             break
     if motions is None or motions.gain < LEAST_GAIN:
@@ -132,24 +137,24 @@ def find_two_motions(
 
 
 def _two_motions(
-    problem: SmearProblem, F: Array, backward: NDArray[np.bool_], rng: np.random.Generator
+    likelihood: Likelihood, F: Array, backward: NDArray[np.bool_], rng: np.random.Generator
 ) -> TwoMotions | None:
     """Return two F at the stated standard deviations; F is the best single one.
 
     No second share where one F leaves only noise after all, or next to nothing; None
     where no F is found.
     """
-    chosen = rng.permutation(len(problem.ends))[:SMEARS]
-    stated, backward = replace(problem.subset(chosen), scale=1.0), backward[chosen]
+    chosen = rng.permutation(len(likelihood))[:SMEARS]
+    stated, backward = replace(likelihood.subset(chosen), sigma_fitted=1.0), backward[chosen]
     one = _search(stated, rng)
     if one is None:
         return None
     one = _refit(stated, one)
-    stated = stated.rescaled(max(residual_scale(one, stated.weighted), 1.0))
-    (single, likelihood), (alone, reached) = (explained(stated, [f]) for f in (F, one))
+    stated = stated.rescaled(max(residual_scale(one, stated), 1.0))
+    (single, of_F), (alone, reached) = (explained(stated, [f]) for f in (F, one))
     explains = float(max(single[0], alone[0]))
     if explains >= ONE_EXPLAINS or not leaves_structure(stated, one, backward, FIRMLY):
-        gain = 2 * (reached - likelihood)
+        gain = 2 * (reached - of_F)
         return TwoMotions(F=one, first=float(alone[0]), second=0.0, single=explains, gain=gain)
     other = _search(stated.subset(_worst_places(stated, _squared(stated, one))), rng)
     if other is None:
@@ -162,52 +167,52 @@ def _two_motions(
     mine = _by_place(stated, _squared(stated, one), _squared(stated, other))
     residual = np.where(mine, *(errors_by_order(stated, f, backward) for f in (one, other)))
     own = independence(residual[None], np.abs(residual) < CUTOFF, stated.middle)
-    gain = 2 * (reached_by_two - max(likelihood, reached)) * min(own, stated.data_weight)
+    gain = 2 * (reached_by_two - max(of_F, reached)) * min(own, stated.effective_share)
     (second, _), (first, larger) = sorted([(second, other), (first, one)], key=itemgetter(0))
     return TwoMotions(F=larger, first=float(first), second=float(second), single=explains, gain=gain)
 
 
-def _worst_places(problem: SmearProblem, squared: Array) -> NDArray[np.int_]:
+def _worst_places(likelihood: Likelihood, squared: Array) -> NDArray[np.int_]:
     """Return the smears of the cells that an F fits worst, a share WORST_SHARE; squared residuals (N,)."""
-    cell = blocks_of(problem.middle, PLACES)
+    cell = blocks_of(likelihood.middle, PLACES)
     mean = np.bincount(cell, weights=np.minimum(squared, CUTOFF**2)) / np.maximum(np.bincount(cell), 1)
     return np.argsort(-mean[cell], kind="stable")[: max(round(WORST_SHARE * len(cell)), 30)]
 
 
-def _by_place(problem: SmearProblem, one: Array, other: Array) -> NDArray[np.bool_]:
+def _by_place(likelihood: Likelihood, one: Array, other: Array) -> NDArray[np.bool_]:
     """Return whether the smears around each one fit the one motion better: squared residuals (N,) of both."""
     vote = np.minimum(other, CUTOFF**2) - np.minimum(one, CUTOFF**2)
-    cell = blocks_of(problem.middle, PLACES)
+    cell = blocks_of(likelihood.middle, PLACES)
     return np.bincount(cell, weights=vote)[cell] >= 0
 
 
-def explained(problem: SmearProblem, models: list[Array]) -> tuple[Array, float]:
+def explained(likelihood: Likelihood, models: list[Array]) -> tuple[Array, float]:
     """Return shares (M,) of the smears that follow each of M models F (3, 3), and the log-likelihood.
 
     A mixture's weights: half normal residuals of the better order, in standard deviations, and for the rest,
     which follow none, what smears of random direction give: near zero an even density of
     4 sqrt(2) sigma / (pi length).
     """
-    chance = 4 * 2**0.5 / np.pi * problem.sigma_px / np.maximum(problem.length_px, problem.sigma_px)
-    density = [(2 / np.pi) ** 0.5 * np.exp(-0.5 * _squared(problem, F)) for F in models]
+    chance = 4 * 2**0.5 / np.pi * likelihood.sigma_px / np.maximum(likelihood.length_px, likelihood.sigma_px)
+    density = [(2 / np.pi) ** 0.5 * np.exp(-0.5 * _squared(likelihood, F)) for F in models]
     weights, log_density = mixture(np.stack([*density, chance], axis=1))
     return weights[:-1], float(log_density.sum())
 
 
-def _search(problem: SmearProblem, rng: np.random.Generator) -> Array | None:
-    estimator = LocalEstimator(problem=problem)
+def _search(likelihood: Likelihood, rng: np.random.Generator) -> Array | None:
+    estimator = LocalEstimator(likelihood=likelihood)
     return ransac(estimator, SEARCH, rng).model
 
 
-def _refit(problem: SmearProblem, F: Array) -> Array:
+def _refit(likelihood: Likelihood, F: Array) -> Array:
     """Return F (3, 3) refined on the seven-parameter manifold, each smear in its better order."""
-    if len(problem.ends) < 8:
+    if len(likelihood) < 8:
         return F
     options = RefineOptions(max_iterations=6, decided=True)
-    return refine(GeneralF.from_matrix(F), problem.weighted, options)[0].matrix()
+    return refine(GeneralF.from_matrix(F), likelihood, options)[0].matrix()
 
 
-def _squared(problem: SmearProblem, F: Array) -> Array:
+def _squared(likelihood: Likelihood, F: Array) -> Array:
     """Return squared residuals (N,) of the better order, in standard deviations."""
-    squared: Array = problem.weighted.residuals(F).least ** 2
+    squared: Array = likelihood.residuals(F).least ** 2
     return squared

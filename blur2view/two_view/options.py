@@ -1,4 +1,4 @@
-"""How F is estimated and when it is trusted."""
+"""How F is estimated, and which smears follow it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.robust.calibration import INLIER_SHARE, INLIER_SIGMAS
 from blur2view.robust.ransac import RansacOptions
-from blur2view.robust.residuals import CUTOFF
 
 MOST_PX = 1e6  # beyond any photograph, and its square is a number
 
@@ -17,9 +17,8 @@ MOST_PX = 1e6  # beyond any photograph, and its square is a number
 class EstimatorOptions:
     """How F is estimated.
 
-    ``max_error_px``: a match with SErrMin below its square is an inlier (the paper: 3 squared pixels), as is
-    one within CUTOFF of its own standard deviations. ``max_iterations`` samples at most and ``confidence``,
-    see `ransac.RansacOptions`: 0.99 is enough, a sample yields many starts.
+    ``max_error_px``: see `tolerance_px` (the paper: 3 squared pixels). ``max_iterations`` samples at most and
+    ``confidence``, see `ransac.RansacOptions`: 0.99 is enough, a sample yields many starts.
     """
 
     max_error_px: float = 3**0.5
@@ -31,9 +30,13 @@ class EstimatorOptions:
             raise ValueError(f"max_error_px must be positive, at most {MOST_PX:g}, got {self.max_error_px}")
         self.search()
 
-    def tolerance_px(self, sigma_px: Array) -> Array:
-        """Return the Sampson distances (N,), pixels, below which smears of these sigma are inliers."""
-        return np.maximum(CUTOFF * sigma_px, self.max_error_px)
+    def tolerance_px(self, length_px: Array, sigma_px: Array) -> Array:
+        """Return the Sampson distances (N,), pixels, below which smears are inliers: the one definition.
+
+        A tenth of the smear's length, at most ``max_error_px``, but two of its own standard deviations at
+        least: a bound in pixels alone is as large as short smears are, and any F would fit them.
+        """
+        return np.maximum(np.minimum(INLIER_SHARE * length_px, self.max_error_px), INLIER_SIGMAS * sigma_px)
 
     def search(self) -> RansacOptions:
         """Return the options of the robust loop."""

@@ -18,13 +18,10 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.geometry.sampson import BatchSampson
+from blur2view.robust.calibration import CUTOFF, PAIRS, SCORED
 from blur2view.robust.homography import IDENTITY
-from blur2view.robust.problem import SmearProblem
+from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.ransac import weighted_samples
-from blur2view.robust.residuals import CUTOFF
-
-PAIRS = 100  # pairs of smears tried; with four orders each 400 epipoles
-SCORED = 500  # smears that they are scored on
 
 
 def parallax_lines(A: Array, ends: Array) -> Array:
@@ -42,7 +39,7 @@ def fundamentals_through(A: Array, epipoles: Array) -> Array:
 
 
 def plane_and_parallax(
-    A: Array, problem: SmearProblem, off_plane: NDArray[np.int_], rng: np.random.Generator
+    A: Array, likelihood: Likelihood, off_plane: NDArray[np.int_], rng: np.random.Generator
 ) -> Array | None:
     """Return the best F (3, 3), normalised, of a homography's generator A and two smears off its plane.
 
@@ -50,14 +47,14 @@ def plane_and_parallax(
     """
     if len(off_plane) < 2:
         return None
-    lines = parallax_lines(A, problem.ends[off_plane])
+    lines = parallax_lines(A, likelihood.ends[off_plane])
     first, second = weighted_samples(np.ones(len(off_plane)), 2, PAIRS, rng).T
     epipoles = np.cross(lines[first][:, :, None], lines[second][:, None, :]).reshape(-1, 3)
     length = np.linalg.norm(epipoles, axis=1, keepdims=True)
     models = fundamentals_through(A, epipoles / np.maximum(length, TINY))
-    scored = rng.permutation(len(problem.ends))[:SCORED]
-    precision = np.asarray(1 / problem.sigma_px[scored] ** 2, np.float32)
-    cost = BatchSampson(problem.ends[scored], problem.unit_px).costs(models, precision, CUTOFF**2)
+    scored = rng.permutation(len(likelihood))[:SCORED]
+    precision = np.asarray(1 / likelihood.sigma_px[scored] ** 2, np.float32)
+    cost = BatchSampson(likelihood.ends[scored], likelihood.unit_px).costs(models, precision, CUTOFF**2)
     cost[length[:, 0] <= TINY] = np.inf
     best = int(np.argmin(cost))
     return models[best] if np.isfinite(cost[best]) else None

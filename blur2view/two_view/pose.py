@@ -18,14 +18,14 @@ from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
+from blur2view.robust.field_fit import SLOW, fit_field
 from blur2view.robust.homography import RotationH, cayley
+from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.parametrization import CameraF, CameraPrior
-from blur2view.robust.problem import SmearProblem
 from blur2view.robust.refinement import WeightedPoint
 from blur2view.robust.residuals import RefineOptions
-from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.flow import FlowData, fit_flow
-from blur2view.two_view.model_selection import Fit, fit_best, with_inliers
+from blur2view.two_view.consensus import inliers_of
+from blur2view.two_view.families import Fit, fit_best
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
@@ -42,26 +42,26 @@ POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
 
 
 def fit_calibrated(
-    problem: SmearProblem, start: CameraF, likelihood: DirectionLikelihood
+    likelihood: Likelihood, start: CameraF, directions: DirectionLikelihood
 ) -> tuple[CameraF, OrientedPose]:
     """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
-    rotation, t = likelihood.best
-    starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=problem.prior)]
-    fits = [fit_best(MotionModel.CAMERA, [start], problem) for start in starts]
+    rotation, t = directions.best
+    starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=likelihood.prior)]
+    fits = [fit_best(MotionModel.CAMERA, [start], likelihood) for start in starts]
     point = cast(CameraF, min(fits, key=lambda fit: fit.score).point)
-    residuals = problem.weighted.residuals(point.matrix())
-    inliers = problem.weighted.order_weights(residuals).sum(axis=0)
-    return point, oriented_pose(point.matrix(), problem.ends, residuals.forward_share, inliers)
+    residuals = likelihood.residuals(point.matrix())
+    inliers = likelihood.order_weights(residuals).sum(axis=0)
+    return point, oriented_pose(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
 
 
-def curvature(problem: SmearProblem, point: CameraF) -> Array:
+def curvature(likelihood: Likelihood, point: CameraF) -> Array:
     """Return the second derivative (5, 5) of half the cost at E, rotation first, by differences.
 
     All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose order
     or kind is uncertain weighs less.
     """
-    options = RefineOptions(data_weight=problem.shared.all_correlation)
-    state = WeightedPoint.likelier(point, problem.weighted, options)
+    options = RefineOptions(effective_share=likelihood.claimed.effective_share)
+    state = WeightedPoint.likelier(point, likelihood, options)
     normal, _ = state.normal_equations()
     rows = []
     for k in POSE:
@@ -73,11 +73,11 @@ def curvature(problem: SmearProblem, point: CameraF) -> Array:
 
 
 def covariance_of(
-    pose: RigidTransform, point: CameraF, problem: SmearProblem, likelihood: DirectionLikelihood
+    pose: RigidTransform, point: CameraF, likelihood: Likelihood, directions: DirectionLikelihood
 ) -> PoseCovariance:
     """Return the covariance of the pose of E at a point."""
-    precision = curvature(problem, point)
-    region = likelihood.region(pose).covariance(pose.translation, pose.rotation_vector)
+    precision = curvature(likelihood, point)
+    region = directions.region(pose).covariance(pose.translation, pose.rotation_vector)
     matrix = np.asarray(MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
     sign = np.copysign(1.0, pose.translation @ point.t)
     local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(point.t))
@@ -89,11 +89,7 @@ def covariance_of(
 
 
 def with_pose(
-    geometry: TwoViewGeometry,
-    matches: SmearMatches,
-    problem: SmearProblem,
-    fits: list[Fit],
-    options: EstimatorOptions,
+    geometry: TwoViewGeometry, likelihood: Likelihood, fits: list[Fit], options: EstimatorOptions
 ) -> TwoViewGeometry:
     """Return a geometry of known intrinsics with E and the pose; unchanged where there is neither F nor H.
 
@@ -103,25 +99,25 @@ def with_pose(
     if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
         return geometry
     if geometry.config is Configuration.PANORAMIC:
-        pose, covariance = pose_of_rotation(matches, problem, geometry)
+        pose, covariance = pose_of_rotation(likelihood, geometry)
         reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
         return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
     start = next(fit.point for fit in fits if isinstance(fit.point, CameraF))
-    likelihood = DirectionLikelihood.of(problem, matches.bulk_px[1] * problem.noise_scale)
-    point, oriented = fit_calibrated(problem, start, likelihood)
+    directions = DirectionLikelihood.of(likelihood)
+    point, oriented = fit_calibrated(likelihood, start, directions)
     pose = oriented.pose
-    covariance = covariance_of(pose, point, problem, likelihood)
+    covariance = covariance_of(pose, point, likelihood, directions)
     given = geometry.parallax is Parallax.PROVEN or covariance.translation_sigma_deg < KNOWN_DEG
     if given or geometry.F is not None:
-        geometry = with_essential(geometry, matches, problem, oriented, covariance, options)
+        geometry = with_essential(geometry, likelihood, oriented, covariance, options)
     if given:
         return geometry
-    region = likelihood.region(pose)
+    region = directions.region(pose)
     flip = 1.0 if (oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
     wide = region.covariance(pose.translation, region.rotation).matrix.copy()
     wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
     wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
-    unseen = UNSEEN * float(np.median(problem.length_px)) / problem.unit_px
+    unseen = UNSEEN * float(np.median(likelihood.length_px)) / likelihood.unit_px
     wide[:3, :3] += unseen**2 * np.eye(3)
     return replace(
         geometry,
@@ -133,8 +129,7 @@ def with_pose(
 
 def with_essential(
     geometry: TwoViewGeometry,
-    matches: SmearMatches,
-    problem: SmearProblem,
+    likelihood: Likelihood,
     oriented: OrientedPose,
     covariance: PoseCovariance,
     options: EstimatorOptions,
@@ -153,42 +148,45 @@ def with_essential(
     )
     if geometry.F is None:
         return geometry
-    F, inlier_mask = with_inliers(E, matches, problem, options)
-    return replace(geometry, F=F, inlier_mask=inlier_mask, model=MotionModel.CALIBRATED)
+    F = likelihood.pixels(E)
+    found = inliers_of(F, likelihood, options)
+    return replace(
+        geometry, F=F, inlier_mask=found.mask, support_by_chance=found.by_chance, model=MotionModel.CALIBRATED
+    )
 
 
-def in_order_of_rotation(geometry: TwoViewGeometry, matches: SmearMatches, rays: Array) -> TwoViewGeometry:
+def in_order_of_rotation(geometry: TwoViewGeometry, likelihood: Likelihood) -> TwoViewGeometry:
     """Return a geometry whose pose is a rotation alone with smears, F and E in the order of that rotation.
 
     F beside it is undecided and orders such smears no better than by chance; as E its transpose is equal.
-    ``rays`` (N, 2, 2) are those of the matches' ends. Other geometries stay as they are.
+    Other geometries stay as they are.
     """
     pose, F, E = geometry.cam2_from_cam1, geometry.F, geometry.E
     if pose is None or pose.translation.any():
         return geometry
-    swapped = against_rotation(pose.rotation_vector, rays)
-    if F is not None and (swapped_order(F, matches.ends) == swapped).mean() < 0.5:
+    swapped = against_rotation(pose.rotation_vector, likelihood.ends)
+    if F is not None and (swapped_order(F, likelihood.matches.ends) == swapped).mean() < 0.5:
         F, E = F.T.copy(), None if E is None else E.T.copy()
     return replace(geometry, F=F, E=E, swapped=swapped)
 
 
 def pose_of_rotation(
-    matches: SmearMatches, problem: SmearProblem, geometry: TwoViewGeometry
+    likelihood: Likelihood, geometry: TwoViewGeometry
 ) -> tuple[RigidTransform, PoseCovariance]:
     """Return the rotation that explains smears alone, ordered as ``swapped``, and its covariance."""
-    scale = problem.noise_scale
-    along, across = matches.bulk_px
-    data = FlowData.of(problem, (scale * along, scale * across))
-    fixed = CameraPrior(rotation=problem.prior.rotation, log_focal=0.0, principal=0.0)
     if geometry.H is None:
         raise ValueError("a rotation is refined from its homography, which is missing")
-    A = problem.T @ geometry.H @ np.linalg.inv(problem.T)
+    claimed, T = likelihood.claimed, likelihood.T
+    fixed = CameraPrior(rotation=likelihood.prior.rotation, log_focal=0.0, principal=0.0)
+    A = T @ geometry.H @ np.linalg.inv(T)
     A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
-    fit = fit_flow(RotationH.from_generator(A, fixed), data.without_low_frequency())
+    even = replace(claimed.matches, shared=replace(claimed.matches.shared, length=0.0, direction_rad=0.0))
+    fit = fit_field(RotationH.from_generator(A, fixed), replace(claimed, matches=even))
     swapped = np.where(geometry.swapped, -1.0, 1.0)
     vector = fit.family.rotation * (1.0 if (fit.sign * swapped).sum() >= 0 else -1.0)
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
-    matrix[:3, :3] = fit.covariance(problem.shared.all_correlation, data)[:3, :3]
+    erring = replace(fit, likelihood=claimed, slow=np.zeros(SLOW))
+    matrix[:3, :3] = erring.covariance()[:3, :3]
     return rotation_alone(vector), PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2])
 
 

@@ -4,7 +4,7 @@ Given a direction of translation every smear's epipolar line and order follow (a
 away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly.
 So the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave
 it flat, which no covariance about one optimum shows. What is claimed counts all correlation of neighbouring
-smears (`SharedErrors.all_correlation`).
+smears (`Likelihood.claimed`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
-from blur2view.robust.problem import SmearProblem
+from blur2view.robust.calibration import FREEDOM
+from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.reweighted import reweighted_motion
-from blur2view.two_view.flow import FREEDOM
 
 DIRECTIONS = 400  # half a sphere in steps of about 4 degrees
 RINGS_DEG = (2.0, 0.8, 0.3, 0.12, 0.05)  # about the best direction of the grid, and of every ring
@@ -35,19 +35,19 @@ STEP_DEG = 4.5  # distance of the directions of the grid
 class DirectionLikelihood:
     """Smears of a known camera under any direction of translation."""
 
-    problem: SmearProblem  # in coordinates of the camera (K = identity)
+    likelihood: Likelihood  # thinned, all correlation counted, in coordinates of the camera (K = identity)
     across: Array  # (N,) standard deviations of the error across each smear over its length
     count: float  # how many of the smears are independent
 
     @classmethod
-    def of(cls, problem: SmearProblem, across_px: Array) -> DirectionLikelihood:
-        """Return the smears of a problem, thinned, whose errors across have deviations (N,), pixels."""
-        every = slice(None, None, max(1, len(problem.ends) // SMEARS))
-        part = problem.subset(every)
+    def of(cls, likelihood: Likelihood) -> DirectionLikelihood:
+        """Return the smears of a likelihood, thinned; all correlation of neighbours is counted."""
+        claimed = likelihood.claimed
+        part = claimed.subset(slice(None, None, max(1, len(claimed) // SMEARS)))
+        _, across_px = part.matches.inlier_sigma_px
+        share = likelihood.sigma_scale * across_px / np.maximum(part.length_px, TINY)
         return cls(
-            problem=part,
-            across=np.hypot(across_px[every] / np.maximum(part.length_px, TINY), problem.shared.least),
-            count=problem.shared.all_correlation * len(problem.ends),
+            likelihood=part, across=np.hypot(share, part.matches.shared.least), count=claimed.effective_count
         )
 
     def at(self, directions: Array) -> tuple[Array, Array, Array]:
@@ -55,8 +55,7 @@ class DirectionLikelihood:
 
         Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
         """
-        ends = self.problem.ends
-        middle, displacement = self.problem.middle, ends[:, 1] - ends[:, 0]
+        middle, displacement = self.likelihood.middle, self.likelihood.displacement
         length = np.maximum(np.hypot(*displacement.T), TINY)
         along, across = unit_lines(directions, middle)  # (G, 2, N)
         flow = rotation_flow(middle) / length

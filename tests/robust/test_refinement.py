@@ -7,6 +7,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import apply_similarity, cross_matrix, homogeneous, symmetric_skew, unit_norm
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.geometry.sampson import entry_jacobian, residual_parts, sampson, serrmin, signed_sampson
+from blur2view.robust.likelihood import assumed_camera
 from blur2view.robust.parametrization import (
     CameraF,
     CameraPrior,
@@ -15,9 +16,9 @@ from blur2view.robust.parametrization import (
     TranslationF,
     camera_from_matrix,
 )
-from blur2view.robust.problem import assumed_camera, build_problem
 from blur2view.robust.refinement import WeightedPoint, refine, refining
-from blur2view.robust.residuals import OrderedResiduals, RefineOptions, WeightedEnds
+from blur2view.robust.residuals import OrderedResiduals, RefineOptions
+from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 PRIOR = CameraPrior(rotation=(0.1, 0.1, 0.2))
@@ -87,8 +88,8 @@ def test_camera_prior_is_zero_for_the_assumed_camera_at_rest() -> None:
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
 def test_gradient_is_the_derivative_of_half_the_cost_prior_included(family: Manifold) -> None:
     ends = normalised(make_scene(np.random.default_rng(6), count=60).ends)
-    matches = WeightedEnds(ends=ends, sigma=np.full(60, 0.02))
-    state = WeightedPoint.likelier(family, matches, RefineOptions(data_weight=0.1))
+    matches = normalised_likelihood(ends, np.full(60, 0.02))
+    state = WeightedPoint.likelier(family, matches, RefineOptions(effective_share=0.1))
     normal, gradient = state.normal_equations()
     for k, direction in enumerate(np.eye(len(gradient))):
         ahead, behind = (state.moved(s * 1e-6 * direction).cost for s in (1, -1))
@@ -102,7 +103,7 @@ def test_refinement_rests_after_a_step_shorter_than_asked_for() -> None:
     scene, T = disturb(make_scene(rng, count=400), rng, noise_px=0.5), assumed_camera(IMAGE_SIZE)
     truth = GeneralF.from_matrix(np.linalg.inv(T).T @ scene.F @ np.linalg.inv(T))
     start = truth.step(rng.normal(0, 1e-3, 7))
-    matches = WeightedEnds(ends=normalised(scene.ends), sigma=np.full(len(scene.ends), T[0, 0]))
+    matches = normalised_likelihood(normalised(scene.ends), np.full(len(scene.ends), T[0, 0]))
 
     def costs(rest: float) -> list[float]:
         return [cost for _, cost in refining(start, matches, RefineOptions(tolerance=0.0, rest=rest))]
@@ -119,7 +120,7 @@ def test_refinement_recovers_F_from_unordered_smears() -> None:
         ends, T = normalised(scene.ends), assumed_camera(IMAGE_SIZE)
         truth = unit_norm(np.linalg.inv(T).T @ scene.F @ np.linalg.inv(T))
         bent = GeneralF.from_matrix(truth).step(np.random.default_rng(seed).normal(0, 1e-3, 7))
-        matches = WeightedEnds(ends=ends, sigma=np.full(400, T[0, 0]))
+        matches = normalised_likelihood(ends, np.full(400, T[0, 0]))
         point, cost = refine(bent, matches, RefineOptions(max_iterations=50, decided=True, tolerance=1e-12))
         difference = min(np.abs(point.matrix() - truth).max(), np.abs(point.matrix() + truth).max())
         assert difference < 1e-6
@@ -128,7 +129,7 @@ def test_refinement_recovers_F_from_unordered_smears() -> None:
 
 def test_refinement_never_ends_above_its_start() -> None:
     scene = disturb(make_scene(np.random.default_rng(3), count=300), np.random.default_rng(3), noise_px=0.5)
-    matches = WeightedEnds(ends=normalised(scene.ends), sigma=np.full(300, 5e-4))
+    matches = normalised_likelihood(normalised(scene.ends), np.full(300, 5e-4))
     for family in FAMILIES:
         _, start = refine(family, matches, RefineOptions(max_iterations=0))
         _, end = refine(family, matches, RefineOptions(max_iterations=15))
@@ -146,7 +147,7 @@ def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> Non
 
 def test_residuals_leave_the_orders_open_unless_told() -> None:
     ends = normalised(make_scene(np.random.default_rng(4), count=50).ends)
-    matches, blind = WeightedEnds(ends=ends, sigma=np.ones(50)), cross_matrix(DIRECTION)
+    matches, blind = normalised_likelihood(ends, np.ones(50)), cross_matrix(DIRECTION)
     assert np.allclose(matches.residuals(blind).forward_share, 0.5)
     assert np.isin(matches.residuals(blind, decided=True).forward_share, [0, 1]).all()
 
@@ -160,7 +161,7 @@ def test_weighing_both_orders_invents_less_rotation() -> None:
         scene = disturb(make_scene(rng, count=500, rotation_share=0.0, length_px=20), rng, noise_px=3.0)
         start = GeneralF.from_matrix(scene.F)
         ends, inverse = normalised(scene.ends), np.linalg.inv(assumed_camera(IMAGE_SIZE))
-        matches = WeightedEnds(ends=ends, sigma=np.full(500, 3.0 / inverse[0, 0]))
+        matches = normalised_likelihood(ends, np.full(500, 3.0 / inverse[0, 0]))
         start = GeneralF.from_matrix(inverse.T @ scene.F @ inverse).step(rng.normal(0, 0.01, 7))
         for decided in invented:
             F = refine(start, matches, RefineOptions(decided=decided))[0].matrix()
@@ -169,23 +170,22 @@ def test_weighing_both_orders_invents_less_rotation() -> None:
 
 
 def test_errors_along_the_line_are_those_of_the_difference_of_two_ends() -> None:
-    ends_px = np.random.default_rng(5).normal(0, 2.0, (20_000, 2, 2))
+    ends = np.random.default_rng(5).normal(0, 0.003, (20_000, 2, 2))
     sideways = cross_matrix(np.array([1.0, 0.0, 0.0]))  # epipolar lines are rows
-    problem = build_problem(ends_px, np.full(20_000, 2.0), IMAGE_SIZE)
-    across = signed_sampson(sideways, problem.ends[:, 0], problem.ends[:, 1]).std()
-    assert np.isclose(across, problem.weighted.sigma[0], rtol=0.02)
-    along, assumed = np.diff(problem.ends[..., 0]).std(), problem.weighted.along
-    assert assumed is not None and np.isclose(along, np.median(assumed), rtol=0.03)
+    likelihood = normalised_likelihood(ends, 0.003)
+    across = signed_sampson(sideways, ends[:, 0], ends[:, 1])
+    assert np.isclose(across.std(), likelihood.sigma_px[0] / likelihood.unit_px, rtol=0.02)
+    assert np.isclose(np.diff(ends[..., 0]).std(), np.median(likelihood.along), rtol=0.03)
 
 
 def test_the_cost_of_decided_orders_is_that_of_serrmin() -> None:
     scene = make_scene(np.random.default_rng(4), count=50)
     ends, F = normalised(scene.ends), FAMILIES[1].matrix()
-    least = WeightedEnds(ends=ends, sigma=np.ones(50)).residuals(F).least
+    least = normalised_likelihood(ends, np.ones(50)).residuals(F).least
     assert np.allclose(least**2, serrmin(F, ends))
 
 
-@pytest.mark.parametrize("wrong", [{"data_weight": 0.0}, {"max_iterations": -1}])
+@pytest.mark.parametrize("wrong", [{"effective_share": 0.0}, {"max_iterations": -1}])
 def test_options_out_of_range_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="need"):
         RefineOptions(**wrong)  # type: ignore[arg-type]

@@ -77,8 +77,8 @@ def test_of_large_photographs_every_second_cell_is_taken_and_counts_as_more() ->
     some = select_matches(grid(), SelectOptions(beta=1.0, max_matches=60))
     assert len(some) == 6 * 8
     assert (np.diff(np.unique(some.midpoint[:, 0])) == 64).all()
-    assert every.shared.independent_share == pytest.approx(1 / 9)
-    assert some.shared.independent_share == pytest.approx(4 / 9)
+    assert every.shared.effective_share == pytest.approx(1 / 9)
+    assert some.shared.effective_share == pytest.approx(4 / 9)
     assert len(select_matches(grid(), SelectOptions(beta=1.0, max_matches=1))) == 1
 
 

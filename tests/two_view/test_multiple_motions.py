@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.robust.homography import transfer_orders
+from blur2view.robust.field_fit import FieldFit
+from blur2view.robust.homography import PlaneH
 from blur2view.robust.homography_search import find_plane
-from blur2view.robust.problem import SmearProblem
+from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view import multiple_motions
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.model_selection import Fit, search_and_fit
+from blur2view.two_view.families import Fit, search_and_fit
 from blur2view.two_view.multiple_motions import (
     BLOCKS,
     LEAST_BALANCE,
@@ -32,20 +32,18 @@ from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
 
 
-def fitted(scene: DegenerateScene) -> tuple[SmearProblem, Fit, NDArray[np.bool_]]:
-    """Problem and best fit of a scene, orders of the best homography."""
+def fitted(scene: DegenerateScene) -> tuple[Likelihood, Fit, FieldFit[PlaneH]]:
+    """Likelihood and best fit of a scene, and the best homography."""
     rng = np.random.default_rng(0)
-    problem, fits, _ = search_and_fit(scene.matches, EstimatorOptions(), rng)
-    plane = find_plane(problem.weighted, True, rng)
+    likelihood, fits, _ = search_and_fit(Likelihood.of(scene.matches), EstimatorOptions(), rng)
+    plane = find_plane(likelihood, rng)
     assert plane is not None
-    backward = transfer_orders(plane.generator(), problem.weighted).swapped
-    return problem, min(fits, key=lambda fit: fit.score), backward
+    return likelihood, min(fits, key=lambda fit: fit.score), plane
 
 
 def two(kind: Kind, seed: int) -> TwoMotions | None:
-    scene = draw_scene(kind, seed)
-    problem, fit, backward = fitted(scene)
-    return find_two_motions(problem, fit.point.matrix(), backward, 0.5, np.random.default_rng(0))
+    likelihood, fit, plane = fitted(draw_scene(kind, seed))
+    return find_two_motions(likelihood, fit.point.matrix(), plane, np.random.default_rng(0))
 
 
 @pytest.mark.slow
@@ -68,34 +66,39 @@ def test_one_motion_is_not_taken_for_two(kind: Kind) -> None:
 
 
 def test_errors_far_below_the_stated_are_not_suspicious() -> None:
-    problem, fit, backward = fitted(draw_scene("several or none", 2))
+    likelihood, fit, plane = fitted(draw_scene("several or none", 2))
     F, rng = fit.point.matrix(), np.random.default_rng(0)
-    assert find_two_motions(problem, F, backward, 0.5, rng) is not None
-    assert find_two_motions(replace(problem, scale=0.1), F, backward, 0.5, rng) is None
-    assert find_two_motions(problem, F, backward, 0.9, rng) is None  # one homography explains them
+    assert find_two_motions(likelihood, F, plane, rng) is not None
+    assert find_two_motions(replace(likelihood, sigma_fitted=0.1), F, plane, rng) is None
+
+
+def test_one_homography_that_explains_them_is_no_two_motions() -> None:
+    likelihood, fit, plane = fitted(draw_scene("plane", 2))
+    assert find_two_motions(likelihood, fit.point.matrix(), plane, np.random.default_rng(0)) is None
 
 
 def test_where_no_F_is_found_there_are_no_two_motions(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(multiple_motions, "_search", lambda problem, rng: None)
+    monkeypatch.setattr(multiple_motions, "_search", lambda likelihood, rng: None)
     assert two("several or none", 2) is None
 
 
 def test_no_block_of_smears_fits_better_the_other_way_round() -> None:
-    problem, fit, backward = fitted(draw_scene("general", 3))
-    forward, backwards = problem.weighted.residuals(fit.point.matrix()).both
-    found = errors_by_order(problem, fit.point.matrix(), backward)
+    likelihood, fit, plane = fitted(draw_scene("general", 3))
+    backward = plane.orders(likelihood).swapped
+    forward, backwards = likelihood.residuals(fit.point.matrix()).both
+    found = errors_by_order(likelihood, fit.point.matrix(), backward)
     other = np.where(found == forward, backwards, forward)
-    block = blocks_of(problem.middle, BLOCKS)
+    block = blocks_of(likelihood.middle, BLOCKS)
     ours, others = (np.bincount(block, weights=np.minimum(e**2, 9.0)) for e in (found, other))
     assert len(ours) > 10 and (ours <= others).all()
 
 
 def test_shares_follow_the_truth() -> None:
     scene = draw_scene("general", 3)
-    problem, fit, _ = fitted(scene)
-    shares, _ = explained(problem, [fit.point.matrix()])
+    likelihood, fit, _ = fitted(scene)
+    shares, _ = explained(likelihood, [fit.point.matrix()])
     wrong = np.random.default_rng(0).normal(size=(3, 3))
-    both, _ = explained(problem, [fit.point.matrix(), wrong])
+    both, _ = explained(likelihood, [fit.point.matrix(), wrong])
     assert 0.65 < shares[0] <= 1  # 0 to 30 % outliers
     assert abs(both[0] - shares[0]) < 0.05 and both[1] < 0.1
 
@@ -103,13 +106,14 @@ def test_shares_follow_the_truth() -> None:
 def test_a_wrong_F_leaves_structure_and_the_true_one_does_not() -> None:
     for seed in range(4):
         scene = draw_scene("general", seed)
-        problem, fit, backward = fitted(scene)
-        inverse = np.asarray(np.linalg.inv(problem.T), float)
+        likelihood, fit, plane = fitted(scene)
+        backward = plane.orders(likelihood).swapped
+        inverse = np.asarray(np.linalg.inv(likelihood.T), float)
         true = inverse.T @ fundamental_from_pose(scene.K, scene.R, scene.t) @ inverse
         delta = np.where(np.arange(len(fit.point.tangent())) < 2, 0.2, 0.0)
         turned = fit.point.step(delta).matrix()
-        assert not leaves_structure(problem, true, backward)
-        assert leaves_structure(problem, turned, backward)
+        assert not leaves_structure(likelihood, true, backward)
+        assert leaves_structure(likelihood, turned, backward)
 
 
 def test_the_F_of_several_motions_is_that_of_the_larger_one() -> None:

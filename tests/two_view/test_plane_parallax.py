@@ -1,5 +1,7 @@
 """F from a dominant plane and the parallax beside it: exact, and over named seeds against plain samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,15 +9,15 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose, unit_norm
 from blur2view.geometry.sampson import sampson, serrmin
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.robust.homography import cayley, transfer_orders
+from blur2view.robust.homography import cayley
 from blur2view.robust.homography_search import find_plane
-from blur2view.robust.minimal_solvers import solve_seven_smears
-from blur2view.robust.problem import build_problem
+from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.plane_parallax import fundamentals_through, parallax_lines, plane_and_parallax
 from tools.datasets.degenerate_scenes import tilted_plane
 from tools.datasets.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
+from tools.estimators.seven_smears import solve_seven_smears
 from tools.metrics import epipole_angle_deg
 
 
@@ -73,19 +75,20 @@ def test_exact_smears_give_the_exact_F() -> None:
     y[:30] += rng.normal(0, 0.02, (30, 1)) * np.stack([along[:30, 1], -along[:30, 0]], axis=1)
     ends = np.stack([x, y], axis=1)
     ends[::2] = ends[::2, ::-1]
-    problem = build_problem(768 * ends, np.full(100, 0.1), None)
-    T = problem.T @ np.diag([768.0, 768.0, 1.0])  # from these coordinates to the problem's
+    likelihood = Likelihood.of(SmearMatches(ends=768 * ends, sigma_px=np.full(100, 0.1)))
+    T = likelihood.T @ np.diag([768.0, 768.0, 1.0])  # from these coordinates to the likelihood's
     moved = T @ cayley(A) @ np.linalg.inv(T)
     B = 2 * (moved - np.eye(3)) @ np.linalg.inv(moved + np.eye(3))
-    found = plane_and_parallax(B, problem, np.arange(30), np.random.default_rng(0))
+    found = plane_and_parallax(B, likelihood, np.arange(30), np.random.default_rng(0))
     assert found is not None
     back = unit_norm(T.T @ found @ T)
     assert min(np.abs(back - s * f).max() for s in (1, -1) for f in (F, F.T)) < 1e-9
 
 
 def test_one_smear_off_the_plane_is_not_enough() -> None:
-    problem = build_problem(np.random.default_rng(0).uniform(0, 400, (20, 2, 2)), np.ones(20), (400, 400))
-    assert plane_and_parallax(np.zeros((3, 3)), problem, np.arange(1), np.random.default_rng(0)) is None
+    ends = np.random.default_rng(0).uniform(0, 400, (20, 2, 2))
+    likelihood = Likelihood.of(SmearMatches(ends=ends, sigma_px=np.ones(20), image_size=(400, 400)))
+    assert plane_and_parallax(np.zeros((3, 3)), likelihood, np.arange(1), np.random.default_rng(0)) is None
 
 
 def seven_smear_ransac(matches: SmearMatches, samples: int, rng: np.random.Generator) -> Array:
@@ -109,16 +112,16 @@ def test_F_beside_a_dominant_plane_is_recovered_where_plain_samples_fail() -> No
     for seed in range(16):
         matches, K, F = dominant_plane(seed, 0.3, 0.1)
         rng = np.random.default_rng(0)
-        problem = build_problem(matches.ends, np.full(len(matches), 0.4), IMAGE_SIZE)
-        plane = find_plane(problem.weighted, True, rng)
+        likelihood = Likelihood.of(replace(matches, sigma_px=np.full(len(matches), 0.8)))
+        plane = find_plane(likelihood, rng)
         assert plane is not None
-        off_plane = np.flatnonzero(transfer_orders(plane.generator(), problem.weighted).least ** 2 > 9)
+        off_plane = np.flatnonzero(plane.orders(likelihood).least ** 2 > 9)
         assert 0.1 < len(off_plane) / len(matches) < 0.35
-        found = plane_and_parallax(plane.generator(), problem, off_plane, rng)
+        found = plane_and_parallax(plane.family.generator(), likelihood, off_plane, rng)
         geometry = estimate_two_view(matches)
         assert geometry.config is Configuration.UNCALIBRATED
         assert found is not None and geometry.F is not None
-        models = seven_smear_ransac(matches, 60, rng), problem.pixels(found), geometry.F
+        models = seven_smear_ransac(matches, 60, rng), likelihood.pixels(found), geometry.F
         for errors, model in zip((plain, through_plane, ours), models, strict=True):
             errors.append(epipole_angle_deg(model, F, K))
     assert np.median(through_plane) < 4

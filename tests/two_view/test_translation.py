@@ -11,24 +11,23 @@ from blur2view.arrays import Array
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.geometry.two_view_geometry import MotionModel
+from blur2view.robust.calibration import FREEDOM
+from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.parametrization import CameraF
-from blur2view.robust.problem import SmearProblem, build_problem
 from blur2view.robust.refinement import WeightedPoint
 from blur2view.robust.residuals import RefineOptions
-from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.flow import FREEDOM
+from blur2view.smears.noise import CLAIMED, SharedErrors
 from blur2view.two_view.pose import POSE, curvature
 from blur2view.two_view.translation import ROTATION_SPREAD, DirectionLikelihood, unit_lines
-from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers
+from tests.support.scenes import Scene, disturb, make_scene, with_outliers
 from tools.metrics import translation_direction_error_deg
 
-ALIKE = SharedErrors(independent_share=0.1, reach=5.0, length=0.04, direction_rad=0.02)
+ALIKE = SharedErrors(effective_share=0.1, correlation=5.0, length=0.04, direction_rad=0.02)
 
 
 def likelihood_of(scene: Scene, sigma_px: float = 0.05) -> DirectionLikelihood:
-    sigma = np.full(len(scene.ends), sigma_px)
-    problem: SmearProblem = build_problem(scene.ends, sigma, IMAGE_SIZE, scene.camera)
-    return DirectionLikelihood.of(problem, sigma)
+    # the deviation across is a share CLAIMED / sqrt(2) of that stated
+    return DirectionLikelihood.of(Likelihood.of(scene.matches(2**0.5 / CLAIMED * sigma_px), scene.camera))
 
 
 def relative_error(found: Array, true: Array) -> float:
@@ -62,8 +61,7 @@ def test_order_of_the_ends_and_sign_of_the_translation_do_not_matter() -> None:
 
 def test_costs_are_those_of_a_student_distribution_of_the_angles_off_the_lines() -> None:
     likelihood, directions = likelihood_of(make_scene(np.random.default_rng(4)), 0.5), np.eye(3)
-    ends = likelihood.problem.ends
-    middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    middle, displacement = likelihood.likelihood.middle, likelihood.likelihood.displacement
     length = np.linalg.norm(displacement, axis=1)
     rotations, costs, orders = likelihood.at(directions)
     expected = []
@@ -79,13 +77,11 @@ def test_costs_are_those_of_a_student_distribution_of_the_angles_off_the_lines()
 def test_curvature_of_a_calibrated_fit_is_the_second_derivative_of_half_its_cost() -> None:
     rng = np.random.default_rng(1)
     scene = disturb(make_scene(rng, count=300), rng, noise_px=0.1)
-    problem = likelihood_of(scene, 0.1).problem
-    point = CameraF(t=scene.t / np.linalg.norm(scene.t), R=scene.R, spread=problem.prior)
-    plain, weighted = problem.weighted.residuals(point.matrix()), problem.weighted
-    second = curvature(problem, point)
-    options = RefineOptions(data_weight=problem.shared.all_correlation)
+    likelihood = Likelihood.of(scene.matches(0.3), scene.camera)
+    point = CameraF(t=scene.t / np.linalg.norm(scene.t), R=scene.R, spread=likelihood.prior)
+    plain, second = likelihood.residuals(point.matrix()), curvature(likelihood, point)
     states = (
-        WeightedPoint(point=point, matches=weighted, residuals=plain, sign=sign, options=options)
+        WeightedPoint(point=point, likelihood=likelihood, residuals=plain, sign=sign, options=RefineOptions())
         for sign in (1.0, -1.0)
     )
     state = min((state.reweighted() for state in states), key=lambda state: state.cost)

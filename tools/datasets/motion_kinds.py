@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.robust.homography import transfer_orders
 from blur2view.robust.homography_search import find_plane
-from blur2view.robust.residuals import WeightedEnds
+from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.field import smear_ends
+from blur2view.smears.matches import SmearMatches
 from tools.arguments import scene_parser
 from tools.datasets.testset import SERIES, write_photographed
 from tools.processes import single_threaded_pool
@@ -60,14 +60,15 @@ def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Ar
     points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
     rng, T = np.random.default_rng(0), np.linalg.inv(K)
     kept = rng.permutation(len(points))[:SAMPLE]
-    ends: Array = smear_ends(points[kept], d[kept]) * np.diag(T)[:2] + T[:2, 2]
+    ends: Array = smear_ends(points[kept], d[kept])
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    matches = WeightedEnds(ends=ends, sigma=0.02 * length + 1e-4)
-    plane = find_plane(matches, True, rng)
+    matches = SmearMatches(ends=ends, sigma_px=0.04 * length + 0.1)
+    likelihood = Likelihood(matches=matches, T=T, has_camera=True)
+    plane = find_plane(likelihood, rng)
     if plane is None:
-        return length, length
-    deviation = 2**0.5 * np.abs(transfer_orders(plane.generator(), matches).least) * matches.sigma
-    return deviation, length
+        return length * T[0, 0], length * T[0, 0]
+    deviation = 2**0.5 * np.abs(plane.orders(likelihood).least) * likelihood.sigma_px
+    return deviation * T[0, 0], length * T[0, 0]
 
 
 def one_plane(

@@ -10,9 +10,11 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.robust.calibration import MIN_MATCHES
+from blur2view.robust.estimators import SmearEstimator
+from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import MIN_MATCHES
-from blur2view.two_view.model_selection import build_estimator, fit_translation
+from blur2view.two_view.families import fit_translation
 
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
 
@@ -82,9 +84,9 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
     """Return the two-parameter F, all smears meeting in one point, fitted robustly; None of too few."""
     if len(matches) < MIN_MATCHES:
         return None
-    estimator = build_estimator(matches)
+    estimator = SmearEstimator(likelihood=Likelihood.of(matches))
     point = fit_translation(estimator, np.random.default_rng(0))
-    return estimator.problem.pixels(point.matrix())
+    return estimator.likelihood.pixels(point.matrix())
 
 
 def scrambled(ends: AnyArray, rng: np.random.Generator) -> AnyArray:

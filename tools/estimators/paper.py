@@ -21,10 +21,10 @@ from blur2view.geometry.epipolar import (
     unit_norm,
 )
 from blur2view.geometry.sampson import serrmin
-from blur2view.robust.minimal_solvers import SAMPLE_SIZE
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.acceptance import insufficient_data, still
+from blur2view.two_view.consensus import insufficient_data, still
+from tools.estimators.seven_smears import SAMPLE_SIZE
 
 # Entries of F, row by row, to (S11, S12, S13, S22, S23, S33) and to a: S = (F + F^T) / 2, F - S = [a]x.
 SYMMETRIC: Array = np.asarray(np.linalg.pinv(symmetric_from_vector(np.eye(6)).reshape(6, 9).T), float)

@@ -67,7 +67,7 @@ NAMES = {
     Configuration.UNDEFINED: "undefined",
 }
 REPORTED = (Configuration.UNCALIBRATED, Configuration.PLANAR_OR_PANORAMIC, *NAMES)
-ALIKE = SharedErrors(independent_share=0.03, length=0.04, direction_rad=0.02)
+ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
 
 

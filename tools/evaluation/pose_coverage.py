@@ -75,7 +75,7 @@ def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     sigma_px = np.maximum(length * np.hypot(np.radians(case.direction_deg), case.length_share), 1e-2)
     patches = IMAGE_SIZE[0] * IMAGE_SIZE[1] / (4 * np.pi * CORRELATED_PX**2)
-    shared = SharedErrors(independent_share=min(1.0, patches / len(ends)))
+    shared = SharedErrors(effective_share=min(1.0, patches / len(ends)))
     return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
 
 

@@ -10,7 +10,6 @@ from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import CAMERA, ESTIMATION, INPUT, MANY, Options, option
 from blur2view.cli.terminal import QUIET
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.robust.residuals import CUTOFF
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
@@ -31,13 +30,13 @@ class PhotographOptions(Options):
 
     images: list[str] = option(MISSING, "INPUT", group=INPUT)
     """photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard input; JPEG,
-    PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits, with the extras heic and raw also HEIC and
-    RAW. Frames of a video are named VIDEO/000120 by their number. A list names one of these on each line, as
-    seen from here or else from the list's folder (blank lines are passed over, and those that begin with #
-    and name no file). What is named twice is done once"""
+    PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8 or 16 bits, with the extras heic and raw
+    also HEIC and RAW. Frames of a video are named VIDEO/000120 by their number. A list names one of these on
+    each line, as seen from here or else from the list's folder (blank lines are passed over, and those that
+    begin with # and name no file). What is named twice is done once"""
     recursive: bool = option(False, group=INPUT)
     "folders stand for their subfolders, too"
-    every: int = option(1, "N", group=INPUT)
+    every: int = option(1, "N", group=INPUT, convert=values.frames)
     "of a video take one frame in N (default: all)"
     first: float = option(0, "FRAME", group=INPUT, names="--from", convert=values.frame_or_seconds, rare=True)
     "the first frame of a video: a number from 0, or a time as 12.5s"
@@ -92,10 +91,10 @@ class PhotographOptions(Options):
     )
     """share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be used, the most
     certain ones; at most %(max_matches)s of them, spread evenly, are (default: %(default)s)"""
-    max_error: float = option(EstimatorOptions.max_error_px, "PX", group=ESTIMATION, rare=True, cutoff=CUTOFF)
+    max_error: float = option(EstimatorOptions.max_error_px, "PX", group=ESTIMATION, rare=True)
     """a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the better of
-    both orders, is below this many pixels or below %(cutoff)g of its own standard deviations (default:
-    %(default).4g, the square root of the paper's 3 squared pixels)"""
+    both orders, is below a tenth of its length and below this many pixels, or below two of its own
+    standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)"""
     seed: int = option(0, "N", group=ESTIMATION, convert=values.seed, rare=True)
     "of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)"
     max_memory: float = option(MAX_MEMORY_GIB, "GIB", group=ESTIMATION, rare=True)
@@ -103,6 +102,9 @@ class PhotographOptions(Options):
     take up to half as much again (default: %(default)s, enough for 32 megapixels, with masks for 24)"""
     model: str | None = option(None, "ONNX", group=ESTIMATION, rare=True)
     "a smear network, written by tools/training/export_reader.py (default: the shipped one)"
+    provider: str | None = option(None, "NAME", group=ESTIMATION, rare=True)
+    """let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has, for example
+    onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "run", self._run())

@@ -52,8 +52,9 @@ class TriageOptions(PhotographOptions):
     """The options of ``blur2view triage``.
 
     Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
-    of all, and lists, or a folder, of those to keep: the sharp ones, the sharpest, or the sharpest of every
-    few neighbours. Unlike the variance of the Laplacian this does not confuse a lack of texture with blur.
+    of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
+    explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
+    dark to show blur, which the variance of the Laplacian would confuse.
     """
 
     command = "triage"

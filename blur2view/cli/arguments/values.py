@@ -2,11 +2,13 @@
 
 import math
 from argparse import ArgumentTypeError
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below is asked about
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
+RATE = 30  # frames a second, of an example
 FILM_MM = 36.0  # width of 35-mm film
 
 
@@ -46,6 +48,15 @@ def positive(text: str) -> int:
     return int(text)
 
 
+def frames(text: str) -> int:
+    """Return a number of frames, 1 or more."""
+    amount, unit = number_and_unit(text, "ms", "s")
+    with suppress(ValueError):
+        if unit and (count := round(RATE * float(amount) / (1000 if unit == "ms" else 1))) >= 1:
+            raise ArgumentTypeError(f"counts frames; {text} are {count} in a video of {RATE} a second")
+    return positive(text)
+
+
 def seed(text: str) -> int:
     """Return a number of 0 or more."""
     if int(text) < 0:
@@ -53,10 +64,17 @@ def seed(text: str) -> int:
     return int(text)
 
 
-def positive_float(text: str) -> float:
-    """Return a positive and finite number."""
-    if not 0 < float(text) < math.inf:
-        raise ArgumentTypeError(f"must be positive and finite, got {text}")
+def share(text: str) -> float:
+    """Return a number above 0 and at most 1."""
+    if not 0 < float(text) <= 1:
+        raise ArgumentTypeError(f"must be above 0 and at most 1, got {text}")
+    return float(text)
+
+
+def probability(text: str) -> float:
+    """Return a number above 0 and below 1."""
+    if not 0 < float(text) < 1:
+        raise ArgumentTypeError(f"must be above 0 and below 1, got {text}")
     return float(text)
 
 
@@ -144,8 +162,10 @@ def metres(text: str) -> float:
 
 
 def smear(text: str) -> Amount:
-    """Return a length as 3, as 0.3% of the diagonal, or on the ground as 2cm."""
-    return Amount(number=metres(text), metres=True) if text.endswith("m") else amount(text)
+    """Return a length in pixels, a percentage of the diagonal, or a distance on the ground as 2cm."""
+    if text.endswith("m"):
+        return Amount(number=metres(text), metres=True)
+    return amount(text.removesuffix("px"))
 
 
 def best(text: str) -> Amount:

@@ -5,8 +5,8 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import denormalise
-from blur2view.robust.minimal_solvers import homogeneous_cubic_roots, solve_seven_smears
 from tests.support.scenes import make_scene
+from tools.estimators.seven_smears import homogeneous_cubic_roots, solve_seven_smears
 
 
 def samples(count: int, seed: int = 0) -> tuple[Array, Array]:

@@ -1,0 +1,77 @@
+"""The table from which a model is chosen: every model with its likelihood and its probability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class MotionModel(StrEnum):
+    """Model of the motion that F or, without F, H is from; in brackets its number of parameters."""
+
+    TRANSLATION = "translation"
+    """F of a translation (2)."""
+    CAMERA = "camera"
+    """F of one ordinary camera, the same at both ends (5, and 3 of the camera held by a prior)."""
+    GENERAL = "general"
+    """Any F (7)."""
+    CALIBRATED = "calibrated"
+    """F of known intrinsics (5)."""
+    STILL = "no motion"
+    """A camera that holds still (0)."""
+    ROTATION = "rotation"
+    """H of a pure rotation (3, and 3 of the camera held by a prior)."""
+    ROLLING_ROTATION = "rotation, rolling shutter"
+    """A rotation whose rate changes down the rows of a rolling shutter (3 more, held by a prior)."""
+    ROLLING_PLANE = "plane, rolling shutter"
+    """A plane, and a rotation that changes down the rows (3 more, held by a prior)."""
+    PLANE = "plane"
+    """Any H (8)."""
+    PARALLAX = "parallax"
+    """A plane, and parallax along the lines of F (10)."""
+    ROTATION_OR_PLANE = "rotation or plane"
+    """H that is one of the two, undecided which (8)."""
+    NONE = "none"
+    """Neither F nor H."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRow:
+    """One model: its free parameters, its log-likelihood and its probability.
+
+    The log-likelihood is that of the effective number of smears, with priors, 0 for smears without residuals
+    whose orders are known.
+    """
+
+    model: MotionModel
+    parameters: int
+    log_likelihood: float
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelTable:
+    """All models that were compared, on as many smears as if each erred for itself."""
+
+    rows: tuple[ModelRow, ...] = ()
+    effective_count: float = 0.0
+
+    def probability(self, *models: MotionModel) -> float | None:
+        """Return the probability that it is one of the models; None where none were compared."""
+        if not self.rows:
+            return None
+        return sum(row.probability for row in self.rows if row.model in models)
+
+    def lines(self) -> list[str]:
+        """Return the table as text, likeliest first."""
+        if not self.rows:
+            return []
+        rows = sorted(self.rows, key=lambda row: -row.probability)
+        smears = f"{self.effective_count:.0f} independent smears"
+        return [
+            f"model, parameters, log-likelihood of {smears}, probability",
+            *(
+                f"  {row.model:<26} {row.parameters:>2} {row.log_likelihood:>9.1f} {row.probability:6.3f}"
+                for row in rows
+            ),
+        ]

@@ -1,0 +1,310 @@
+"""THE likelihood of smears whose order is unknown: every model is judged by it.
+
+A smear's end-point error is as large along it and across it as `smears.noise` says, and nothing else here
+turns what was stated into deviations. Both orders are possible, and their probabilities are summed; some
+smears follow no model; of n smears only the effective number is independent, and every log-likelihood is
+tempered by that share. Two kinds of models are judged:
+
+- F says on which line a smear lies, not where: the error that counts is the Sampson distance (`residuals`,
+  `costs`). Chance, a smear of any direction, is a component of its own.
+- a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
+  (`field_costs`), by Student's distribution, and chance likewise. A field with parallax
+  along the lines of F (`with_parallax`) allows larger errors along those lines, and is the link between the
+  two: nested in it are the field alone and, far along the lines, F alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.depth import order_log_odds, parallax_along_lines
+from blur2view.geometry.epipolar import denormalise, homogeneous
+from blur2view.geometry.sampson import residual_parts
+from blur2view.robust import calibration as c
+from blur2view.robust.parametrization import CameraPrior, Manifold
+from blur2view.robust.residuals import OrderedResiduals
+from blur2view.smears.matches import SmearMatches
+
+LOG_2 = math.log(2.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Likelihood:
+    """Matches in normalised coordinates, with the errors they may have."""
+
+    matches: SmearMatches  # of undistorted pixels, where the camera is known
+    T: Array  # (3, 3) pixels to normalised: the inverse of the camera, assumed or given
+    has_camera: bool  # whether T is that of a camera
+    # standard deviations of the log focal length and of the principal point in focal lengths; 0: known
+    lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
+    sigma_fitted: float = 1.0  # scale of the Sampson deviations, over those stated
+
+    @classmethod
+    def of(cls, matches: SmearMatches, camera: Camera | None = None) -> Likelihood:
+        """Return the likelihood of matches, whose ends are undistorted pixels of the camera, if one is given.
+
+        Without it an ordinary camera is assumed; without an image size nothing is, and coordinates are those
+        of an image which just holds the ends.
+        """
+        lens = CameraPrior.log_focal, CameraPrior.principal
+        if camera is not None:
+            T: Array = np.asarray(np.linalg.inv(camera.K), float)
+            lens = camera.log_focal_sigma, 0.0 if camera.known else CameraPrior.principal
+        elif matches.image_size is not None:
+            T = assumed_camera(matches.image_size)
+        else:
+            low, high = matches.ends.min(axis=(0, 1)), matches.ends.max(axis=(0, 1))
+            T = assumed_camera(tuple(high - low + 1))
+            T[:2, 2] -= T[0, 0] * low
+        has_camera = camera is not None or matches.image_size is not None
+        return cls(matches=matches, T=T, has_camera=has_camera, lens=lens)
+
+    def __len__(self) -> int:
+        return len(self.matches)
+
+    @cached_property
+    def ends(self) -> Array:
+        """Ends (N, 2, 2), normalised."""
+        ends: Array = self.matches.ends * np.diag(self.T)[:2] + self.T[:2, 2]
+        return ends
+
+    @cached_property
+    def middle(self) -> Array:
+        """Midpoints (N, 2) of the ends, normalised."""
+        middle: Array = self.ends.mean(axis=1)
+        return middle
+
+    @cached_property
+    def displacement(self) -> Array:
+        """Displacements ends[:, 1] - ends[:, 0], (N, 2), normalised."""
+        return np.asarray(self.ends[:, 1] - self.ends[:, 0])
+
+    @cached_property
+    def sigma_px(self) -> Array:
+        """Standard deviations (N,) of the Sampson distance, pixels."""
+        return np.asarray(self.matches.sampson_px * self.sigma_fitted)
+
+    @property
+    def length_px(self) -> Array:
+        """Lengths (N,), pixels."""
+        return self.matches.length_px
+
+    @property
+    def unit_px(self) -> float:
+        """Pixels per normalised unit."""
+        return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
+
+    @property
+    def intrinsics_known(self) -> bool:
+        """Whether the intrinsics are known."""
+        return self.lens == (0.0, 0.0)
+
+    @property
+    def effective_share(self) -> float:
+        """Share of the smears that counts as independent."""
+        return self.matches.shared.effective_share
+
+    @property
+    def effective_count(self) -> float:
+        """Effective number of independent smears."""
+        return self.effective_share * len(self)
+
+    @cached_property
+    def prior(self) -> CameraPrior:
+        """What an ordinary camera does while smears of this length arise."""
+        x, y, z = np.array(c.ROTATION_SPREAD) * float(np.median(self.length_px)) / self.unit_px
+        return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
+
+    def rescaled(self, factor: float) -> Likelihood:
+        """Return the likelihood with the deviations of Sampson distances multiplied by a factor."""
+        return replace(self, sigma_fitted=self.sigma_fitted * factor)
+
+    def subset(self, index: NDArray[np.int_] | slice) -> Likelihood:
+        """Return the likelihood of some smears; the share of independent ones stays."""
+        return replace(self, matches=self.matches.subset(index))
+
+    @cached_property
+    def thinned(self) -> Likelihood:
+        """ROUGH_COUNT of the smears or up to twice as many, evenly."""
+        return self.subset(slice(None, None, max(1, len(self) // c.ROUGH_COUNT)))
+
+    @cached_property
+    def claimed(self) -> Likelihood:
+        """The same smears with all correlation of neighbours counted: for regions, not for fits."""
+        return replace(self, matches=replace(self.matches, shared=self.matches.shared.claimed))
+
+    def pixels(self, F: Array) -> Array:
+        """Return F of pixels, unit norm, from F of normalised coordinates."""
+        return denormalise(F, self.T)
+
+    # F: on which line a smear lies
+
+    @cached_property
+    def orders(self) -> tuple[Array, Array, Array]:
+        """Homogeneous points of both views (3, 2 N), in one order and the other, and sigma (2 N,)."""
+        one, other = (homogeneous(self.ends[:, i]).T for i in (0, 1))
+        first, second = np.concatenate([one, other], axis=1), np.concatenate([other, one], axis=1)
+        return first, second, np.tile(self.sigma_px / self.unit_px, 2)
+
+    @cached_property
+    def along(self) -> Array:
+        """Standard deviations (N,) of displacements along epipolar lines, normalised."""
+        return np.hypot(2**0.5 * self.sigma_px, c.LENGTH_ERROR * self.length_px) / self.unit_px
+
+    @cached_property
+    def chance(self) -> Array:
+        """Density (N,) of an outlier's residual over an inlier's at zero, times the odds of being one."""
+        return c.OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1)
+
+    def residuals(self, F: Array, decided: bool = False, prior: Array | float = 0.5) -> OrderedResiduals:
+        """Return residuals under F (3, 3) in both orders, of which ``prior`` are the probabilities before."""
+        first, second, sigma = self.orders
+        parts = residual_parts(F, first, second)
+        return OrderedResiduals(
+            both=(parts[0] / sigma).reshape(2, -1), prior=prior, decided=decided, parts=parts
+        )
+
+    def parallax_of(self, point: Manifold) -> Array:
+        """Return the parallax (2, N) of a point's motion along the epipolar lines, in both orders."""
+        return parallax_along_lines(*point.motion(), self.middle.T, self.displacement.T)
+
+    def weigh(self, plain: OrderedResiduals, parallax: Array, weight: float) -> OrderedResiduals:
+        """Return residuals with the odds of the orders by positive depth, of `parallax_along_lines` (2, N).
+
+        ``weight`` in [0, 1] tempers the odds.
+        """
+        odds = order_log_odds(parallax, self.along)
+        return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
+
+    def costs(self, residuals: OrderedResiduals) -> Array:
+        """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
+        cost: Array = -2 * np.log((residuals.total + self.chance) / (1 + self.chance))
+        return cost
+
+    def order_weights(self, residuals: OrderedResiduals) -> Array:
+        """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
+        weights: Array = residuals.likelihoods / (residuals.total + self.chance)
+        return weights
+
+    # Displacement fields: where both ends are
+
+    @property
+    def sigma_scale(self) -> float:
+        """Scale of the stated deviations: as measured by what F leaves, where many smears err by themselves.
+
+        F takes up errors that neighbours share, and what it leaves is less than they are: a tenth on a
+        phone's picture of a flat chart, which then seemed to have depth.
+        """
+        alone = self.effective_share == 1 and self.effective_count >= c.LEAST_INDEPENDENT
+        return self.sigma_fitted if alone else 1.0
+
+    @cached_property
+    def field_sigma_px(self) -> Array:
+        """Standard deviations (N,) of the distance from a field as of a Sampson distance, pixels."""
+        return np.asarray(0.5**0.5 * self.sigma_scale * np.hypot(*self.matches.inlier_sigma_px))
+
+    @cached_property
+    def field_chance(self) -> Array:
+        """Density (N,) of a smear of any direction and no longer, over that of an inlier at best."""
+        along, across = (self.sigma_scale * sigma for sigma in self.matches.inlier_sigma_px)
+        return np.asarray(np.minimum(2 * along * across / (self.length_px**2 + TINY), 1))
+
+    @cached_property
+    def whitening(self) -> Array:
+        """Matrices (N, 2, 2) to components along and across the smear in standard deviations."""
+        unit = self.displacement / np.maximum(np.hypot(*self.displacement.T), TINY)[:, None]
+        normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        scale = self.sigma_scale / self.unit_px
+        along, across = (scale * sigma[:, None] for sigma in self.matches.inlier_sigma_px)
+        return np.stack([unit / along, normal / across], axis=1)
+
+    @cached_property
+    def slow_errors(self) -> Array:
+        """Errors (6, N, 2) that vary slowly over the picture, of one deviation, in standard deviations.
+
+        Lengths and directions wrong by a share, everywhere alike or in proportion to x or y.
+        """
+        half = 0.5 * float(np.ptp(self.middle, axis=0).max()) + TINY
+        offset = (self.middle - np.median(self.middle, axis=0)) / half
+        modes, shared = np.column_stack([np.ones(len(self)), offset]).T, self.matches.shared
+        errors = (
+            (shared.length + c.NO_ERROR) * self.displacement,
+            (shared.direction_rad + c.NO_ERROR) * self.displacement[:, ::-1] * [-1.0, 1.0],
+        )
+        return self.whiten(np.concatenate([modes[:, :, None] * error for error in errors]))
+
+    def whiten(self, vectors: Array) -> Array:
+        """Return vectors (..., N, 2) along and across the smears in standard deviations."""
+        return np.asarray(np.einsum("nij,...nj->...ni", self.whitening, vectors))
+
+    def field_costs(self, predicted: Array, slow: Array) -> Array:
+        """Return twice the negative log-likelihood (N,) of a whitened field (N, 2), 0 for a perfect inlier.
+
+        ``slow`` (6,) are the errors all over the picture, in standard deviations.
+        """
+        density, chance = (
+            _student(self._both(predicted, slow), np.ones(1))[0],
+            c.OUTLIER_ODDS * self.field_chance,
+        )
+        return np.asarray(-2 * np.log((density + chance) / (1 + chance)))
+
+    def with_parallax(self, predicted: Array, slow: Array, F: Array) -> float:
+        """Return what parallax along the lines of F (3, 3) gains over the field alone, in log-likelihood.
+
+        Of greatest likelihood over the shares of smears that lie by some width farther along their lines.
+        """
+        skew = 0.5 * np.array([F[2, 1] - F[1, 2], F[0, 2] - F[2, 0], F[1, 0] - F[0, 1]])
+        normal = np.cross(skew, homogeneous(self.middle))[:, :2]  # of the lines at mid exposure
+        line = self.whiten(np.stack([normal[:, 1], -normal[:, 0]], axis=1))
+        line /= np.maximum(np.hypot(*line.T), TINY)[:, None]
+        across = np.stack([-line[:, 1], line[:, 0]], axis=1)
+        both = self._both(predicted, slow)
+        turned = np.stack([(both * line).sum(axis=-1), (both * across).sum(axis=-1)], axis=-1)
+        density = _student(turned, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
+        wide = (
+            _student(turned / c.WIDER, np.ones(1)) / c.WIDER**2
+        )  # errors worse than stated, in all directions
+        both = [np.vstack([d, wide, self.field_chance]).T for d in (density[:1], density)]
+        without, along_lines = (mixture(d)[1].sum() for d in both)
+        return self.effective_share * float(along_lines - without)
+
+    def _both(self, predicted: Array, slow: Array) -> Array:
+        """Return whitened residuals (2, N, 2) of a field, of the smears as they are and reversed."""
+        measured = self.whiten(self.displacement) - np.tensordot(slow, self.slow_errors, 1)
+        return np.stack([predicted - measured, predicted + measured])
+
+
+def _student(both: Array, widths: Array) -> Array:
+    """Return densities (W, N), both orders together, of residuals (2, N, 2) whose first is W ``widths`` wide.
+
+    In units of the density of a perfect inlier of width 1.
+    """
+    width = widths[:, None, None]
+    squared = (both[..., 0] / width) ** 2 + both[..., 1] ** 2  # (W, 2, N)
+    density = (1 + squared / c.FREEDOM) ** (-0.5 * c.FREEDOM - 1) / width
+    return np.asarray(0.5 * density.sum(axis=1))
+
+
+def mixture(density: Array) -> tuple[Array, Array]:
+    """Return weights (J,) of greatest likelihood for components of density (N, J), and log-densities (N,)."""
+    weights = np.full(density.shape[1], 0.5 / max(density.shape[1] - 1, 1))
+    weights[0] = 1 - weights[1:].sum()
+    for _ in range(c.MIXTURE_ROUNDS):
+        weights = weights * ((1 / (density @ weights)) @ density) / len(density)
+    return weights, np.log(density @ weights)
+
+
+def assumed_camera(image_size: tuple[float, ...]) -> Array:
+    """Return K^-1 (3, 3) of the assumed camera: centred, focal length ASSUMED_FOCAL times the longer side."""
+    width, height = image_size
+    focal = c.ASSUMED_FOCAL * max(width, height)
+    return np.array(
+        [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
+    )

@@ -1,0 +1,99 @@
+"""The likelihood: mixtures, what parallax gains, orders, calibrated cameras with distortion."""
+
+import numpy as np
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.geometry.epipolar import cross_matrix, homogeneous
+from blur2view.robust.field_fit import FieldFit, fit_field
+from blur2view.robust.homography import PlaneH, cayley
+from blur2view.robust.likelihood import Likelihood, mixture
+from tests.support.likelihoods import normalised_likelihood
+
+NOISE = 8e-4
+
+
+def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Array, Array]:
+    """Give A, F and noisy ends of smears of a plane, a share of them moved along their epipolar lines."""
+    rng = np.random.default_rng(seed)
+    A = 0.02 * rng.normal(size=(3, 3))
+    A[2, 2] = 0
+    epipole = np.array([0.6, 0.3, 1.0])
+    x = rng.uniform(-0.4, 0.4, (count, 2))
+    y = homogeneous(x) @ cayley(A).T
+    y = y[:, :2] / y[:, 2:]
+    apart = (rng.random(count) < off)[:, None] * rng.normal(0, 0.05, (count, 1))
+    y = y + apart * (epipole[:2] - y)
+    ends = np.stack([x, y], axis=1) + NOISE * rng.normal(size=(count, 2, 2))
+    ends[::2] = ends[::2, ::-1]
+    return A, cross_matrix(epipole) @ cayley(A), ends
+
+
+def plane_of(A: Array, likelihood: Likelihood) -> FieldFit[PlaneH]:
+    return fit_field(PlaneH(entries=A.ravel()[:8]), likelihood)
+
+
+def gain(A: Array, F: Array, ends: Array, sigma: float = NOISE) -> float:
+    plane = plane_of(A, normalised_likelihood(ends, sigma))
+    return plane.likelihood.with_parallax(plane.predicted, plane.slow, F)
+
+
+def test_mixture_finds_known_weights() -> None:
+    rng = np.random.default_rng(0)
+    which = rng.random(20000) < 0.3
+    x = np.where(which, rng.normal(0, 1, 20000), rng.normal(0, 5, 20000))
+    density = np.stack([np.exp(-0.5 * (x / s) ** 2) / (s * np.sqrt(2 * np.pi)) for s in (1.0, 5.0)], axis=1)
+    weights, log_density = mixture(density)
+    assert np.isclose(weights.sum(), 1)
+    assert np.allclose(weights, [0.3, 0.7], atol=0.03)
+    assert np.allclose(log_density, np.log(density @ weights))
+
+
+def test_parallax_is_counted_and_a_plane_gains_nothing_from_it() -> None:
+    for seed in range(6):
+        A, F, ends = beside_a_plane(seed, 0.0)
+        assert gain(A, F, ends) < 6
+        A, F, ends = beside_a_plane(seed, 0.4)
+        assert gain(A, F, ends) > 150
+
+
+def test_a_wrong_F_gains_less_than_the_true_one() -> None:
+    A, F, ends = beside_a_plane(3, 0.4)
+    wrong = cross_matrix(np.array([-0.5, 0.9, 1.0])) @ cayley(A)
+    assert gain(A, wrong, ends) < 0.3 * gain(A, F, ends)
+
+
+def test_order_transpose_and_time_do_not_matter() -> None:
+    A, F, ends = beside_a_plane(4, 0.3)
+    gains = [gain(*models, e) for models in ((A, F), (A, F.T), (-A, F)) for e in (ends, ends[:, ::-1])]
+    assert np.ptp(gains) < 0.02 * gains[0]
+
+
+def test_overstated_deviations_hide_little_of_the_parallax_and_make_none() -> None:
+    A, F, ends = beside_a_plane(5, 0.3)
+    assert gain(A, F, ends, 2 * NOISE) > 80
+    A, F, ends = beside_a_plane(5, 0.0)
+    assert gain(A, F, ends, 2 * NOISE) < 1
+
+
+def test_both_orders_of_every_smear_are_summed() -> None:
+    """A field that no smear tells the order of costs log 2 less than one that all do."""
+    A, _, ends = beside_a_plane(6, 0.0)
+    plane = plane_of(A, normalised_likelihood(ends, NOISE))
+    likelihood = plane.likelihood
+    here = likelihood.field_costs(plane.predicted, plane.slow)
+    reversed_ = likelihood.field_costs(-plane.predicted, plane.slow)
+    assert np.allclose(here, reversed_)
+    long = likelihood.length_px > 8
+    assert np.allclose(
+        (here - 6 * np.log1p((plane.residual**2).sum(axis=1) / 4))[long], 2 * np.log(2), atol=0.2
+    )
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-9])
+def test_smears_without_length_break_nothing(length: float) -> None:
+    ends = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 1, 2)).repeat(2, axis=1)
+    ends[:, 1, 0] += length
+    likelihood = normalised_likelihood(ends, NOISE)
+    found = likelihood.with_parallax(np.zeros((50, 2)), np.zeros(6), np.eye(3))
+    assert np.isfinite(found)

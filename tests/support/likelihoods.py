@@ -1,0 +1,21 @@
+"""Likelihoods of smears in normalised coordinates, as tests of formulas want them."""
+
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.robust.likelihood import Likelihood, assumed_camera
+from blur2view.smears.matches import SmearMatches
+from blur2view.smears.noise import SharedErrors
+from tests.support.scenes import IMAGE_SIZE
+
+T = assumed_camera(IMAGE_SIZE)
+UNIT_PX = 1 / T[0, 0]
+PLAIN = SharedErrors(least=0.0, least_along=0.0, least_across=0.0)
+
+
+def normalised_likelihood(ends: Array, sigma: float | Array) -> Likelihood:
+    """Return that of ends (N, 2, 2) whose Sampson distances have a standard deviation, both normalised."""
+    pixels = (np.asarray(ends) - T[:2, 2]) / np.diag(T)[:2]
+    sigma_px = np.broadcast_to(2 * UNIT_PX * np.asarray(sigma), len(ends))
+    matches = SmearMatches(ends=pixels, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=PLAIN)
+    return Likelihood.of(matches)
