@@ -24,8 +24,9 @@ First calls
   height))``, E and the pose.
 - ``result.angular_velocity(exposure_s)``: mean and covariance; None without a pose.
 - ``for result in estimate_frames("a.mp4", camera=camera)``: the frames of a video, or those that
-  ``read_video("a.mp4")`` yields, each in the right direction of time. Others: a loop over ``estimate``
-  with one ``network = SmearNetwork()``, which threads may share.
+  ``read_video("a.mp4")`` yields, each in the right direction of time, with ``timestamps_s`` if wanted, as of
+  ``timestamps_of(paths)``. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which
+  threads may share.
 - ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
   ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
 - ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written, as ``predict``

@@ -140,13 +140,13 @@ class ResultFiles:
     folder: Path
     stem: str  # the photograph's name without its suffix
     endings: tuple[str, ...]  # what follows it, such as ".json", in the order of writing
-    beside: Path | None = None  # a file with a name of its own, written first
+    beside: tuple[Path, ...] = ()  # files with names of their own, written first
 
     @property
     def paths(self) -> tuple[Path, ...]:
         """All of them, in the order of writing."""
         named = tuple(self.folder / f"{self.stem}{ending}" for ending in self.endings)
-        return named if self.beside is None else (self.beside, *named)
+        return (*self.beside, *named)
 
     @property
     def document(self) -> Path:

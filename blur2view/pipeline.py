@@ -88,6 +88,8 @@ class Estimate:
         For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
     time : TimeDirection
         Whether neighbouring frames decided which end of the exposure came first.
+    timestamp_s : float or None
+        When it was taken, as `estimate_frames` was told, seconds.
     """
 
     grid: SmearGrid
@@ -99,6 +101,7 @@ class Estimate:
     camera: Camera | None = None
     shutter: RollingShutter | None = None
     time: TimeDirection = field(default_factory=TimeDirection)
+    timestamp_s: float | None = None
 
     def __repr__(self) -> str:
         height, width = self.grid.shape
@@ -110,8 +113,9 @@ class Estimate:
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
-        Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians. ValueError if the exposure time is not positive seconds, 2 at most.
+        Its sign is that of time, which is open unless ``time.known``; a gyroscope shows ``of_gyroscope``.
+        With an exposure time of 1 it is the rotation itself, in radians. ValueError if the exposure time is
+        not positive seconds, 2 at most.
         """
         if not np.issubdtype(type(exposure_s), np.number) or not 0 < exposure_s <= LONG_S:
             raise ValueError(

@@ -55,7 +55,7 @@ def run_with_files(
     endings: Sequence[str],
     work: Work[ResultFiles | None, Written | None],
     collect: Callable[[list[Written], list[FailureDocument]], Document],
-    beside: Callable[[Path], Path] | None = None,
+    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
 ) -> int:
     """Return the exit code, after the work on every photograph, which has files of its own, with -o.
 
@@ -88,20 +88,20 @@ def plan_outputs(
     folder: Path,
     endings: Sequence[str],
     *,
-    beside: Callable[[Path], Path] | None = None,
+    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
     owner: Callable[[Path, Sequence[Path]], str | None] | None = None,
 ) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
 
     Photographs and files of others are never replaced; results of another photograph are unless ``owner``,
-    which looks them up in a manifest, says which. ``beside`` maps the name of a photograph to that of a
-    further file, below the folder.
+    which looks them up in a manifest, says which. ``beside`` maps the name of a photograph to those of
+    further files, below the folder.
     """
     photographs = {os.path.realpath(image) for image in inputs.paths}
     first_of: dict[Path, Path] = {}
     plan: list[ResultFiles | OutputError] = []
     for image, name in zip(inputs.paths, result_names(inputs), strict=True):
-        further = None if beside is None else folder / beside(inputs.names.get(image, Path(image.name)))
+        further = tuple(folder / path for path in beside(inputs.names.get(image, Path(image.name))))
         files = ResultFiles(
             folder=folder / name.parent, stem=name.name, endings=tuple(endings), beside=further
         )

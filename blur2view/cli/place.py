@@ -4,6 +4,7 @@ import math
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from blur2view.cli.arguments.place import PlaceOptions
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
@@ -23,13 +24,10 @@ def run(options: PlaceOptions) -> int:
     """Return the exit code, after writing the model."""
     names = frame_names(options.photographs)
     model = find_model(options.model)
-    there = [options.output / name for name in (*FILES, PROJECT_FILE)]
-    others = [] if is_ours(options.output) else [path for path in there if os.path.lexists(path)]
-    if others:
-        raise OutputError(f"{others[0]}: is of no earlier call; name another folder with -o")
+    refuse_foreign(options.output)
     placement = place_views(options.database, model.folder, with_gaps(names), options.fraction)
     _refuse_failure(options, placement)
-    _write(options, placement)
+    write_model(placement.model, options.output, project_text(options.photographs, options.database))
     if options.verbosity > QUIET:
         print(summary(options, model, placement, names))
     return 0
@@ -58,14 +56,20 @@ def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:
         raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
 
 
-def _write(options: PlaceOptions, placement: Placement) -> None:
-    """Write the model and what says where it is from; each file whole or not at all."""
-    folder = options.output
+def refuse_foreign(folder: Path) -> None:
+    """Raise OutputError where a model that is not of an earlier call would be replaced."""
+    there = [folder / name for name in (*FILES, PROJECT_FILE)]
+    others = [] if is_ours(folder) else [path for path in there if os.path.lexists(path)]
+    if others:
+        raise OutputError(f"{others[0]}: is of no earlier call; name another folder with -o")
+
+
+def write_model(model: Any, folder: Path, text: str) -> None:
+    """Write a pycolmap.Reconstruction and the text of `project_text`; each file whole or not at all."""
     with writing(folder):
-        text = project_text(options.database, options.photographs)
         write_files({folder / PROJECT_FILE: os.fsencode(text)})
         with tempfile.TemporaryDirectory(dir=folder) as beside:
-            placement.model.write(beside)
+            model.write(beside)
             for name in FILES:
                 Path(beside, name).replace(folder / name)
 
@@ -80,9 +84,10 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, name
         size = f"{plural(model.registered, 'photograph')}, {plural(len(names), 'frame')} in the folder"
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
     placed = f"placed the views of {plural(len(placement.placed), 'frame')}"
-    line = (
-        f"{printable(str(options.output))}: {placed}, exposure over frame interval {placement.fraction:.2f}"
-    )
+    line = f"{printable(str(options.output))}: {placed}, exposure over frame interval "
+    line += f"{placement.fraction:.2f}"
+    if not placement.measured:
+        line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
     lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
     if options.verbosity > SHORT:
         for name in placement.left:

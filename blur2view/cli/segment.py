@@ -32,21 +32,20 @@ class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         summary = mask_summary(document, mask, files, self.verbosity)
-        further = []
-        if self.masks is not None:
-            ignore = self.unobservable == "ignore"
-            further = [MaskFormat(self.masks).picture(mask.labels, ignore_unobservable=ignore)]
+        ignore = self.unobservable == "ignore"
+        formats = map(MaskFormat, dict.fromkeys(self.masks or ()))
+        further = [one.picture(mask.labels, ignore_unobservable=ignore) for one in formats]
         contents = {} if files is None else mask_contents(files, document, one.image, mask, further)
         return result_of(one, document if self.prints_documents else None, summary, contents)
 
 
 def run(options: SegmentOptions) -> int:
     """Return the exit code, after segmenting every photograph."""
-    masks = None if options.masks is None else MaskFormat(options.masks)
+    formats = [MaskFormat(name) for name in dict.fromkeys(options.masks or ())]
     return run_with_files(
         options,
         MASK,
         SegmentWork.of(options),
         lambda done, failed: MasksDocument(masks=done, failures=failed),
-        None if masks is None else lambda photograph: MASKS / masks.path(photograph),
+        lambda photograph: tuple(MASKS / one.path(photograph) for one in formats),
     )

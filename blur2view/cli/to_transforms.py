@@ -1,26 +1,41 @@
-"""The command ``blur2view to-transforms``: a model with views as transforms.json."""
+"""The command ``blur2view to-transforms``: a model with views as trainers of radiance fields read it."""
 
 import json
 import os
-from pathlib import Path
+from collections import Counter
+from pathlib import Path, PurePath
 from typing import Any
 
 from blur2view import __version__
 from blur2view.cli.arguments.to_transforms import ToTransformsOptions
+from blur2view.cli.outputs import MASK, png
+from blur2view.cli.place import refuse_foreign, write_model
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.colmap.models import pictures_of, read_model
-from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms
+from blur2view.colmap import GSPLAT
+from blur2view.colmap.gsplat import MODEL, PHOTOGRAPHS, keep_photographs
+from blur2view.colmap.models import pictures_of, project_text, read_model
+from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms, with_views
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, write_files, writing
+from blur2view.output_files import check_file, is_ours, unwritable, write_files, writing
+from blur2view.segmentation.formats import MaskFormat, as_stored, stored_labels
 
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
+MASKS = "masks"  # beside transforms.json
 
 
 def run(options: ToTransformsOptions) -> int:
-    """Return the exit code, after writing the file, and the points beside it where it names them."""
+    """Return the exit code, after writing for the trainer."""
+    line = _write_model(options) if options.dialect == GSPLAT else _write_transforms(options)
+    if options.verbosity > QUIET:
+        print(line)
+    return 0
+
+
+def _write_transforms(options: ToTransformsOptions) -> str:
+    """Write the file, masks, and the points beside it where it names them; return what was written."""
     target = options.output
     check_file(target, "file")
-    images = options.photographs or pictures_of(options.model) or target.parent / "images"
+    images = options.photographs or pictures_of(options.model) or target.parent / PHOTOGRAPHS
     model = read_model(options.model)
     content = transforms(
         model,
@@ -28,22 +43,25 @@ def run(options: ToTransformsOptions) -> int:
         dialect=options.dialect,
         images=os.path.relpath(images, target.parent),
         exposure_s=options.exposure,
+        max_smear_px=options.max_smear or float("inf"),
     )
     frames = _present(target, content["frames"])
     left, content = len(content["frames"]) - len(frames), content | {"frames": frames}
+    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in frames]
+    files = {} if options.masks is None else _masks(options, content, paths, images)
     signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
-    files = {target: (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()}
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
         check_file(cloud, "point cloud")
-        files = {cloud: point_cloud(model), **files}
-    with writing(target.parent):
-        write_files(files)
-    if options.verbosity > QUIET:
-        print(summary(target, content, options.verbosity))
-        if left:
-            print(f"{printable(str(images))}: lacks {left} photographs of the model, which are left out")
-    return 0
+        files[cloud] = point_cloud(model)
+    files[target] = (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()
+    for folder in sorted({path.parent for path in files}, reverse=True):
+        with writing(folder):
+            write_files({path: data for path, data in files.items() if path.parent == folder})
+    line = summary(target, content, options.verbosity, masks=options.masks is not None)
+    if left:
+        line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"
+    return line
 
 
 def _present(target: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -58,11 +76,94 @@ def _present(target: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]
     return present
 
 
-def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT) -> str:
+def _masks(
+    options: ToTransformsOptions, content: dict[str, Any], photographs: list[Path], images: Path
+) -> dict[Path, bytes]:
+    """Return the masks that the trainer reads by their paths, and name them in the frames where it asks."""
+    assert options.masks is not None
+    names = [PurePath(os.path.relpath(path, images)) for path in photographs]
+    found = _found_masks(options.masks, names)
+    program = MaskFormat(options.dialect)
+    files: dict[Path, bytes] = {}
+    for frame, photograph, name, mask in zip(content["frames"], photographs, names, found, strict=True):
+        labels = as_stored(stored_labels(mask), photograph)
+        size = tuple(frame.get(key, content.get(key)) for key in ("w", "h"))
+        if labels.shape[::-1] != size:
+            raise OutputError(
+                f"{mask}: is of {labels.shape[1]}x{labels.shape[0]} pixels, its photograph of "
+                f"{size[0]}x{size[1]}; segment the photographs of the model"
+            )
+        beside = photograph.parent / program.path(name).name
+        path = (
+            beside
+            if program is MaskFormat.INSTANT_NGP
+            else options.output.parent / MASKS / program.path(name)
+        )
+        if path in files or os.path.lexists(path) and not is_ours(path):
+            raise OutputError(f"{path}: is no mask of an earlier call of {name}; move it away")
+        files[path] = png(program.picture(labels, ignore_unobservable=False))
+        if program is MaskFormat.NERFSTUDIO:
+            frame["mask_path"] = path.relative_to(options.output.parent).as_posix()
+    return files
+
+
+def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
+    """Return the mask of each photograph in the results of segment; OutputError if one has none.
+
+    It is called by the photograph's subfolder and stem, by its stem alone where no other has it, or by its
+    whole name where two have one stem, as segment calls them.
+    """
+    stems = Counter(name.stem for name in names)
+    found = []
+    for name in names:
+        called = [name.with_suffix(""), *([PurePath(name.stem)] if stems[name.stem] == 1 else []), name]
+        paths = [folder / f"{one}{MASK[0]}" for one in called]
+        found.append(next((path for path in paths if path.is_file()), None))
+    missing = [name for name, path in zip(names, found, strict=True) if path is None]
+    if missing:
+        raise OutputError(
+            f"{folder}: has no mask of {missing[0]} ({len(missing)} of {len(names)} are missing); make them "
+            "with blur2view segment and name its folder, that of -o"
+        )
+    return [path for path in found if path is not None]
+
+
+def _write_model(options: ToTransformsOptions) -> str:
+    """Write the folder that gsplat reads: the model of the photographs, and a link to them."""
+    if options.masks is not None:
+        raise OutputError("gsplat's reader takes no masks of photographs; leave --masks out")
+    if options.output.suffix == ".json":
+        raise OutputError("gsplat reads a folder; name it with -o")
+    images = options.photographs or pictures_of(options.model)
+    folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
+    if images is None and not link.is_dir():
+        raise OutputError(f"{options.model}: does not say where its photographs are; name them with --images")
+    model = read_model(options.model)
+    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
+    frames = [{"file_path": os.path.relpath((images or link) / name, options.output)} for name in kept]
+    present = _present(options.output / MODEL.name, frames)
+    names = {name for name, frame in zip(kept, frames, strict=True) if frame in present}
+    keep_photographs(model, options.model, names)
+    refuse_foreign(folder)
+    if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
+        raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")
+    write_model(model, folder, project_text(images or link))
+    if images is not None and not os.path.lexists(link):
+        try:
+            link.symlink_to(os.path.abspath(images), target_is_directory=True)
+        except OSError as error:
+            raise unwritable(options.output, error) from None
+    return (
+        f"{printable(str(options.output))}: wrote {plural(len(names), 'photograph')} as sharp at mid exposure"
+    )
+
+
+def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT, *, masks: bool = False) -> str:
     """Return one line about the file; with -v the frames without motion, too."""
     frames = content["frames"]
     still = [frame["file_path"] for frame in frames if not any(any(frame.get(key, ())) for key in MOTION)]
     line = f"{printable(str(target))}: wrote {plural(len(frames), 'frame')}"
+    line += " and their masks" if masks else ""
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     if still:
         line += f", {len(still)} of them without views, as if the camera had stood still"

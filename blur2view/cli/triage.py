@@ -12,6 +12,7 @@ from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.arguments.triage import TriageOptions
+from blur2view.cli.arguments.values import ground_text
 from blur2view.cli.run import End, Finished, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.cli.work import EstimatingWork, result_of
@@ -23,15 +24,15 @@ from blur2view.photographs.extraction import extract, extracted_names, refuse_ot
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
-from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
+from blur2view.results.table import BLURRED, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
+from blur2view.results.uses import NEAR, use_of
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Result
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.blur import BlurKind
 
-NEAR = 1.1
-"""About the limit by this factor a photograph is as sharp as the one before: compressed again, as Motion JPEG
-and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
+KEPT = {"--keep-for-poses": (SHARP, BLURRED), "--keep-for-training": (SHARP,)}
+"""The uses of what lists other than --keep name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,21 +47,24 @@ class TriageWork(EstimatingWork[None, None]):
 
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-    work, keep = TriageWork.of(options), options.keep
+    work, lists = TriageWork.of(options), options.lists
     # a list knows the call that wrote it whatever the table, and each what was done for the others
-    targets = [one for one in (keep, options.extract, options.csv) if one is not None]
+    targets = [one for one in (*lists.values(), options.extract, options.csv) if one is not None]
     manifests = [path for one in targets if (path := manifest_of(options, one)) is not None]
     path = manifests[0] if manifests else None
-    refuse_shared(options, keep, (), "--keep")
+    for name, target in lists.items():
+        refuse_shared(options, target, [other for key, other in lists.items() if key != name], name)
     names = colmap_names(options.inputs)
     files = extracted_names(names)
     classifier = Classifier(options)
-    folders = keep and keep.parent, options.extract and options.extract.parent
+    folders = [target.parent for target in lists.values()]
+    folders += [] if options.extract is None else [options.extract.parent]
     with (
         writable_folders(*folders),
-        open_manifest(options, work, path, [keep], pointing=manifests[1:]) as manifest,
+        open_manifest(options, work, path, lists.values(), pointing=manifests[1:]) as manifest,
     ):
-        _check_list(options, names.values(), manifest)
+        for name, target in lists.items():
+            _check_list(options, target, name, names.values(), manifest)
         choice = _choice(options, files, manifest)
         chosen = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
         _check_folder(options, files.values() if chosen in ("", choice) else (), manifests)
@@ -74,12 +78,18 @@ def run(options: TriageOptions) -> int:
         whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
             _check_folder(options, pictures.values(), manifests)
-        if keep is not None:
+        if lists:
             kept = [one for one in kept if listable(names[one])]
-        if keep is not None and (whole or not options.selects):
-            write_text(keep, "".join(f"{names[one]}\n" for one in kept))
+        for name, target in lists.items():
+            if name not in KEPT and not whole and options.selects:
+                continue
+            uses = KEPT.get(name, ())
+            of_use = [one for one, row in zip(paths, finished.rows, strict=False) if row.use in uses]
+            listed = [names[one] for one in (of_use if uses else kept)]
+            listed = [one for one in listed if one.splitlines() == [one.strip()]]
+            write_text(target, "".join(f"{one}\n" for one in listed))
             if manifest is not None:
-                manifest.append_target(keep)
+                manifest.append_target(target)
         if options.extract is not None and whole:
             if manifest is not None:
                 manifest.append_target(options.extract, choice)
@@ -123,27 +133,26 @@ def listable(name: str) -> bool:
     return False
 
 
-def _check_list(options: TriageOptions, names: Collection[str], manifest: Manifest | None) -> None:
+def _check_list(
+    options: TriageOptions, target: Path, name: str, names: Collection[str], manifest: Manifest | None
+) -> None:
     """Refuse a list that would replace what it must not.
 
     Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
     changed since is replaced, too, if it names nothing but these photographs.
     """
-    target = options.keep
-    if target is None:
-        return
     wrote = manifest is not None and manifest.wrote(target)
     if target.is_file() and (options.overwrite or options.resume or len(names) == 1):
         with suppress(OSError, ValueError):
             wrote = wrote or set(read_regular(target).decode().splitlines()) <= set(names)
     if not (target.is_file() and wrote):
-        check_file(target, "list", options.inputs.paths, option="--keep")
+        check_file(target, "list", options.inputs.paths, option=name)
 
 
 def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifest | None) -> str:
     """Return a digest of what decides which photographs are extracted."""
     kinds = (
-        options.max_smear,
+        options.limit,
         options.max_defocus,
         options.blurred,
         options.best,
@@ -160,7 +169,7 @@ def _check_folder(options: TriageOptions, files: Collection[str], manifests: Seq
         here = {os.path.realpath(path.parent) for path in options.inputs.paths}
         if os.path.realpath(options.extract) in here:
             raise OutputError(f"{options.extract}: holds the photographs themselves; name an empty folder")
-        besides = [one for one in (options.csv, options.keep, *manifests) if one is not None]
+        besides = [one for one in (options.csv, *options.lists.values(), *manifests) if one is not None]
         refuse_others(options.extract, files, besides)
 
 
@@ -172,12 +181,14 @@ class Classifier:
 
     def __call__(self, row: Row) -> Row:
         """Return the row of the next photograph with its use."""
-        limit = self._options.max_smear
-        length = row.smear_percent if limit.percent else row.smear_px
+        limit, gsd = self._options.limit, self._options.gsd
+        if gsd is not None and row.smear_px is not None:
+            row = replace(row, smear_ground_m=gsd * row.smear_px)
+        length = row.smear_percent if limit.percent else row.smear_ground_m if limit.metres else row.smear_px
         before = self._last.use if self._follows(row) else ""
-        use = use_of(row, length, limit.number, self._options.max_defocus, before)
-        classified = replace(row, use=use)
-        if use:
+        use = use_of(row, length, limit.number, self._options.max_defocus, before, limit.unit)
+        classified = replace(row, use=use.name, reason=use.reason)
+        if use.name:
             self._last = classified
         return classified
 
@@ -191,31 +202,10 @@ class Classifier:
 
     def line(self, path: Path, row: Row) -> str:
         """Return one line about a photograph; with -v what its blur means, too."""
-        limit = self._options.max_smear
-        text = f"{printable(str(path))}: {row.use} ({_length(row, limit.number)})"
+        text = f"{printable(str(path))}: {row.use} ({_length(row, self._options.limit.number)})"
         if row.use in (BLURRED, UNUSABLE):
             text += f" [{row.verdict}]"
         return f"{text}: {row.meaning}" if self._options.verbosity > SHORT else text
-
-
-def use_of(row: Row, length: float | None, limit: float, max_defocus: float, before: str = "") -> str:
-    """Return what a photograph is of use for, empty if it failed.
-
-    Unclear if its blur cannot be told; out of focus, and never sharp, if its radius is above that limit.
-    Sharp if its median smear is at most the other limit; within `NEAR` of it if the frame before is. A longer
-    one is of use, as views of its exposure, if F or H explains its smears; else it is unusable.
-    """
-    if row.error:
-        return ""
-    if row.blur == BlurKind.CANNOT_TELL or length is None:
-        return UNCLEAR
-    defocused = row.blur == BlurKind.OUT_OF_FOCUS or (row.defocus_px or 0) > max_defocus
-    factor = 1.0 if not before else NEAR if before == SHARP else 1 / NEAR
-    if length <= limit * factor:
-        return OUT_OF_FOCUS if defocused else SHARP
-    if row.verdict not in NO_GEOMETRY:
-        return BLURRED
-    return OUT_OF_FOCUS if defocused else UNUSABLE
 
 
 def _length(row: Row, limit_px: float) -> str:
@@ -226,7 +216,8 @@ def _length(row: Row, limit_px: float) -> str:
         return f"by a radius of {row.defocus_px:.1f} px"
     near = limit_px / NEAR < row.smear_px < limit_px * NEAR
     digits = 2 if near else 1 if row.smear_px < 9.95 else 0
-    return f"smears of {row.smear_px:.{digits}f} px"
+    ground = "" if row.smear_ground_m is None else f", {ground_text(row.smear_ground_m)} on the ground"
+    return f"smears of {row.smear_px:.{digits}f} px{ground}"
 
 
 def hint(rows: Sequence[Row], options: TriageOptions) -> str:
@@ -243,7 +234,7 @@ def hint(rows: Sequence[Row], options: TriageOptions) -> str:
     lengths = [row.smear_px for row in rows if row.smear_px is not None]
     if not lengths:
         return "no photograph shows texture"
-    return f"the sharpest has smears of {min(lengths):.3g} px, --max-smear is {options.max_smear}"
+    return f"the sharpest has smears of {min(lengths):.3g} px, --max-smear is {options.limit}"
 
 
 def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> str:
@@ -260,8 +251,12 @@ def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> 
     parts = [uses + f", {counts['']} failed" * bool(counts[""])]
     if options.keep is not None or options.extract is not None:
         parts.append(f"{kept} kept" if kept else f"none is kept: {hint(rows, options)}")
-    keep = options.keep if whole or not options.selects else None
-    written = (options.csv if finished.has_table else None, keep, options.extract if kept and whole else None)
+    lists = [one for name, one in options.lists.items() if name in KEPT or whole or not options.selects]
+    written = (
+        options.csv if finished.has_table else None,
+        *lists,
+        options.extract if kept and whole else None,
+    )
     files = " and ".join(printable(str(path)) for path in written if path is not None)
     parts += [f"wrote {files}"] * bool(files)
     return f"{plural(len(rows), 'photograph')}{done_before} in {finished.seconds:.1f} s: {'; '.join(parts)}"

@@ -26,6 +26,7 @@ from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
+from blur2view.photographs.timestamps import timestamp_of
 from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
 from blur2view.results.stored import plain, restore
@@ -107,7 +108,8 @@ class EstimatingWork(Work[Target, Payload]):
             camera_of=camera_of,
             detail=detail,
         )
-        one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s, timed=self.timings)
+        time_s = job.timestamp_s if job.frame is not None else timestamp_of(job.path)
+        one = replace(one, frame=job.frame, timestamp_s=time_s, timed=self.timings)
         if not job.neighbours:
             return one
         motions, camera, here = [], one.estimate.camera, (job.path, job.encoded)

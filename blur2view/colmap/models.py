@@ -17,7 +17,7 @@ from blur2view.input_files import open_regular, read_regular
 
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
 IMAGE_PATH, DATABASE_PATH = "image_path", "database_path"
-SIGN = "# by blur2view place\n"
+SIGN = "# by blur2view place\n"  # or to-transforms
 BEYOND = 1e30  # of any number in a model
 MAX_PROJECT = 1 << 20  # bytes
 
@@ -161,9 +161,10 @@ def _photographs(model: Any) -> int:
     return sum(not name.endswith((OPEN, CLOSE)) for name in posed)
 
 
-def project_text(database: Path, photographs: Path) -> str:
+def project_text(photographs: Path, database: Path | None = None) -> str:
     """Return COLMAP's project.ini of a model of ours."""
-    paths = {DATABASE_PATH: database, IMAGE_PATH: photographs}
+    paths = {} if database is None else {DATABASE_PATH: database}
+    paths[IMAGE_PATH] = photographs
     return SIGN + "".join(f"{key}={os.path.abspath(path)}\n" for key, path in paths.items())
 
 

@@ -22,17 +22,14 @@ from blur2view.colmap.models import read_model, seen_points
 from blur2view.colmap.project import frame_of, image_names, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
-from blur2view.exposure.trajectory import (
-    ExposedFrame,
-    common_fraction,
-    exposure_motion,
-    roughness,
-    smooth_velocities,
-)
+from blur2view.exposure.trajectory import ExposedFrame, Trajectory, common_fraction, exposure_motion, widened
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
 
-MOST_SCALED = 10.0  # times shorter than a given exposure has them; shorter smears are not scaled
+MOST_SCALED = 10.0  # times shorter than a given exposure has them: then smears are not used
+NONE: Array = np.zeros((0, 2))
+BIAS = 0.1  # by which smears of a photograph may all be too long or too short, of their length
+FIRST_GUESS, ROUNDS, LONGEST = 0.5, 5, 1.0  # of exposure over frame interval
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 
@@ -48,12 +45,16 @@ class Placement:
     fraction : float
         Exposure over frame interval: the given one, or as measured from the smears, with the same relative
         bias as their length; NaN if unknown.
+    measured : bool
+        False where it is a guess, as the camera shakes faster than frames follow one another and the smears
+        are longer than of a whole interval.
     placed, left : tuple of str
         Photographs whose views were placed; those registered, with views in the database, that were not.
     """
 
     model: Any
     fraction: float
+    measured: bool
     placed: tuple[str, ...]
     left: tuple[str, ...]
 
@@ -105,24 +106,24 @@ def place_views(
     linked = _read_linked(Path(database), reconstruction, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-    frames, spreads = _frames(reconstruction, linked, names)
-    used, scale = common_fraction(frames), 1.0
-    if fraction is not None and used * MOST_SCALED > fraction:
-        scale = fraction / used
-    elif fraction is not None:  # the smears are too few or too short to measure it
-        used = fraction
+    runs = _runs(linked, names)
+    read = [_frame(reconstruction, one) for one in linked]
+    frames, used = _with_velocities(read, runs, fraction)
+    if fraction is not None:
+        frames = _scaled(frames, fraction)
+    guessed = fraction is None and used >= LONGEST and not _turns_known(frames, runs, used)
+    if guessed:
+        frames, used = _with_velocities(frames, runs, FIRST_GUESS)
+    frames, spreads, bends = _weighed(frames, runs, used)
     placed: list[str] = []
     left: list[str] = []
-    for one, frame, spread in zip(linked, frames, spreads, strict=True):
+    for one, frame, spread, bend in zip(linked, frames, spreads, bends, strict=True):
         motion = exposure_motion(frame, used, spread)
         (left if motion is None else placed).append(one.photograph.name)
         if motion is not None:
-            _add_views(reconstruction, one, motion * scale)
+            _add_views(reconstruction, one, motion, bend)
     return Placement(
-        model=reconstruction,
-        fraction=used if fraction is None else fraction,
-        placed=tuple(placed),
-        left=tuple(left),
+        model=reconstruction, fraction=used, measured=not guessed, placed=tuple(placed), left=tuple(left)
     )
 
 
@@ -164,20 +165,78 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
     return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
 
 
-def _frames(
-    model: Any, linked: list[_Linked], names: Sequence[str] | None
-) -> tuple[list[ExposedFrame], list[Array]]:
-    """Return smears at points of the model with the velocities of each run, and their standard deviations."""
-    frames = [_frame(model, one) for one in linked]
-    spreads = [np.ones(6)] * len(frames)
+Runs = list[tuple[list[int], Trajectory]]  # of frames that follow one another
+
+
+def _runs(linked: list[_Linked], names: Sequence[str] | None) -> Runs:
+    """Return the photographs that follow one another, by their indices, with their trajectories."""
     poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
     numbers = {name: str(number) for number, name in enumerate(names or ())}
-    for run in consecutive_runs([numbers.get(one.photograph.name, one.photograph.name) for one in linked]):
-        velocity = smooth_velocities(poses[run])
-        for index, own in zip(run, velocity, strict=True):
-            frames[index] = replace(frames[index], velocity=own)
-            spreads[index] = roughness(velocity)
-    return frames, spreads
+    named = [numbers.get(one.photograph.name, one.photograph.name) for one in linked]
+    return [(run, Trajectory(poses=poses[run])) for run in consecutive_runs(named)]
+
+
+def _with_velocities(
+    frames: list[ExposedFrame], runs: Runs, fraction: float | None
+) -> tuple[list[ExposedFrame], float]:
+    """Return frames with their mean velocity while the shutter is open, and for how long that is.
+
+    The exposure, if it is not known, is that for which its smears and the velocity agree; NaN without any.
+    """
+    used = FIRST_GUESS if fraction is None else fraction
+    for _ in range(ROUNDS):
+        for run, trajectory in runs:
+            for index, velocity in zip(run, trajectory.velocities(used), strict=True):
+                frames[index] = replace(frames[index], velocity=velocity)
+        if fraction is not None or not np.isfinite(measured := common_fraction(frames)):
+            return frames, float("nan") if fraction is None else fraction
+        used = float(np.clip(measured, 1e-3, LONGEST))
+    return frames, used
+
+
+def _weighed(
+    frames: list[ExposedFrame], runs: Runs, fraction: float
+) -> tuple[list[ExposedFrame], Array, Array]:
+    """Return frames with the velocities to expect, their standard deviations, and bends, (N, 6) each.
+
+    A bend is how far the middle of both ends is from where the camera is at mid exposure.
+    """
+    spreads, bends = np.ones((len(frames), 6)), np.zeros((len(frames), 6))
+    if not np.isfinite(fraction):
+        return frames, spreads, bends
+    for run, trajectory in runs:
+        own = [frames[index] for index in run]
+        spreads[run] = widened(own, fraction, trajectory.spreads(fraction))
+        shares = trajectory.shares(fraction, spreads[run])
+        bends[run] = shares * trajectory.ends(fraction).mean(axis=1)
+        for index, frame, share in zip(run, own, shares, strict=True):
+            frames[index] = replace(frame, velocity=share * frame.velocity)
+    return frames, spreads, bends
+
+
+def _turns_known(frames: list[ExposedFrame], runs: Runs, fraction: float) -> bool:
+    """Return whether the trajectory says anything about how most frames turn while the shutter is open."""
+    shares = []
+    for run, trajectory in runs:
+        spreads = widened([frames[index] for index in run], fraction, trajectory.spreads(fraction))
+        shares.append(trajectory.shares(fraction, spreads)[:, 0])
+    return bool(np.median(np.concatenate(shares)) > 0)
+
+
+def _scaled(frames: list[ExposedFrame], fraction: float) -> list[ExposedFrame]:
+    """Return frames with smears as long as those of a known exposure, as far as their number shows it.
+
+    Smears of less than `MOST_SCALED` of it measure nothing and are left out.
+    """
+    known = np.abs([frame.fraction for frame in frames if np.isfinite(frame.fraction)])
+    if len(known) and np.median(known) * MOST_SCALED <= fraction:
+        return [replace(one, rays=NONE, displacement=NONE, inverse_depth=NONE[:, 0]) for one in frames]
+    if not len(known):
+        return frames
+    logs = np.log(fraction / known)
+    sigma = 1.5 * float(np.median(np.abs(logs - np.median(logs)))) / len(known) ** 0.5
+    scale = np.exp(np.median(logs) * BIAS**2 / (BIAS**2 + sigma**2))
+    return [replace(frame, displacement=scale * frame.displacement) for frame in frames]
 
 
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
@@ -198,8 +257,8 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     )
 
 
-def _add_views(model: Any, one: _Linked, motion: Array) -> None:
-    """Add both images half of the motion before and after the photograph, and what they observe.
+def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
+    """Add both images half of the motion before and after the photograph, bent, and what they observe.
 
     Each is alone in its frame; the rig, which may have more cameras, is that of the photograph.
     """
@@ -213,7 +272,8 @@ def _add_views(model: Any, one: _Linked, motion: Array) -> None:
         frame.add_data_id(view.data_id)
         model.add_frame(frame)
         model.add_image(view)
-        half = rigid3d(rotation_matrix(sign * 0.5 * motion[:3]), sign * 0.5 * motion[3:])
+        R = rotation_matrix(sign * 0.5 * motion[:3] + bend[:3])
+        half = rigid3d(R, sign * 0.5 * motion[3:] - bend[3:])
         pose = half * photograph.cam_from_world()
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)

@@ -27,7 +27,13 @@ centre at the open) / ``exposure_time``, in the model's unit per second, ``camer
 rotation vector from the open to the close camera over ``exposure_time``, radians per second, both rotated
 into the camera axes of ``transform_matrix``; ``rolling_shutter_time`` is 0 here. Only velocity times exposure
 time shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names the model's
-points, whose world is that of the poses (nerfstudio, ``dataparsers/nerfstudio_dataparser.py``).
+points, whose world is that of the poses (nerfstudio, ``dataparsers/nerfstudio_dataparser.py``). nerfstudio's
+main line reads the same file: its parser takes what it knows by name, and of the motion it knows nothing, so
+that a frame counts as sharp at mid exposure and what is long had better be left out (``max_smear_px``).
+
+Masks: nerfstudio reads ``mask_path``, of every frame or of none (0 is left out); instant-ngp the file
+``dynamic_mask_NAME.png`` beside the photograph (what is not 0 is left out). Both want the size of the
+photograph as stored, whatever its EXIF says.
 
 A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
 """
@@ -93,24 +99,47 @@ def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
     return exposed
 
 
-def transforms(
-    model: Any, folder: Path, *, dialect: str = INSTANT_NGP, images: str = "images", exposure_s: float = 1.0
-) -> dict[str, Any]:
-    """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
+def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
+    """Return the photographs of a model's folder whose median smear is no longer, or not known.
 
-    Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
-    of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect.
-    DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
-    ValueError if the dialect is unknown or the exposure time not positive and finite.
+    DatabaseError if there is none, or none of the model has both views.
     """
-    if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
-        raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
     photographs = exposed_photographs(model)
     if all(one.ends is None for one in photographs):
         raise DatabaseError(
             f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
             "blur2view place"
         )
+    kept = [one for one in photographs if one.smear_px is None or one.smear_px <= max_smear_px]
+    if not kept:
+        shortest = min(one.smear_px for one in photographs if one.smear_px is not None)
+        raise DatabaseError(
+            f"{folder}: every photograph has a longer smear than {max_smear_px:g} px, the shortest "
+            f"{shortest:.1f} px; state more with --max-smear"
+        )
+    return kept
+
+
+def transforms(
+    model: Any,
+    folder: Path,
+    *,
+    dialect: str = INSTANT_NGP,
+    images: str = "images",
+    exposure_s: float = 1.0,
+    max_smear_px: float = np.inf,
+) -> dict[str, Any]:
+    """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
+
+    Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
+    of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect;
+    photographs with a longer median smear are left out, those without views or points stay.
+    DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
+    ValueError if the dialect is unknown or the exposure time not positive and finite.
+    """
+    if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
+        raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
+    photographs = with_views(model, folder, max_smear_px)
     cameras = {one.camera_id: intrinsics(folder, model.cameras[one.camera_id]) for one in photographs}
     kinds = sorted({one["camera_model"] for one in cameras.values()})
     if len(kinds) > 1:

@@ -38,6 +38,8 @@ def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate
 def estimate_frames(
     frames: Iterable[AnyArray] | str | os.PathLike[str],
     *,
+    timestamps_s: Iterable[float] | None = None,
+    ordered: bool = True,
     network: SmearNetwork | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
@@ -55,6 +57,11 @@ def estimate_frames(
     ----------
     frames : iterable of ndarray of shape (H, W, 3) or (H, W), or path
         Consecutive frames, all of one size, in the order of time; or the file of a video.
+    timestamps_s : iterable of float, optional
+        When each was taken, seconds, as of `timestamps_of`: ``timestamp_s`` of its estimate.
+    ordered : bool
+        If not, the direction of time stays open, and each estimate is given before the next frame is asked
+        for: nothing lags.
     network, select, options, camera, shutter
         As of :func:`estimate`.
 
@@ -66,7 +73,35 @@ def estimate_frames(
     Raises
     ------
     ValueError, ModelError, ImageError
-        As :func:`estimate`; if the frames are one photograph, or one is of another size.
+        As :func:`estimate`; if the frames are one photograph, or one is of another size; if there are fewer
+        times than frames.
+
+    Examples
+    --------
+    Rates of a robot's camera, with the covariance that ROS's ``sensor_msgs/Imu`` has::
+
+        from pathlib import Path
+        import blur2view
+
+        network = blur2view.SmearNetwork(threads=4)
+        paths = sorted(Path("mav0/cam0/data").glob("*.png"))
+        stamps = blur2view.timestamps_of(paths, "mav0/cam0/data.csv")  # or from the names alone
+        images = map(blur2view.read_image, paths)
+        camera = blur2view.Camera.from_focal(458.0, (752, 480))
+        estimates = blur2view.estimate_frames(
+            images, timestamps_s=stamps, camera=camera, network=network
+        )
+        for one in estimates:
+            rate = one.angular_velocity(0.02)
+            if rate is None or not one.time.known:
+                continue  # it did not move, or shows no pose, or its sign is open
+            gyroscope = rate.of_gyroscope
+            message = Imu()
+            message.header.stamp = rospy.Time.from_sec(one.timestamp_s)
+            message.angular_velocity = Vector3(*gyroscope.mean)
+            message.angular_velocity_covariance = gyroscope.covariance.ravel().tolist()
+            message.orientation_covariance[0] = message.linear_acceleration_covariance[0] = -1
+            publisher.publish(message)
     """
     if isinstance(frames, str | os.PathLike):
         frames = read_video(frames)
@@ -81,7 +116,8 @@ def estimate_frames(
         camera=camera,
         shutter=shutter,
     )
-    return _in_series(frames, one_of, camera)
+    found = _in_series(frames, one_of, camera) if ordered else (one_of(rgb_of(frame)) for frame in frames)
+    return found if timestamps_s is None else _timed(found, iter(timestamps_s))
 
 
 def _in_series(
@@ -103,3 +139,12 @@ def _in_series(
         held = estimated, features, motions
     if held is not None:
         yield in_time(held[0], held[2])
+
+
+def _timed(found: Iterable[Estimate], times: Iterator[float]) -> Iterator[Estimate]:
+    """Yield estimates with their times; ValueError if there are fewer of these."""
+    for one in found:
+        time = next(times, None)
+        if time is None:
+            raise ValueError("there are fewer timestamps than frames")
+        yield replace(one, timestamp_s=float(time))

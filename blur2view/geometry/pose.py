@@ -81,7 +81,7 @@ class AngularVelocity:
     mean : ndarray of shape (3,)
         Rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
         axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
-        shows its negative.
+        shows its negative, `of_gyroscope`.
     covariance : ndarray of shape (3, 3)
         Of the mean, squared radians per squared second.
     """
@@ -97,6 +97,11 @@ class AngularVelocity:
     def sigma(self) -> Array:
         """Standard deviations (3,), radians per second."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0))
+
+    @property
+    def of_gyroscope(self) -> AngularVelocity:
+        """What a gyroscope along the camera's axes shows, which turns with it: the negative, as sure."""
+        return AngularVelocity(mean=-self.mean, covariance=self.covariance)
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:

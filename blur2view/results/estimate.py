@@ -25,7 +25,7 @@ class EstimateDocument(Document):
     frame: int | None
     """Number of the frame in its video, from 0."""
     timestamp_s: float | None
-    """Its time in the video, seconds."""
+    """Its time in the video, or that which the photograph's name is, seconds."""
     F: Matrix | None
     """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
     shutter-close, or the reverse: one photograph does not show the direction of time, so F and its transpose

@@ -43,6 +43,8 @@ class Row(Document):
     """Median standard deviation of their lengths, pixels."""
     smear_percent: float | None = None
     """That over the diagonal of the picture, per cent: the same whatever its size."""
+    smear_ground_m: float | None = None
+    """With --gsd of blur2view triage: that on the ground, metres."""
     defocus_px: float | None = None
     """Radius of the disc that spreads as widely as the lens does, pixels: about 1 in focus. Of what is in
     focus, if anything is."""
@@ -60,7 +62,7 @@ class Row(Document):
     frame: int | None = None
     """Number of the frame in its video, from 0."""
     timestamp_s: float | None = None
-    """Its time in the video, seconds."""
+    """Its time in the video, or that which a photograph's name is, seconds."""
     wx: float | None = None
     wy: float | None = None
     wz: float | None = None
@@ -83,6 +85,8 @@ class Row(Document):
     """Seconds that the estimate took, without --no-timings."""
     use: str = ""
     """Of blur2view triage: sharp, blurred (geometry can use it), out of focus, unclear or unusable."""
+    reason: str = ""
+    """Of blur2view triage: why it is of that use."""
     error: str = ""
     """Why a photograph failed."""
     meaning: str = ""

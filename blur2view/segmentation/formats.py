@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from enum import StrEnum
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 
+from blur2view.errors import OutputError
 from blur2view.segmentation.mask import MotionLabel
 
 GREY = np.zeros(3, np.uint8)
 GREY[[MotionLabel.STATIC, MotionLabel.MOVING, MotionLabel.UNOBSERVABLE]] = 0, 255, 128
 """Grey of every `MotionLabel` in ``*.mask.png``."""
+DAMAGED = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
+"""What Pillow raises of a picture that it cannot read."""
+TURNED = ("JPEG", "PNG", "TIFF", "WEBP")
+"""Formats in which EXIF may say that a photograph is to be turned, and which trainers read as they are."""
 
 
 class MaskFormat(StrEnum):
@@ -45,3 +52,29 @@ class MaskFormat(StrEnum):
         if self is not MaskFormat.INSTANT_NGP:
             ignored = ~ignored
         return np.where(ignored, 255, 0).astype(np.uint8)
+
+
+def stored_labels(path: Path) -> NDArray[np.uint8]:
+    """Return the labels (H, W) of a file ``*.mask.png``; OutputError if it is none."""
+    try:
+        with Image.open(path, formats=["PNG"]) as picture:
+            grey = np.asarray(picture)
+    except DAMAGED:
+        grey = np.zeros(0, np.uint8)
+    if grey.ndim != 2 or not np.isin(grey, GREY).all():
+        raise OutputError(f"{path}: is no mask of blur2view segment; segment the photograph again")
+    label_of = np.zeros(256, np.uint8)
+    label_of[GREY] = np.arange(len(GREY))
+    return np.asarray(label_of[grey])
+
+
+def as_stored(upright: NDArray[np.uint8], photograph: Path) -> NDArray[np.uint8]:
+    """Return a mask of the upright photograph as its pixels are stored, by EXIF (2.3, tag 0x0112)."""
+    orientation = 1
+    with suppress(*DAMAGED), Image.open(photograph, formats=TURNED) as picture:
+        orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
+    if orientation in (3, 4, 7, 8):
+        upright = upright[::-1]
+    if orientation in (2, 3, 6, 7):
+        upright = upright[:, ::-1]
+    return upright.swapaxes(0, 1) if orientation in (5, 6, 7, 8) else upright

@@ -128,3 +128,13 @@ def test_masks_of_large_photographs_take_little_memory(tiny_model: Path, tmp_pat
         peaks.append(usage.ru_maxrss * 1024)
     # 24 megapixels within 2 GiB, of which the program itself takes 0.25
     assert (peaks[1] - peaks[0]) / (width * height - 320 * 400) < 78
+
+
+def test_one_run_writes_the_masks_of_several_programs(run: Call, walker: Path, tmp_path: Path) -> None:
+    programs = ("--masks", "nerfstudio", "--masks", "instant-ngp", "--masks", "instant-ngp")
+    assert run(walker, "-o", tmp_path / "out", *programs) == 0
+    masks = [
+        np.asarray(Image.open(tmp_path / "out/masks" / name)) for name in ("a.png", "dynamic_mask_a.png")
+    ]
+    np.testing.assert_array_equal(masks[0] == 0, masks[1] == 255)
+    assert len(list((tmp_path / "out/masks").iterdir())) == 2

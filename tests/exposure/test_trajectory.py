@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.exposure.trajectory import (
-    ExposedFrame,
-    common_fraction,
-    exposure_motion,
-    roughness,
-    smooth_velocities,
-    velocities,
-)
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.exposure.trajectory import ExposedFrame, Trajectory, common_fraction, exposure_motion, widened
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
 SPREAD = np.repeat([1e-3, 3e-3], 3)
@@ -92,29 +85,78 @@ def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() ->
     assert np.isnan(common_fraction([few]))
 
 
+def swing(period: float, count: int = 24) -> tuple[Trajectory, Array]:
+    """Return a camera that moves to and fro with a period in frames, and its true velocities."""
+
+    def pose(time: float) -> Array:
+        phase = np.sin(2 * np.pi * time / period + np.array([0, 1, 2, 3, 4, 5]))
+        R = rotation_matrix(0.05 * phase[:3])
+        return np.column_stack([R, -R @ (0.1 * phase[3:])])
+
+    true = []
+    for k in range(count):
+        first, last = pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)
+        R = last[:, :3] @ first[:, :3].T
+        turn, move = rotation_vector(R), last[:, 3] - R @ first[:, 3]
+        true.append(np.concatenate([turn, move - 0.5 * np.cross(turn, move)]) / OPEN_FOR)
+    return Trajectory(poses=np.array([pose(k) for k in range(count)])), np.array(true)
+
+
+OPEN_FOR = 0.6
+
+
 def test_velocities_of_a_steady_camera_are_its_motion_per_frame() -> None:
-    found = velocities(path(7))
-    np.testing.assert_allclose(found[:, :3], np.tile(PER_FRAME[:3], (7, 1)), atol=1e-12)
-    np.testing.assert_allclose(found[:, 3:], np.tile(PER_FRAME[3:], (7, 1)), atol=3e-4)
+    steady = Trajectory(poses=path(9))
+    found = steady.velocities(OPEN_FOR)
+    np.testing.assert_allclose(found[:, :3], np.tile(PER_FRAME[:3], (9, 1)), atol=1e-12)
+    np.testing.assert_allclose(found[:, 3:], np.tile(PER_FRAME[3:], (9, 1)), atol=3e-4)
+    assert steady.spreads(OPEN_FOR).max() < 0.05 * np.linalg.norm(PER_FRAME)
+    np.testing.assert_allclose(steady.ends(OPEN_FOR).mean(axis=1), 0, atol=1e-4)  # it does not bend
     with pytest.raises(ValueError, match="two or more poses"):
-        velocities(path(1))
+        Trajectory(poses=path(1))
 
 
-def test_smoothing_lowers_the_noise_of_poses_and_keeps_what_is_not_known() -> None:
-    poses = path(30, noise=5e-4)
-    poses[4] = np.nan
-    plain, smooth = velocities(poses), smooth_velocities(poses)
-    assert np.isnan(smooth[[3, 5]]).all() and np.isfinite(smooth[6:]).all()  # 4 is told by both
-    off = [np.abs(found[6:, :3] - PER_FRAME[:3]).mean() for found in (plain, smooth)]
-    assert off[1] < 0.6 * off[0]
-    np.testing.assert_array_equal(smooth_velocities(path(4)), velocities(path(4)))
+def test_a_slow_swing_is_followed_where_a_straight_line_is_not() -> None:
+    slow, true = swing(period=8)
+    inner = slice(3, -3)
+    off = np.abs(slow.velocities(OPEN_FOR) - true)[inner]
+    poses = slow.poses
+    turns = [0.5 * rotation_vector(poses[k + 1, :, :3] @ poses[k - 1, :, :3].T) for k in range(3, 21)]
+    assert off[:, :3].mean() < 0.2 * np.abs(np.array(turns) - true[inner, :3]).mean()
+    spread = slow.spreads(OPEN_FOR)
+    assert off.max() < 4 * spread[inner].max() and spread[inner].max() < 0.3 * np.abs(true).max()
+    np.testing.assert_allclose(spread[0], 3 * spread[9])  # beyond the last frame it is less sure
 
 
-def test_roughness_is_the_size_of_white_noise_and_nothing_on_a_line() -> None:
-    rng = np.random.default_rng(6)
-    noisy = PER_FRAME + rng.normal(size=(400, 6)) * np.repeat([1e-3, 1e-2], 3)
-    np.testing.assert_allclose(roughness(noisy), np.repeat([1e-3, 1e-2], 3), rtol=0.25)
-    np.testing.assert_allclose(roughness(np.linspace(0, 1, 9)[:, None] * PER_FRAME), 0, atol=1e-12)
+def test_what_is_not_known_stays_so() -> None:
+    poses = path(30)
+    poses[[4, 6]] = np.nan
+    found = Trajectory(poses=poses).velocities(OPEN_FOR)
+    assert np.isnan(found[[4, 6]]).all() and np.isfinite(np.delete(found, [4, 6], axis=0)).all()
+
+
+def test_smears_show_that_a_shake_is_faster_than_frames() -> None:
+    rng = np.random.default_rng(7)
+    factors = []
+    for period in (8.0, 1.05):  # the second looks slow in the poses
+        trajectory, true = swing(period)
+        velocity, spreads = trajectory.velocities(OPEN_FOR), trajectory.spreads(OPEN_FOR)
+        made = [frame(rng, OPEN_FOR * own, velocity=seen) for own, seen in zip(true, velocity, strict=True)]
+        frames = [replace(one, displacement=one.displacement + rng.normal(0, 1e-3, (200, 2))) for one in made]
+        wide = widened(frames, OPEN_FOR, spreads)
+        factors.append(wide[9, 0] / spreads[9, 0])
+        moved = [exposure_motion(one, OPEN_FOR, own) for one, own in zip(frames, wide, strict=True)]
+        turned = np.array([one[:3] for one in moved if one is not None])
+        off = np.linalg.norm(turned - OPEN_FOR * true[:, :3], axis=1)
+        assert np.median(off) < 0.1 * OPEN_FOR * np.abs(true[:, :3]).max()
+    assert factors[1] > 5 * factors[0]
+
+
+def test_nothing_is_expected_of_a_trajectory_that_knows_nothing() -> None:
+    trajectory, _ = swing(period=8)
+    size = np.abs(trajectory.velocities(OPEN_FOR)).max()
+    np.testing.assert_array_equal(trajectory.shares(OPEN_FOR, np.full((24, 6), size)), 0)
+    np.testing.assert_allclose(trajectory.shares(OPEN_FOR, np.full((24, 6), 1e-3 * size)), 1, atol=1e-4)
 
 
 def test_shapes_are_checked() -> None:

@@ -1,80 +1,210 @@
-"""The motions of exposures that ``blur2view place`` has put into COLMAP's model, against measured ones.
+"""What ``blur2view place`` gains over interpolation, on rendered videos of a hand's shake with exact poses.
 
-``python -m tools.evaluation.placed MODEL TRUTH``, with a folder of NAME.npz that hold ``R`` (3, 3) and ``t``
-(3,), cam_close_from_cam_open of the photograph NAME, left/a.npz those of left/a.jpg. Rotations are compared
-after one scale for all, as the truth may be of a frame interval and not of its exposure. No photographs with
-such a truth ship.
+``python -m tools.evaluation.placed WORK --out tools/results/placed.md`` renders videos (`VideoOptions`), lets
+COLMAP triangulate and adjust from the true poses with the features of their blurred frames, links and places;
+all is kept in WORK. Each frame's motion from its own pose to both ends of its exposure is compared with the
+true one, after one scale for each model, in the better order of the ends: rotation, position, and over the
+exposure the mean distance of points at one and a half of the scene's depth from where they are. *linear* and
+*spline* (cubic) interpolate the frames' own poses and are told the exposure, as *place, told* is.
 """
 
-from pathlib import Path, PurePosixPath
+from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pycolmap
+from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import Array
-from blur2view.colmap.models import read_model
-from blur2view.errors import OutputError
-from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.geometry.rotation import rotation_vector
-from tools.arguments import existing, parser_of
-from tools.pages import table
+from blur2view.cli import commands
+from blur2view.colmap.placement import place_views
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from tools.arguments import parser_of
+from tools.pages import publish, table
+from tools.rendering.video import Shake, VideoOptions, write_video
 
-Motions = dict[str, Array]  # by the photograph's name without suffix: rotation vector and translation (2, 3)
+SHAKES = {"30, slower": (30, 0.7, 10), "10, as fast": (10, 0.7, 10), "10, faster": (10, 6, 12)}
+"""Frames a second and how fast the shake is beside half of that: the bounds of its frequencies, Hz."""
+SHARES = (0.33, 0.6, 0.9)  # exposure over frame interval
+METHODS = ("linear", "spline", "place, told", "place")
+TIMES: Array = np.linspace(-1, 1, 9)  # from shutter-open to shutter-close
+DEPTHS = (0.5, 1.0)
+TITLE = "Both ends of exposures, placed and interpolated"
+HEAD = (
+    "frames a second, shake | exposure | frames | smear, px | method | rotation, degrees "
+    "| position, 1/1000 of the depth | pixels | exposure as measured"
+)
+
+Step = tuple[Array, Array]  # cam_open and cam_close from cam_middle, (3, 4) each
+Poses = dict[str, Array]  # by frame: cam_from_world (3, 4)
 
 
-def placed_motions(folder: Path) -> Motions:
-    """Return the motions from shutter-open to shutter-close of a model's photographs that have both views."""
-    images = read_model(folder).images.values()
-    poses = {image.name: image.cam_from_world() for image in images if image.has_pose}
-    names = [name.removesuffix(OPEN) for name in poses if name.endswith(OPEN)]
-    steps = {
-        name: poses[name + CLOSE] * poses[name + OPEN].inverse() for name in names if name + CLOSE in poses
-    }
+def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path, Path]:
+    """Return the linked project of the frames, and their model as COLMAP's bundle adjustment leaves it.
+
+    It begins at the true poses, so that none is lost; those that it ends at err as features in blur do.
+    """
+    database, frames, model = folder / "project.db", folder / "frames", folder / "model"
+    if not model.exists():
+        database.unlink(missing_ok=True)
+        reader = pycolmap.ImageReaderOptions()
+        reader.camera_model, f = "PINHOLE", options.focal_px
+        reader.camera_params = ",".join(map(str, (f, f, *(side / 2 for side in options.size))))
+        single = pycolmap.CameraMode.SINGLE
+        pycolmap.extract_features(database, frames, camera_mode=single, reader_options=reader)
+        pycolmap.match_exhaustive(database)
+        made = pycolmap.triangulate_points(_begun(database, true), database, frames, folder)
+        fixed = pycolmap.BundleAdjustmentOptions()
+        fixed.refine_focal_length = fixed.refine_extra_params = False
+        pycolmap.bundle_adjustment(made, fixed)
+        words = ["to-colmap", "--db", database, "--link", "--sequence", "--no-backup", "--jobs", 1, frames]
+        if commands.main([str(word) for word in words]):
+            raise SystemExit(f"{folder}: its frames cannot be linked")
+        model.mkdir()
+        made.write(model)
+    return database, model
+
+
+def _begun(database: Path, poses: Poses) -> Any:
+    """Return a reconstruction of a project's images at these poses, without points."""
+    model = pycolmap.Reconstruction()
+    with pycolmap.Database.open(database) as opened:
+        for kind in ("camera", "rig", "frame"):
+            for one in getattr(opened, f"read_all_{kind}s")():
+                getattr(model, f"add_{kind}")(one)
+        for image in opened.read_all_images():
+            model.add_image(image)
+            pose = pycolmap.Rigid3d(poses[image.name])
+            model.frame(image.frame_id).set_cam_from_world(image.camera_id, pose)
+            model.register_frame(image.frame_id)
+    return model
+
+
+def poses_of(model: Any) -> Poses:
+    """Return the poses of a model by name."""
+    return {one.name: one.cam_from_world().matrix() for one in model.images.values() if one.has_pose}
+
+
+def relative(pose: Array, middle: Array) -> Array:
+    """Return cam_from_middle (3, 4) of two poses cam_from_world (3, 4)."""
+    R = pose[:, :3] @ middle[:, :3].T
+    return np.column_stack([R, pose[:, 3] - R @ middle[:, 3]])
+
+
+def centre_of(pose: Array) -> Array:
+    """Return the centre (3,) of a camera (3, 4)."""
+    return np.asarray(-pose[:, :3].T @ pose[:, 3])
+
+
+def placed_steps(poses: Poses) -> dict[str, Step]:
+    """Return the motions of the views in a model with these poses."""
+    ends = {name: [poses.get(f"{name}#{end}") for end in ("open", "close")] for name in poses}
     return {
-        PurePosixPath(name).with_suffix("").as_posix(): np.stack(
-            [rotation_vector(step.rotation.matrix()), step.translation]
-        )
-        for name, step in steps.items()
+        name: (relative(first, poses[name]), relative(last, poses[name]))
+        for name, (first, last) in ends.items()
+        if first is not None and last is not None
     }
 
 
-def measured_motions(folder: Path) -> Motions:
-    """Return the true motions of a folder and the folders in it."""
-    motions = {}
-    for path in sorted(folder.rglob("*.npz")):
-        with np.load(path) as file:
-            name = path.relative_to(folder).with_suffix("").as_posix()
-            motions[name] = np.stack([rotation_vector(file["R"]), file["t"].ravel()])
-    return motions
+def interpolated_steps(poses: Poses, share: float, degree: int) -> dict[str, Step]:
+    """Return the motions of a spline of this degree through the poses of frames in order."""
+    names = sorted(poses)
+    first = poses[names[0]][:, :3]
+    turns = [rotation_vector(poses[name][:, :3] @ first.T) for name in names]
+    places = np.hstack([turns, [centre_of(poses[name]) for name in names]])
+    spline = make_interp_spline(np.arange(len(names)), places, k=degree)
+
+    def at(time: float) -> Array:
+        place = spline(time)
+        R = rotation_matrix(place[:3]) @ first
+        return np.column_stack([R, -R @ place[3:]])
+
+    ends = {name: (at(index - share / 2), at(index + share / 2)) for index, name in enumerate(names)}
+    return {name: (relative(a, poses[name]), relative(b, poses[name])) for name, (a, b) in ends.items()}
 
 
-def page(placed: Motions, measured: Motions) -> str:
-    """Return the medians over the photographs that both have, as Markdown."""
-    names = sorted(placed.keys() & measured.keys())
-    if not names:
-        raise OutputError("no photograph with both views has a truth; name the folder of NAME.npz")
-    r, t = np.array([placed[name] for name in names]).swapaxes(0, 1)
-    r_true, t_true = np.array([measured[name] for name in names]).swapaxes(0, 1)
-    scaled = r_true * (r * r_true).sum() / (r_true**2).sum()
-    relative = np.linalg.norm(r - scaled, axis=1) / np.linalg.norm(scaled, axis=1)
-    cosine = (t * t_true).sum(axis=1) / np.linalg.norm(t, axis=1) / np.linalg.norm(t_true, axis=1)
-    direction = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    row = (
-        len(names),
-        f"{np.median(relative):.3f}",
-        f"{np.median(direction):.1f}",
-        f"{(direction < 30).mean():.0%}",
-    )
-    head = "photographs | rotation, relative error | translation's direction, degrees | below 30"
-    return "\n".join(table(head, [row]))
+def scale_of(poses: Poses, true: Poses) -> float:
+    """Return the unit of a model in that of the scene: by distances of cameras from their mean."""
+    centres = [np.array([centre_of(one[name]) for name in poses]) for one in (poses, true)]
+    spread = [np.linalg.norm(one - one.mean(axis=0)) for one in centres]
+    return float(spread[1] / spread[0])
+
+
+def pixels(pose: Array, options: VideoOptions) -> Array:
+    """Return where a lattice of points is seen, (depths, N, 2)."""
+    x, y = (np.linspace(0, side - 1, 7) for side in options.size)
+    lattice = np.stack([*np.meshgrid(x, y), np.ones((7, 7))], -1).reshape(-1, 3)
+    points = np.array(DEPTHS)[:, None, None] * (lattice @ np.linalg.inv(options.K).T)
+    seen = (points @ pose[:, :3].T + pose[:, 3]) @ options.K.T
+    return np.asarray(seen[..., :2] / seen[..., 2:])
+
+
+def errors(step: Step, path: Shake, options: VideoOptions) -> list[float]:
+    """Return the errors of a motion in the better order of its ends: degrees, units of depth, pixels."""
+    true = [relative(path.pose(tau), path.pose(0.0)) for tau in TIMES / 2]
+    found = []
+    for one in (step, step[::-1]):
+        pairs = list(zip(one, (true[0], true[-1]), strict=True))
+        turns = [rotation_vector(a[:, :3] @ b[:, :3].T) for a, b in pairs]
+        moves = [centre_of(a) - centre_of(b) for a, b in pairs]
+        ways = [np.append(rotation_vector(end[:, :3]), end[:, 3]) for end in one]  # from the middle
+        between = [abs(time) * ways[int(time > 0)] for time in TIMES]
+        poses = [np.column_stack([rotation_matrix(way[:3]), way[3:]]) for way in between]
+        seen = [pixels(a, options) - pixels(b, options) for a, b in zip(poses, true, strict=True)]
+        apart = [float(np.linalg.norm(vectors, axis=-1).mean()) for vectors in (turns, moves, seen)]
+        found.append([float(np.degrees(apart[0])), *apart[1:]])
+    return min(found, key=lambda one: one[2])
+
+
+def measure(work: Path, key: dict[str, Any]) -> dict[str, Any]:
+    """Return the key of a video with the errors of every frame by every method, and what it is like."""
+    rate, *hertz = SHAKES[key["shake"]]
+    share, seed = key["share"], key["seed"]
+    options = VideoOptions(rate=rate, share=share, hertz=(hertz[0], hertz[1]))
+    folder = work / "_".join(str(value).replace(", ", "_").replace(" ", "_") for value in key.values())
+    paths = write_video(folder / "frames", seed, options)
+    true = {f"f_{index:03d}.png": path.pose(0.0) for index, path in enumerate(paths)}
+    database, model = reconstruct(folder, options, true)
+    poses = poses_of(pycolmap.Reconstruction(model))
+    told, free = (place_views(database, model, sorted(true), given) for given in (share, None))
+    steps = [interpolated_steps(poses, share, degree) for degree in (1, 3)]
+    steps += [placed_steps(poses_of(placement.model)) for placement in (told, free)]
+    to_scene, by_name = [1, 1, 1, scale_of(poses, true)], dict(zip(true, paths, strict=True))
+    record = {**key, "fraction": free.fraction}
+    for method, ends in zip(METHODS, steps, strict=True):
+        scaled = {name: (first * to_scene, last * to_scene) for name, (first, last) in ends.items()}
+        record[method] = [errors(scaled[name], by_name[name], options) for name in true if name in scaled]
+    ends_seen = [pixels(path.pose(-0.5), options) - pixels(path.pose(0.5), options) for path in paths]
+    return record | {"smear": [float(np.linalg.norm(one, axis=-1).mean()) for one in ends_seen]}
+
+
+def page(records: list[dict[str, Any]]) -> str:
+    """Return the medians of every cell as Markdown."""
+    rows = []
+    for shake, share in product(SHAKES, SHARES):
+        cell = [one for one in records if (one["shake"], one["share"]) == (shake, share)]
+        for method in METHODS if cell else ():
+            values = np.array([error for one in cell for error in one[method]])
+            degrees, depth, px = np.median(values, axis=0)
+            smear = np.median([length for one in cell for length in one["smear"]])
+            own = f"{np.median([one['fraction'] for one in cell]):.2f}" if method == "place" else ""
+            figures = f"{degrees:.3f}", f"{1000 * depth:.2f}", f"{px:.2f}"
+            rows.append((shake, share, len(values), f"{smear:.0f}", method, *figures, own))
+    made = f"`python -m tools.evaluation.placed WORK --scenes {1 + max(one['seed'] for one in records)}`"
+    return "\n".join([f"# {TITLE}", "", *table(HEAD, rows), "", f"Medians over frames. Made by {made}.", ""])
 
 
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("model", type=existing, help="folder that blur2view place has written")
-    parser.add_argument("truth", type=existing, help="folder of NAME.npz")
+    parser.add_argument("work", type=Path, help="folder of renderings, projects and models")
+    parser.add_argument("--scenes", type=int, default=3, help="videos of each cell (default: %(default)s)")
+    parser.add_argument("--out", type=Path, help="write the page there, too")
     arguments = parser.parse_args()
-    print(page(placed_motions(arguments.model), measured_motions(arguments.truth)))
+    cells = product(range(arguments.scenes), SHAKES, SHARES)
+    keys = [{"shake": shake, "share": share, "seed": seed} for seed, shake, share in cells]
+    publish(page([measure(arguments.work, key) for key in keys]), arguments.out)
 
 
 if __name__ == "__main__":

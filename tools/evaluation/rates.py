@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.exposure.trajectory import velocities
+from blur2view.exposure.trajectory import Trajectory
 from tools.arguments import existing, parser_of
 from tools.pages import table
 
@@ -36,7 +36,7 @@ def frame_of(row: dict[str, str]) -> int:
 def rates_of_poses(path: Path) -> Series:
     """Return the rotation per frame about each pose."""
     with np.load(path) as file:
-        rates = velocities(file["cam_from_world"])[:, :3]
+        rates = Trajectory(poses=file["cam_from_world"]).velocities(1.0)[:, :3]
         return dict(zip(file["frame"].tolist(), rates, strict=True))
 
 

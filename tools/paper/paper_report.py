@@ -55,6 +55,17 @@ of them for the 27 trainings of Table 1 and of the study of alpha; finished seed
 The paper's vector s is half of a smear; our EPE-S is of whole smears.
 Ours: `{evaluation}` and Table 2 below.
 
+Who has the paper's data sets fills the rows "as published" with figures of the network that ships:
+
+| row | `python -m tools.` |
+|---|---|
+| Monkaa | `paper.datasets monkaa ROOT --out monkaa`, `evaluation.evaluate monkaa` |
+| Driving | `paper.datasets driving ROOT --out driving`, `evaluation.evaluate driving` |
+| GoPro | `paper.datasets gopro ROOT --out gopro`, `evaluation.evaluate gopro` |
+| RBI | `paper.datasets rbi ROOT --out rbi`, `evaluation.evaluate rbi` |
+
+`evaluate` prints EPE-S of the certain half, its size over the length, and the inliers of F and of the true F.
+
 ## Table 1: losses
 
 {losses}

@@ -52,9 +52,10 @@ def option(
     """Return the field of an option, which the text below it explains.
 
     It is called ``names``, by default --NAME, a flag that is true without it --no-NAME, and one that may also
-    be None both; what has neither a default (`MISSING`) nor names is an argument. Options with one word of
-    ``either`` exclude each other; ``convert`` is by default that of `CONVERT`. ``shown`` are attributes of
-    argparse, as choices; ``rare``, if --help-all alone has the option; and what the text has, as %(cutoff)s.
+    be None both, one of None or words may be repeated; what has neither a default (`MISSING`) nor names is an
+    argument. Options with one word of ``either`` exclude each other; ``convert`` is by default that of
+    `CONVERT`. ``shown`` are attributes of argparse, as choices; ``rare``, if --help-all alone has the option;
+    and what the text has, as %(cutoff)s.
     """
     metadata = {"group": group, "names": names.split(), "either": either, "convert": convert}
     return field(default=default, metadata={**metadata, "shown": {"metavar": metavar, **shown}})
@@ -140,6 +141,8 @@ def _settings(one: Field[Any]) -> tuple[list[str], dict[str, Any]]:
         flag = f"no-{flag}" if one.default else flag
     elif one.type == bool | None:
         how = {"action": BooleanOptionalAction}
+    elif one.type == list[str] | None:
+        how = {"action": "append"}
     if needed and not names:
         return [one.name], how | ({"nargs": "+"} if one.type == list[str] else {})
     how |= {"required": True} if needed else {"default": one.default}

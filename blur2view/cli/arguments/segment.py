@@ -16,7 +16,7 @@ FILES = """
     or its smear is not read)
 <stem>.moving.png: probability of moving, times 255
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
-masks/...: with --masks: the mask under the name and with the greys that the program reads
+masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last
 """
 
@@ -28,9 +28,10 @@ class SegmentSettings:
     threshold: float = option(THRESHOLD, "P", convert=probability)
     """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
     what moves, and marks more of what stands still"""
-    masks: str | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"))
+    masks: list[str] | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"))
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
-    pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there"""
+    pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
+    to-transforms --masks DIR puts them where these trainers look)"""
     unobservable: str = option("keep", choices=("keep", "ignore"), rare=True)
     "what --masks makes of unobservable pixels (default: keep)"
 
@@ -63,7 +64,7 @@ class SegmentOptions(SegmentSettings, FolderOptions):
     }
     examples = (
         "blur2view segment street.jpg -o masks",
-        "blur2view segment photographs/*.jpg -o results --masks colmap",
+        "blur2view segment photographs/*.jpg -o results --masks colmap --masks instant-ngp",
     )
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 from blur2view.cli.arguments.help_text import Rows
 from blur2view.cli.arguments.option import option
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.arguments.values import Amount, best, radius, smear
+from blur2view.cli.arguments.values import Amount, best, metres, radius, smear
 from blur2view.results.table import Row
 
 MAX_SMEAR = Amount(number=3.0)
@@ -15,6 +15,8 @@ MAX_SMEAR = Amount(number=3.0)
 that a photograph shares with itself under fresh noise are still matched (``python -m
 tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
 others)."""
+ONE_SAMPLE = Amount(number=1.0)
+"""That of an aerial photograph: one ground sample (photogrammetry asks for less than one)."""
 MAX_DEFOCUS = 2.0
 """Largest radius out of focus, pixels, of a photograph that is called sharp."""
 USES = """
@@ -35,6 +37,9 @@ LIST = """
     takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
     for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them are blurred stands
     in the table
+--keep-for-poses, --keep-for-training: lists as that of --keep, whatever --best and --every-best choose:
+    blurred photographs help to find poses, as views of their exposure, and harm radiance fields that know
+    no blur
 --extract: files for COLMAP, ns-process-data and blur2view: frame 120 of a video (from 0) is frame_00120.png,
     with the pixels that were looked at, below the video's name if there are several; photographs are copied.
     The folder must hold nothing else, and nothing in it is replaced
@@ -55,22 +60,29 @@ class TriageOptions(PhotographOptions):
     command = "triage"
     keep: Path | None = option(None, "LIST")
     "write the list of photographs to keep, see below"
+    keep_for_poses: Path | None = option(None, "LIST", rare=True)
+    "write a list of the sharp ones and the blurred ones of use"
+    keep_for_training: Path | None = option(None, "LIST", rare=True)
+    "write a list of the sharp ones"
     extract: Path | None = option(None, "DIR")
     "write the photographs to keep into a folder, frames of videos as PNG, see below"
-    max_smear: Amount = option(MAX_SMEAR, "PX", convert=smear)
-    """the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal (default:
-    %(default)s, up to which half of its SIFT features are still matched)"""
+    max_smear: Amount | None = option(None, "PX", convert=smear, usual=MAX_SMEAR)
+    """the longest median of a sharp photograph, in pixels, as 0.3%% of the picture's diagonal, or with --gsd
+    as 3cm (default: %(usual)s, up to which half of its SIFT features are still matched; with
+    --gsd 1, a ground sample)"""
+    gsd: float | None = option(None, "LENGTH", convert=metres)
+    """the ground sample distance, as 2cm, of aerial photographs: sharp are those whose smear is within one"""
     max_defocus: float = option(MAX_DEFOCUS, "PX", convert=radius)
     "the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)"
     blurred: bool = option(False, either="choice")
     "keep the blurred ones, too, that geometry can use"
     best: Amount | None = option(None, "N", convert=best, either="choice")
-    "keep the N sharpest, by the width of all of the blur, or as 50%% of all"
+    "keep the N sharpest, or as 50%%, by the width of all of the blur"
     every_best: int | None = option(None, "N", either="choice")
     "keep the sharpest of every N neighbours, and of each view among them"
     in_order: bool = option(False, names="--sequence")
-    """the photographs of a folder are the frames of a video in this order: near the limit each is as sharp as
-    the one before, as frames of a video are anyway"""
+    """the photographs of a folder are the frames of a video: near the limit each is as sharp as the one
+    before"""
     overwrite: bool = option(False, rare=True)
     """replace a list that was changed since it was written, too, if it names nothing but these
     photographs"""
@@ -79,19 +91,35 @@ class TriageOptions(PhotographOptions):
     tables: ClassVar[dict[str, Rows]] = {"uses": USES, "columns of --csv": Row, "the list": LIST}
     examples = (
         "blur2view triage clip.mp4 --every-best 6 --extract frames",
-        "blur2view triage clip.mp4 --best 300 --extract frames",
         "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
-        "blur2view triage frames --keep frames/keep.txt --max-smear 3 --blurred",
-        "blur2view estimate @frames/keep.txt -o results",
+        "blur2view triage flight --gsd 2cm --csv flight.csv",
+        "blur2view triage frames --keep-for-poses poses.txt --keep-for-training train.txt",
         "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
     )
 
     def __post_init__(self) -> None:
-        if self.resume and self.csv is None and self.keep is None and self.extract is None:
+        if self.resume and self.csv is None and not self.lists and self.extract is None:
             raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
+        if self.max_smear is not None and self.max_smear.metres and self.gsd is None:
+            raise ValueError("--max-smear on the ground needs --gsd, what a pixel shows, as 2cm")
         if self.selects and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
         super().__post_init__()
+
+    @property
+    def limit(self) -> Amount:
+        """The longest median smear of a sharp photograph."""
+        return self.max_smear or (MAX_SMEAR if self.gsd is None else ONE_SAMPLE)
+
+    @property
+    def lists(self) -> dict[str, Path]:
+        """The lists of the call, by their options."""
+        named = {
+            "--keep": self.keep,
+            "--keep-for-poses": self.keep_for_poses,
+            "--keep-for-training": self.keep_for_training,
+        }
+        return {name: path for name, path in named.items() if path is not None}
 
     @property
     def selects(self) -> bool:

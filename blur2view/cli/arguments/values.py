@@ -14,13 +14,24 @@ FILM_MM = 36.0  # width of 35-mm film
 
 @dataclass(frozen=True, kw_only=True)
 class Amount:
-    """A number, or a percentage of what is known later."""
+    """A number, or a percentage of what is known later, or metres."""
 
     number: float
     percent: bool = False
+    metres: bool = False
+
+    @property
+    def unit(self) -> str:
+        """The unit of a length."""
+        return "%" if self.percent else " m" if self.metres else " px"
 
     def __str__(self) -> str:
-        return f"{self.number:g}{'%' if self.percent else ''}"
+        return ground_text(self.number) if self.metres else f"{self.number:g}{'%' if self.percent else ''}"
+
+
+def ground_text(metres: float) -> str:
+    """Return a distance on the ground in centimetres, or metres."""
+    return f"{100 * metres:.3g} cm" if metres < 1 else f"{metres:.3g} m"
 
 
 def file_path(text: str) -> Path:
@@ -138,8 +149,22 @@ def amount(text: str) -> Amount:
     return Amount(number=value, percent=text.endswith("%"))
 
 
+def metres(text: str) -> float:
+    """Return the metres of a distance on the ground, above 0, with its unit."""
+    number, unit = number_and_unit(text, "mm", "cm", "m")
+    try:
+        value = float(number) * {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[unit]
+    except (KeyError, ValueError):
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise ArgumentTypeError(f"expected a distance with its unit as 2cm, got {text}")
+    return value
+
+
 def smear(text: str) -> Amount:
-    """Return a length in pixels, or a percentage."""
+    """Return a length in pixels, a percentage of the diagonal, or a distance on the ground as 2cm."""
+    if text.endswith("m"):
+        return Amount(number=metres(text), metres=True)
     return amount(text.removesuffix("px"))
 
 

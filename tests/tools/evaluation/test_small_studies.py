@@ -1,4 +1,4 @@
-"""Small studies: smears against measured ones, placed views, rates, poses and times, of known cases."""
+"""Small studies: smears against measured ones, rates, poses and times, of known cases."""
 
 from pathlib import Path
 
@@ -10,8 +10,7 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.results.table import Row, table_text
 from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene
-from tests.support.walks import Walk
-from tools.evaluation import benchmark, placed, rates
+from tools.evaluation import benchmark, rates
 from tools.evaluation.gyroscope import figures_of, pairs_of
 from tools.evaluation.processes_timed import Run, checkout, in_turn
 from tools.metrics import pose_error_deg, pose_of
@@ -37,23 +36,6 @@ def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
     assert figures.direction_deg == pytest.approx(np.degrees(0.05), rel=1e-5)
     assert figures.signed_deg_top50 == pytest.approx(np.degrees(0.05), rel=1e-5)
     assert (figures.length_ratio, figures.length_spread) == pytest.approx((1.2, 0), abs=1e-6)
-
-
-def test_motions_placed_in_a_model_are_compared_after_one_scale(tmp_path: Path) -> None:
-    names = [f"{name}{end}" for name in ("a.jpg", "left/a.jpg") for end in ("#open", "#close")]
-    names.append("without its other end.jpg#open")
-    turn, move = np.array([0.01, -0.02, 0.005]), np.array([0.1, 0.02, 0.05])
-    walk = Walk(names=names, size=(96, 64), focal=90.0, turn=turn, move=move)
-    points = np.random.default_rng(0).uniform([-1, -1, 4], [1, 1, 6], (9, 3))
-    walk.write(points, tmp_path / "walk.db", {tmp_path / "model": range(5)})
-    found = placed.placed_motions(tmp_path / "model")
-    np.testing.assert_allclose(found["a"], [turn, move], rtol=0.05)
-    across = np.cross(found["left/a"][1], turn)
-    (tmp_path / "left").mkdir()
-    for name, t in (("a", found["a"][1]), ("left/a", across), ("c", move)):
-        np.savez(tmp_path / f"{name}.npz", R=rotation_matrix(2 * turn), t=t)
-    row = placed.page(found, placed.measured_motions(tmp_path)).splitlines()[2]
-    assert row == "| 2 | 0.000 | 45.0 | 50% |"
 
 
 def test_reversed_rates_point_the_other_way(tmp_path: Path) -> None:

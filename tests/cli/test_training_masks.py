@@ -1,0 +1,122 @@
+"""Masks and models where trainers of radiance fields look for them, read back as their loaders do."""
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from blur2view.cli.outputs import png
+from tests.colmap.test_transforms import NAMES, POINTS, WALK
+from tests.support.calls import Call, call_program
+
+GREYS = np.zeros((64, 96), np.uint8)
+GREYS[8:24, 16:64], GREYS[:, 80:] = 255, 128
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Call:
+    """Return ``blur2view to-transforms`` in this process."""
+    return partial(call_program, capsys, "to-transforms")
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Return a folder with photographs, of which EXIF turns one, their model with views, and their masks."""
+    (tmp_path / "images").mkdir()
+    (tmp_path / "out").mkdir()
+    for k, name in enumerate(NAMES):
+        exif = Image.Exif()
+        exif[274] = 6 if k == 1 else 1
+        Image.new("RGB", (96, 64)).save(tmp_path / "images" / name, exif=exif)
+        upright = np.rot90(GREYS, -1) if k == 1 else GREYS  # EXIF 6: turned clockwise to be looked at
+        (tmp_path / "out" / f"{Path(name).stem}.mask.png").write_bytes(png(np.ascontiguousarray(upright)))
+    WALK.write(POINTS, tmp_path / "video.db", {tmp_path / "model": range(9)})
+    return tmp_path
+
+
+def test_instant_ngp_finds_a_mask_beside_each_photograph(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "--masks", scene / "out")
+    for _ in range(2):  # and replaces its own
+        assert call(*words, "-o", scene / "ngp" / "transforms.json").out.endswith(
+            "3 frames and their masks\n"
+        )
+    document = json.loads((scene / "ngp" / "transforms.json").read_text())
+    for frame in document["frames"]:
+        path = scene / "ngp" / frame["file_path"]
+        mask = np.asarray(Image.open(path.parent / f"dynamic_mask_{path.stem}.png"))
+        np.testing.assert_array_equal(mask != 0, GREYS == 255)
+    (scene / "images" / f"dynamic_mask_{Path(NAMES[0]).stem}.png").write_bytes(b"mine")
+    refused = call(*words, "-o", scene / "other.json")
+    assert refused == 1 and "is no mask of an earlier call" in refused.line
+    assert not (scene / "other.json").exists()
+
+
+def test_nerfstudio_finds_a_mask_of_every_frame(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "--dialect", "nerfstudio")
+    target = scene / "splat" / "transforms.json"
+    assert call(*words, "--masks", scene / "out", "-o", target) == 0
+    frames = json.loads(target.read_text())["frames"]
+    assert len(frames) == len(NAMES)
+    for frame in frames:
+        mask = np.asarray(Image.open(target.parent / frame["mask_path"]))
+        np.testing.assert_array_equal(mask == 0, GREYS == 255)
+    (scene / "out" / f"{Path(NAMES[2]).stem}.mask.png").unlink()
+    refused = call(*words, "--masks", scene / "out", "-o", scene / "other.json")
+    assert refused == 1 and f"no mask of {NAMES[2]} (1 of 3 are missing)" in refused.line
+
+
+def test_masks_of_other_pictures_are_refused(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "--masks", scene / "out", "-o", scene / "a.json")
+    mask = scene / "out" / f"{Path(NAMES[0]).stem}.mask.png"
+    mask.write_bytes(png(GREYS[:32]))
+    refused = call(*words)
+    assert refused == 1 and "is of 96x32 pixels, its photograph of 96x64" in refused.line
+    mask.write_bytes(png(GREYS // 2))
+    refused = call(*words)
+    assert refused == 1 and "is no mask of blur2view segment" in refused.line
+
+
+def test_gsplat_gets_the_model_of_photographs_that_are_there(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "--dialect", "gsplat")
+    for _ in range(2):
+        assert call(*words, "-o", scene / "splat").out.endswith("3 photographs as sharp at mid exposure\n")
+    read = pycolmap.Reconstruction(scene / "splat" / "sparse" / "0")
+    given = pycolmap.Reconstruction(scene / "model")
+    assert sorted(image.name for image in read.images.values()) == NAMES
+    assert len(read.points3D) == len(given.points3D)
+    for image in read.images.values():
+        assert (scene / "splat" / "images" / image.name).is_file()
+        same = given.find_image_with_name(image.name).cam_from_world()
+        np.testing.assert_allclose(image.cam_from_world().matrix(), same.matrix())
+    assert call(*words, "-o", scene) == 0 and not (scene / "images").is_symlink()  # they are there already
+    (scene / "other" / "images").mkdir(parents=True)
+    for wrong, complaint in (
+        (("-o", scene / "a.json"), "reads a folder"),
+        (("-o", scene / "other"), "is not the folder"),
+        (("-o", scene / "b", "--masks", scene / "out"), "takes no masks"),
+        (("-o", scene / "b", "--images", scene / "out"), "3 of 3 are missing"),
+    ):
+        assert complaint in call(*words, *wrong).line
+    assert not (scene / "b").exists()
+
+
+@pytest.mark.parametrize("dialect", ["nerfstudio", "gsplat"])
+def test_long_smears_are_left_out(scene: Path, call: Call, dialect: str) -> None:
+    # the walk is even: smears of its frames differ by some percent
+    smears = sorted(_smears(scene, call))
+    words = (scene / "model", "--images", scene / "images", "--dialect", dialect)
+    middle = f"{(smears[0] + smears[1]) / 2:.6f}"
+    target = scene / ("few" if dialect == "gsplat" else "few.json")
+    assert " 1 " in call(*words, "--max-smear", middle, "-o", target).out
+    refused = call(*words, "--max-smear", 0.1, "-o", target)
+    assert refused == 1 and f"the shortest {smears[0]:.1f} px; state more with --max-smear" in refused.line
+
+
+def _smears(scene: Path, call: Call) -> list[float]:
+    """Return the median smears, in pixels, that instant-ngp is told of."""
+    assert call(scene / "model", "--images", scene / "images", "-o", scene / "all.json") == 0
+    return [1 / one["sharpness"] - 1 for one in json.loads((scene / "all.json").read_text())["frames"]]

@@ -1,0 +1,88 @@
+"""A stream of frames: times of each, no lag where the order in time is not asked for, a gyroscope's sign."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blur2view import AngularVelocity, Camera, SmearNetwork, estimate_frames, timestamps_of
+from blur2view.arrays import AnyArray
+from blur2view.errors import ImageError
+from blur2view.photographs.timestamps import timestamp_of
+from tests.support.colour_code import colour_code, forward_motion
+
+PICTURE = colour_code(forward_motion(), 1.0)
+HEIGHT, WIDTH = PICTURE.shape[:2]
+
+
+@pytest.mark.parametrize(("ordered", "ahead"), [(True, 2), (False, 1)])
+def test_without_an_order_in_time_nothing_lags(tiny_model: Path, ordered: bool, ahead: int) -> None:
+    asked: list[int] = []
+
+    def frames() -> Iterator[AnyArray]:
+        for number in range(3):
+            asked.append(number)
+            yield PICTURE
+
+    found = estimate_frames(
+        frames(),
+        timestamps_s=iter([10.0, 10.5, 11.0]),
+        ordered=ordered,
+        network=SmearNetwork(tiny_model),
+        camera=Camera.from_focal(300.0, (WIDTH, HEIGHT)),
+    )
+    first = next(found)
+    assert len(asked) == ahead and first.timestamp_s == 10.0
+    rest = list(found)
+    assert [one.timestamp_s for one in rest] == [10.5, 11.0] and len(asked) == 3
+    if not ordered:
+        assert not any(one.time.known for one in [first, *rest])
+
+
+def test_fewer_times_than_frames_are_wrong(tiny_model: Path) -> None:
+    found = estimate_frames(
+        [PICTURE, PICTURE], timestamps_s=[1.0], ordered=False, network=SmearNetwork(tiny_model)
+    )
+    next(found)
+    with pytest.raises(ValueError, match="fewer timestamps than frames"):
+        next(found)
+
+
+def test_a_gyroscope_shows_the_negative_as_surely() -> None:
+    full = np.array([[4.0, 1, 0], [1, 9, 2], [0, 2, 16]])  # with its off-diagonals
+    rate = AngularVelocity(mean=np.array([1.0, -2, 3]), covariance=full).of_gyroscope
+    np.testing.assert_array_equal(rate.mean, [-1, 2, -3])
+    np.testing.assert_array_equal(rate.covariance, full)
+    np.testing.assert_array_equal(rate.sigma, [2, 3, 4])
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [
+        ("1305031102.175304.png", 1305031102.175304),
+        ("1403636579763555584.png", 1403636579.763555584),
+        ("cam0/1403636579763555.jpg", 1403636579.763555),
+        ("1403636579763.jpg", 1403636579.763),
+        ("1403636579.jpg", 1403636579.0),
+        ("0.040.png", 0.04),
+        *((name, None) for name in ("000120.png", "frame_1403636579.png", "20240511.jpg", "a.b.png")),
+    ],
+)
+def test_names_that_are_times_say_when(name: str, seconds: float | None) -> None:
+    assert timestamp_of(name) == (None if seconds is None else pytest.approx(seconds, abs=1e-6))
+
+
+def test_times_come_from_names_or_from_the_column_of_a_table(tmp_path: Path) -> None:
+    euroc, tum = tmp_path / "data.csv", tmp_path / "rgb.txt"
+    euroc.write_text("#timestamp [ns],filename\n1403636579763555584,a.png\n1403636579813555584,b.png\n")
+    tum.write_text("# timestamp filename\n1305031102.175304 rgb/b.png\n\n1305031102.211214 rgb/c.png\n")
+    assert timestamps_of(["x/b.png", "x/a.png"], euroc) == pytest.approx([1403636579.8136, 1403636579.7636])
+    assert timestamps_of(["b.png", "c.png"], tum) == [1305031102.175304, 1305031102.211214]
+    assert timestamps_of(["1.5.png", "2.25.png"]) == [1.5, 2.25]
+    with pytest.raises(ImageError, match="a.png: its name is no time"):
+        timestamps_of(["a.png"])
+    with pytest.raises(ImageError, match="d.png: .*data.csv has no time of it"):
+        timestamps_of(["d.png"], euroc)
+    with pytest.raises(ImageError, match="none.csv: cannot be read"):
+        timestamps_of(["d.png"], tmp_path / "none.csv")

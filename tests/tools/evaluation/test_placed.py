@@ -1,0 +1,75 @@
+"""The measure of placed views: exact motions have no error, and a video is where its path says."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from blur2view.geometry.rotation import rotation_matrix
+from tools.evaluation import placed
+from tools.rendering.video import VideoOptions, sample_exposures, write_video
+
+OPTIONS = VideoOptions(rate=10, share=0.5, frames=5)
+PATHS = sample_exposures(np.random.default_rng(0), OPTIONS)
+POSES = {f"f_{index:03d}.png": path.pose(0.0) for index, path in enumerate(PATHS)}
+
+
+def true_step(index: int) -> placed.Step:
+    path = PATHS[index]
+    first, last = (placed.relative(path.pose(tau), path.pose(0.0)) for tau in (-0.5, 0.5))
+    return first, last
+
+
+def test_the_true_ends_have_no_error_in_either_order_and_others_have() -> None:
+    first, last = true_step(2)
+    for step in ((first, last), (last, first)):
+        degrees, depth, px = placed.errors(step, PATHS[2], OPTIONS)
+        assert degrees < 1e-5 and depth < 1e-9
+        assert px < 0.1 * placed.errors((np.eye(3, 4), np.eye(3, 4)), PATHS[2], OPTIONS)[2]  # its bend
+    turned = rotation_matrix(np.radians([0, 0.2, 0])) @ first
+    assert placed.errors((turned, last), PATHS[2], OPTIONS)[0] == pytest.approx(0.1, rel=1e-3)
+
+
+def test_interpolation_of_an_even_walk_is_exact_and_views_are_read_by_their_names() -> None:
+    turn, move = np.array([0.01, -0.02, 0.005]), np.array([0.1, 0.02, 0.05])
+
+    def pose(time: float) -> np.ndarray:
+        R = rotation_matrix(turn * time)
+        return np.column_stack([R, -R @ (move * time)])
+
+    poses = {f"f_{index:03d}.png": pose(index) for index in range(6)}
+    views = {name: one for name, one in poses.items() if name != "f_005.png"}
+    for index, name in enumerate(poses):
+        views[f"{name}#open"], views[f"{name}#close"] = pose(index - 0.3), pose(index + 0.3)
+    found = placed.placed_steps(views)
+    assert list(found) == list(poses)[:5]
+    for degree in (1, 3):
+        for name, step in placed.interpolated_steps(poses, 0.6, degree).items():
+            if name in found:
+                np.testing.assert_allclose(step, found[name], atol=1e-12)
+    twice = {name: one * [1, 1, 1, 2] for name, one in poses.items()}
+    assert placed.scale_of(twice, poses) == pytest.approx(0.5)
+
+
+def test_the_page_has_the_medians_of_a_cell() -> None:
+    cell = {"shake": "10, faster", "share": 0.6, "seed": 0, "fraction": 0.5, "smear": [9.0, 11.0]}
+    record = cell | {method: [[0.1, 0.002, 3.0], [0.3, 0.004, 5.0]] for method in placed.METHODS}
+    lines = placed.page([record]).splitlines()
+    assert "| 10, faster | 0.6 | 2 | 10 | linear | 0.200 | 3.00 | 4.00 |  |" in lines
+    assert lines[-3].endswith("| place | 0.200 | 3.00 | 4.00 | 0.50 |")
+
+
+def test_a_video_shows_the_scene_from_its_path(tmp_path: Path) -> None:
+    options = VideoOptions(
+        rate=30, share=0.01, frames=2, size=(160, 120), focal_px=150, walk=0.0, hertz=(3, 4)
+    )
+    first, last = write_video(tmp_path, 3, options)
+    assert write_video(tmp_path, 3, options)[0].middle_s == first.middle_s  # rendered once
+    before, after = (np.asarray(Image.open(tmp_path / f"f_00{k}.png").convert("L"), float) for k in (0, 1))
+    shift, _ = cv2.phaseCorrelate(before, after, cv2.createHanningWindow((160, 120), cv2.CV_64F))
+    far = placed.pixels(last.pose(0.0), options)[1] - placed.pixels(first.pose(0.0), options)[1]
+    expected = far.mean(axis=0)  # of one depth, and the camera rolls: roughly so
+    assert shift @ expected > 0.9 * np.linalg.norm(shift) * np.linalg.norm(expected)
+    assert np.linalg.norm(shift) == pytest.approx(np.linalg.norm(expected), rel=0.3)

@@ -1,0 +1,114 @@
+"""Videos of a hand that walks slowly and shakes, with the exact pose at every instant of every exposure."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from blur2view.arrays import Array
+from blur2view.geometry.rotation import rotation_matrix
+from tools.datasets.testset import sharp_photograph
+from tools.rendering.canvas import paint
+from tools.rendering.exposure import Exposure
+from tools.rendering.motion import Trajectory
+from tools.rendering.render import mean_frame
+from tools.rendering.scene import Layer, sample_layers
+from tools.rendering.textures import photographs
+
+MARGIN, DETAIL, CARDS = 200.0, 1.2, range(2, 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shake(Trajectory):
+    """A hand's path: at 0 s its camera is the scene's; an exposure is about ``middle_s``."""
+
+    drift: Array  # (3,) units of depth per second
+    hertz: Array  # (waves,)
+    phase: Array  # (waves, 6)
+    height: Array  # (waves, 6): radians, units of depth
+    middle_s: float = 0.0
+    exposure_s: float = 1.0
+
+    def at(self, tau: float) -> tuple[Array, Array]:
+        """Return the rotation (3, 3) and position (3,) at a time in exposures from the middle."""
+        time = self.middle_s + tau * self.exposure_s
+        turns = 2 * np.pi * self.hertz[:, None] * time + self.phase
+        r, c = (self.height * (np.sin(turns) - np.sin(self.phase))).sum(axis=0).reshape(2, 3)
+        return rotation_matrix(r), c + self.drift * time
+
+    def pose(self, tau: float) -> Array:
+        """Return cam_from_scene (3, 4)."""
+        R, centre = self.at(tau)
+        return np.column_stack([R, -R @ centre])
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoOptions:
+    """A video: frames a second, the exposure over the frame interval, how many frames, of which camera.
+
+    The shake has ``waves`` equally fast ones with frequencies log-uniform in ``hertz``, which together turn
+    the picture by ``shake_px`` a frame (root mean square); the walk is ``walk`` units of depth long.
+    """
+
+    rate: float
+    share: float
+    frames: int = 12
+    size: tuple[int, int] = (480, 360)
+    focal_px: float = 450.0
+    waves: int = 6
+    hertz: tuple[float, float] = (0.7, 10.0)
+    shake_px: float = 14.0
+    walk: float = 0.35
+
+    @property
+    def K(self) -> Array:
+        """The intrinsics (3, 3)."""
+        (width, height), f = self.size, self.focal_px
+        return np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1.0]])
+
+
+def sample_exposures(rng: np.random.Generator, options: VideoOptions) -> list[Shake]:
+    """Draw a path and return it about the middle of every exposure."""
+    low, high = np.log(options.hertz)
+    hertz = np.exp(rng.uniform(low, high, options.waves))
+    speed = rng.normal(size=(options.waves, 6)) * np.repeat([1.0, 0.3], 3)
+    wanted = options.shake_px * options.rate / options.focal_px
+    speed *= wanted / np.sqrt((speed[:, :2] ** 2).sum() / 2)
+    direction = rng.normal(size=3) * (1, 0.6, 0.6)
+    drift = direction / np.linalg.norm(direction) * options.walk * options.rate / options.frames
+    phase = rng.uniform(0, 2 * np.pi, speed.shape)
+    shake = Shake(drift=drift, hertz=hertz, phase=phase, height=speed / (2 * np.pi * hertz[:, None]))
+    middles = (np.arange(options.frames) - (options.frames - 1) / 2) / options.rate
+    exposure_s = options.share / options.rate
+    return [replace(shake, middle_s=float(middle), exposure_s=exposure_s) for middle in middles]
+
+
+def sample_still_scene(rng: np.random.Generator, options: VideoOptions) -> list[Layer]:
+    """Draw a background with cards before it."""
+    pool = photographs("test", None)
+    while len(layers := sample_layers(rng, pool, options.K, options.size)) - 1 not in CARDS:
+        pass
+    return layers
+
+
+def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
+    """Render the frames f_NNN.png that are not all there, and return their paths.
+
+    A seed has the same scene and path whatever the share of the exposure.
+    """
+    paths = sample_exposures(np.random.default_rng([seed, int(options.rate)]), options)
+    targets = [folder / f"f_{index:03d}.png" for index in range(len(paths))]
+    if all(target.exists() for target in targets):
+        return paths
+    folder.mkdir(parents=True, exist_ok=True)
+    rng, size, like = np.random.default_rng([seed, 1]), options.size, None
+    layers = sample_still_scene(rng, options)
+    canvases = [paint(rng, layer, options.K, size, MARGIN, DETAIL) for layer in layers]
+    for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
+        exposure = Exposure(camera=path, K=options.K, size=size)
+        linear = mean_frame(canvases, [exposure.inverse_displacements(one) for one in layers], size)
+        like = linear if like is None else like
+        picture = sharp_photograph(np.random.default_rng([seed, 2, index]), linear, like)
+        cv2.imwrite(str(target), picture[..., ::-1])
+    return paths
