@@ -49,7 +49,7 @@ def test_shared_errors_turn_and_stretch_about_the_midpoint_and_are_stated() -> N
     (x, y), (u, v) = scene.matches.displacement.T, moved.displacement.T
     turned = np.abs(np.arctan((x * v - y * u) / (x * u + y * v))) * moved.length_px
     assert 0.5 < np.sqrt(np.mean((turned / moved.across_px) ** 2)) < 1.2
-    assert 10 < len(moved) * moved.shared.all_correlation < 60
+    assert 10 < len(moved) * moved.shared.claimed.effective_share < 60
 
 
 def test_outcomes_name_configurations_and_the_table_counts_what_is_right() -> None:
