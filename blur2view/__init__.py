@@ -18,12 +18,14 @@ Conventions, used everywhere
 
 First calls
 -----------
-- ``result = estimate(read_image("a.jpg"))``: smears, matches and ``result.geometry``, with F or None, the
-  configuration, its reason and ``parallax``; with ``camera=Camera.from_focal(focal, (width, height))``, or
-  ``Camera.from_opencv(K, dist, (width, height))``, E and the pose.
+- ``result = estimate("a.jpg")``, or of an array as of ``read_image("a.jpg")``: smears, matches and
+  ``result.geometry``, with F or None, the configuration, its reason and ``parallax``; with
+  ``camera=Camera.from_focal(focal, (width, height))``, or ``Camera.from_opencv(K, dist, (width,
+  height))``, E and the pose.
 - ``result.angular_velocity(exposure_s)``: mean and covariance; None without a pose.
-- ``for result in estimate_frames(frames, camera=camera)``: the frames of a video, each in the right direction
-  of time. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which threads may share.
+- ``for result in estimate_frames("a.mp4", camera=camera)``: the frames of a video, or those that
+  ``read_video("a.mp4")`` yields, each in the right direction of time. Others: a loop over ``estimate``
+  with one ``network = SmearNetwork()``, which threads may share.
 - ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
   ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
 - ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written, as ``predict``
@@ -55,4 +57,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """Return the public names, and what every module has."""
+    return sorted({*(name for name in globals() if name.startswith("__")), *__all__})

@@ -1,15 +1,22 @@
 """Files that a user names or that an earlier call left: any of them may be anything, or anybody's."""
 
 import errno
+import io
 import json
 import os
 import stat
 from contextlib import ExitStack
-from typing import Any, BinaryIO, NoReturn
+from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
+
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
 
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
 # Of a photograph: above medium-format sensors (150 megapixels), just below where Pillow itself refuses (179).
 MAX_PIXELS = 175_000_000
+# What is read, by Pillow's names. Of the others it calls Ghostscript for one, PostScript, which is a program.
+FORMATS = ("JPEG", "PNG", "BMP", "GIF", "PPM", "TIFF", "WEBP", "AVIF", "JPEG2000", "TGA")
+BY_EXTRAS = ("HEIF",)  # where pillow-heif has been registered
 MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
 
 
@@ -48,6 +55,18 @@ def read_regular(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
         size = file.seek(0, os.SEEK_END)
         file.seek(0)
         return file.read(size) if size <= most else _refuse_size(most)
+
+
+def open_picture(content: bytes) -> "ImageFile":
+    """Open a photograph's content by Pillow, which raises errors of any type of what is damaged.
+
+    This is the only place that does: of no format that starts another program. UnidentifiedImageError of a
+    picture of another format.
+    """
+    from PIL import Image
+
+    extras = [one for one in BY_EXTRAS if one in Image.OPEN]
+    return Image.open(io.BytesIO(content), formats=[*FORMATS, *extras])
 
 
 def read_stream(stream: BinaryIO, most: int) -> bytes:

@@ -1,5 +1,6 @@
 """Files of results: planned before any work, each written whole or not at all."""
 
+import errno
 import os
 import tempfile
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -8,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blur2view.errors import OutputError
-from blur2view.input_files import open_regular
+from blur2view.input_files import open_regular, parse_json
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
 # What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag,
@@ -21,6 +22,7 @@ SIGNS = {
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".csv": (b"name,verdict,parallax,",),
 }
+DOCUMENT = b'{\n  "image": "'  # how one of a photograph begins
 # of one file, whatever it is called
 KINDS = {"page": ".html", "table": ".csv", "file": ".json", "point cloud": ".ply"}
 
@@ -78,7 +80,8 @@ def half_written(path: Path) -> Path:
 def unwritable(folder: Path, error: OSError) -> OutputError:
     """Return the one line about a folder that takes no files."""
     reason = error.strerror or type(error).__name__
-    return OutputError(f"{folder}: results cannot be written there ({reason}); choose another folder with -o")
+    room = "make room there or " if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+    return OutputError(f"{folder}: results cannot be written there ({reason}); {room}name another folder")
 
 
 def check_file(target: Path, what: str, inputs: Iterable[Path] = (), *, option: str = "-o") -> None:
@@ -98,7 +101,7 @@ def check_file(target: Path, what: str, inputs: Iterable[Path] = (), *, option: 
 
 
 @contextmanager
-def prepared(*folders: Path | None) -> Iterator[None]:
+def writable_folders(*folders: Path | None) -> Iterator[None]:
     """Create folders that can be written, which is tried; at the end remove those in which nothing lies.
 
     OutputError if one cannot be created or written.
@@ -122,8 +125,8 @@ def prepared(*folders: Path | None) -> Iterator[None]:
 
 @contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Create a folder, see `prepared`, for what is written; OutputError where it cannot be."""
-    with prepared(folder):
+    """Create a folder, see `writable_folders`, for what is written; OutputError where it cannot be."""
+    with writable_folders(folder):
         try:
             yield
         except OSError as error:
@@ -159,7 +162,18 @@ def is_ours(path: Path, kind: str | None = None) -> bool:
     signs = SIGNS.get(kind or path.suffix.lower(), ())
     with suppress(OSError), open_regular(path) as file:
         start = file.read(1 << 20)
-        return any(sign in start for sign in signs)
+        return any(sign in start for sign in signs) or (".json" in path.suffix and _is_cut(start))
+    return False
+
+
+def _is_cut(start: bytes) -> bool:
+    """Return whether a file is empty, or a document whose end is missing."""
+    if not start.startswith(DOCUMENT):
+        return DOCUMENT.startswith(start)
+    try:
+        parse_json(start)
+    except ValueError:
+        return True
     return False
 
 

@@ -1,14 +1,15 @@
 """The whole path in one call: photograph -> smears and blur -> ambiguous matches -> two-view geometry."""
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, require
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues, disagreement, read_exif
 from blur2view.camera.intrinsics import Intrinsics
@@ -17,18 +18,24 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
+from blur2view.movers.parts import THRESHOLD
+from blur2view.movers.probability import at_cells, moving_probability
+from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
+from blur2view.photographs.image import read_content, read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
-from blur2view.smears.blur import Blur, blur_of
+from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view, without_motion
 from blur2view.two_view.options import EstimatorOptions
 
+if TYPE_CHECKING:
+    from PIL import Image
+
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]
 """Of a photograph's path, width and height, and EXIF."""
+LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,55 +100,60 @@ class Estimate:
     shutter: RollingShutter | None = None
     time: TimeDirection = field(default_factory=TimeDirection)
 
+    def __repr__(self) -> str:
+        height, width = self.grid.shape
+        fit, moved = int(self.geometry.inlier_mask.sum()), self.blur.smear_px
+        blur = f"{self.blur.kind}, smears of {moved:.1f} px" if moved is not None else str(self.blur.kind)
+        found = f"{self.geometry.config.name}, {fit} of {len(self.matches)} smears fit"
+        return f"<Estimate of {width}x{height} px: {blur}; {found}>"
+
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
 
         Its sign is that of time, which is open unless ``time.known``. With an exposure time of 1 it is the
-        rotation itself, in radians. ValueError if the exposure time is not positive and finite.
+        rotation itself, in radians. ValueError if the exposure time is not positive seconds, 2 at most.
         """
-        if not 0 < exposure_s < np.inf:
-            raise ValueError(f"the exposure time must be positive seconds, got {exposure_s}")
-        return angular_velocity(self.geometry, exposure_s)
-
-
-def angular_velocity(geometry: TwoViewGeometry, exposure_s: float) -> AngularVelocity | None:
-    """Return the angular velocity of a geometry's pose; None without a pose."""
-    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
-    if pose is None or covariance is None:
-        return None
-    return AngularVelocity(
-        mean=pose.rotation_vector / exposure_s, covariance=covariance.matrix[:3, :3] / exposure_s**2
-    )
+        if not np.issubdtype(type(exposure_s), np.number) or not 0 < exposure_s <= LONG_S:
+            raise ValueError(
+                f"the exposure time must be positive seconds, as 0.04 or 1 / 25, at most {LONG_S:g}, got "
+                f"{exposure_s!r}; of a longer one divide the angular velocity of 1 second"
+            )
+        return self.geometry.angular_velocity(exposure_s)
 
 
 def estimate(
-    image: AnyArray,
+    image: "AnyArray | Image.Image | str | os.PathLike[str]",
     *,
-    network: SmearNetwork | None = None,
+    network: SmearNetwork | str | os.PathLike[str] | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
+    detail: Detail = Detail.GEOMETRY,
 ) -> Estimate:
     """Return the two-view geometry of the camera's motion during one exposure.
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
+    image : ndarray of shape (H, W, 3), (H, W, 4) or (H, W), picture of Pillow, or path
         The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
-        :func:`blur2view.read_image`.
-    network : SmearNetwork, optional
+        :func:`blur2view.read_image`; one of Pillow is not turned upright. Of a path the file is read, and
+        without ``camera`` the focal length of its EXIF is a hint, as for ``blur2view estimate``.
+    network : SmearNetwork or path, optional
         The shipped one by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
         Which smears become matches; the robust estimator.
-    rng : numpy.random.Generator, optional
-        Source of randomness; ``default_rng(0)`` by default, so that a call repeats exactly.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness or its seed, 0 by default, so that a call repeats exactly.
     camera : Camera, optional
         Intrinsics of this photograph, for its size.
     shutter : RollingShutter, optional
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
+    detail : Detail
+        ``Detail.PIXELS`` reads every window of a photograph above 2.5 megapixels, as ``grid.at_pixels()`` and
+        :func:`blur2view.segment` need; a geometry needs some thousand, spread over the picture.
 
     Returns
     -------
@@ -150,19 +162,27 @@ def estimate(
 
     Raises
     ------
-    ValueError, ModelError
-        If image or camera is none, or a shutter comes without a camera; if the network cannot be used.
+    ValueError, ModelError, ImageError
+        If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
+        be used.
     """
-    if not isinstance(camera, Camera | None):
-        raise ValueError(
-            "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
-            f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
-        )
-    network = network or SmearNetwork()
-    rng = np.random.default_rng(0) if rng is None else rng
+    if camera is not None:
+        of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
+        require("camera", camera, Camera, of)
+    if isinstance(image, str | os.PathLike):
+        path, content = Path(image), read_content(Path(image))
+        image = read_pixels(path, content=content)
+        camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
+    image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
+    if network is None or isinstance(network, str | os.PathLike):
+        network = SmearNetwork(network)
     clock = [time.perf_counter()]
-    grid = network.predict(image)
-    blur = blur_of(grid, image)
+    grid = network.predict(image, detail=detail)
+    moving = None
+    if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
+        part = moving_probability(image, grid).part
+        moving = at_cells((part >= THRESHOLD).astype(np.float32), grid.cells.shape)
+    blur = blur_of(grid, image, moving)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())
@@ -189,7 +209,7 @@ class FileEstimate:
     """The estimate of one photograph's file."""
 
     path: Path  # as the user named it
-    image: NDArray[np.float32]  # (H, W, 3), upright unless wanted as stored
+    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
     estimate: Estimate
     run: Run
     read_s: float  # spent on decoding
@@ -216,16 +236,18 @@ def estimate_file(
     *,
     as_stored: bool = False,
     camera_of: CameraOf | None = None,
+    detail: Detail = Detail.GEOMETRY,
 ) -> FileEstimate:
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`;
+    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
+    ``detail`` as of `estimate`;
     ``camera_of`` returns the intrinsics, by default those that the options or EXIF state. ImageError,
     CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
     """
     start = time.perf_counter()
-    image = read_image(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
+    image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
     exif = read_exif(path, content)
     camera = (camera_of or run.intrinsics.of)(path, (image.shape[1], image.shape[0]), exif)
@@ -237,6 +259,7 @@ def estimate_file(
         rng=np.random.default_rng(run.seed),
         camera=camera,
         shutter=_shutter(path, run, exif),
+        detail=detail,
     )
     return FileEstimate(
         path=path,

@@ -23,7 +23,7 @@ ROWS = [
     "output_files",
     "camera smears",
     "geometry networks photographs",
-    "robust",
+    "robust movers",
     "two_view",
     "pipeline",
     "segmentation exposure",

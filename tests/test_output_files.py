@@ -8,9 +8,13 @@ from pathlib import Path
 import pytest
 
 from blur2view.cli.outputs import plan_outputs
+from blur2view.colmap.database import write_database
 from blur2view.errors import OutputError
 from blur2view.output_files import remove_left_over
 from blur2view.photographs.inputs import Inputs
+from tests.colmap.test_link import link
+from tests.support.colmap_projects import make_project
+from tests.support.scenes import some_views
 
 
 def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(tmp_path: Path) -> None:
@@ -29,11 +33,21 @@ def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(
     assert {path.name for path in tmp_path.iterdir()} == set(names[1:])
 
 
+def test_the_next_call_on_a_database_removes_what_a_killed_one_left_beside_it(tmp_path: Path) -> None:
+    project = tmp_path / "project.db"
+    make_project(project)
+    for name in (".new.db.999999999.tmp", ".project.db.999999999.tmp"):
+        (tmp_path / name).touch()
+    write_database(tmp_path / "new.db", [some_views("a.jpg", 30)])
+    link(project, "a_000.jpg", backup=True)
+    assert not list(tmp_path.glob(".*"))
+
+
 @pytest.mark.parametrize(
     "long", [f"{'d' * 256}/a.jpg", f"{'n' * 250}.jpg", f"{'ä' * 126}.jpg", f"{'d/' * 2500}a.jpg"]
 )
 def test_a_name_too_long_for_results_is_that_one_photographs_error(tmp_path: Path, long: str) -> None:
     images = [Path("a.jpg"), Path("b/a.jpg"), Path(long)]
-    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",), overwrite=False)
+    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",))
     assert isinstance(refused, OutputError) and "too long" in str(refused)
     assert not any(isinstance(files, OutputError) for files in others)

@@ -6,14 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
+from blur2view.errors import ImageError
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.stored import plain
 from blur2view.segmentation.mask import segment
+from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 
 CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
@@ -46,8 +50,7 @@ def test_photograph_is_the_same_of_any_type_grey_or_rgb_contiguous_or_not(kind: 
 @pytest.mark.parametrize(
     "image",
     [
-        np.zeros((40, 40, 4), np.uint8),
-        np.zeros((40, 40, 1), np.uint8),
+        np.zeros((40, 40, 2), np.uint8),
         np.zeros(40),
         np.zeros((0, 40), np.uint8),
         np.zeros((40, 40), np.int32),
@@ -63,6 +66,32 @@ def test_what_is_no_photograph_is_one_value_error(image: Any, network: SmearNetw
     with pytest.raises(ValueError, match="expected") as refused:
         estimate(image, network=network)
     assert "\n" not in str(refused.value)
+
+
+def test_photograph_may_be_a_path_a_picture_of_pillow_grey_or_transparent(
+    network: SmearNetwork, tmp_path: Path
+) -> None:
+    path, levels = tmp_path / "a.png", np.round(255 * PICTURE).astype(np.uint8)
+    picture = Image.fromarray(levels)
+    picture.save(path)
+    expected = numbers(estimate(levels, network=network))
+    for image in (path, str(path), picture):
+        assert numbers(estimate(image, network=network)) == expected
+    half = np.dstack([levels, np.full(levels.shape[:2], 51, np.uint8)])
+    np.testing.assert_allclose(rgb_of(half), 0.5 + 0.2 * (rgb_of(levels) - 0.5), atol=1e-6)
+    np.testing.assert_array_equal(rgb_of(Image.fromarray(half)), rgb_of(half))
+    np.testing.assert_array_equal(rgb_of(levels[..., :1]), rgb_of(levels[..., 0]))
+    deep = levels[..., 0].astype(np.uint16) * 257
+    np.testing.assert_array_equal(rgb_of(Image.fromarray(deep)), rgb_of(deep))
+    with pytest.raises(ImageError, match="no such file"):
+        estimate("absent.jpg", network=network)
+
+
+def test_what_is_printed_of_an_estimate_is_one_short_line_with_units(network: SmearNetwork) -> None:
+    found = estimate(PICTURE, network=network, camera=CAMERA, rng=0)
+    velocity = found.angular_velocity(0.02)
+    for one, unit in ((found, "px"), (network, "px"), (velocity, "rad/s")):
+        assert repr(one).startswith(f"<{type(one).__name__}") and unit in repr(one) and len(repr(one)) < 130
 
 
 def test_estimate_and_mask_take_grey_bytes(network: SmearNetwork) -> None:
@@ -90,9 +119,26 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwor
     np.testing.assert_allclose(np.degrees(velocity.sigma) * 0.02, covariance.rotation_sigma_deg)
     np.testing.assert_allclose(velocity.covariance * 0.02**2, covariance.matrix[:3, :3])
     assert estimate(PICTURE, network=network).angular_velocity(0.02) is None
-    for wrong in (0, -1, np.inf, np.nan):
+    wrong: Any
+    for wrong in (0, -1, np.inf, np.nan, 40, "1/30"):
         with pytest.raises(ValueError, match="exposure time must be positive"):
             found.angular_velocity(wrong)
+
+
+def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
+    size: Any
+    for size in (PICTURE.shape, 960, PICTURE):
+        with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
+            Camera.from_focal(800, size)
+    with pytest.raises(ValueError, match="focal length must be 0.1 to 1e"):
+        Camera.from_focal("800", (960, 540))  # type: ignore[arg-type]
+    for wrong in (None, PICTURE):
+        with pytest.raises(
+            ValueError, match=r"matches must be a blur2view.SmearMatches, as of select_matches"
+        ):
+            estimate_two_view(wrong)  # type: ignore[arg-type]
+    with pytest.raises(ImageError, match="none.mp4: no such file"):
+        read_video("none.mp4")
 
 
 @pytest.mark.slow

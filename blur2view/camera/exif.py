@@ -1,15 +1,15 @@
 """Focal length, exposure time and orientation of a photograph by its EXIF."""
 
-import io
 import os
 import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from PIL import ExifTags, Image
+from PIL import ExifTags
 
 from blur2view.camera.colmap_camera import possible_focal
+from blur2view.input_files import open_picture, read_regular
 
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
@@ -41,9 +41,10 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     Source: CIPA DC-008 (EXIF 2.32), tags 0x829A, 0x920A, 0xA002, 0xA20E, 0xA210, 0xA405.
     """
     try:
-        with warnings.catch_warnings(), Image.open(path if content is None else io.BytesIO(content)) as photo:
+        content = read_regular(path) if content is None else content
+        with warnings.catch_warnings(), open_picture(content) as photo:
             warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
-            if photo.format == "PNG" and content and not any(mark in content for mark in PNG_MARKS):
+            if photo.format == "PNG" and not any(mark in content for mark in PNG_MARKS):
                 return ExifValues()  # Pillow would decode the picture to see whether any comes after it
             size = photo.size
             exif = photo.getexif()

@@ -3,12 +3,14 @@
 Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
 """
 
+import argparse
 import io
 import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import import_module
+from itertools import pairwise
 
 from blur2view import __version__
 from blur2view.cli.arguments.help_text import EXIT_CODES, add_table
@@ -17,7 +19,7 @@ from blur2view.cli.arguments.parser import CommandParser, Completion, options_of
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
-FAILED, INTERRUPTED = 1, 130
+FAILED, INTERRUPTED, UNREAD = 1, 130, 141
 COMMANDS = {
     "estimate": "say what the camera did while the shutter was open: F, with intrinsics E and the pose",
     "segment": "segment what moves by itself from what the camera's motion explains",
@@ -38,7 +40,8 @@ DESCRIPTION = (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Return the exit code of the command line, after running it; its words are the process's by default.
 
-    0: done (a degenerate scene is a result), 1: a named error, 2: usage, 130: interrupted.
+    0: done (a degenerate scene is a result), 1: a named error, 2: usage, 130: interrupted, 141: nobody reads
+    any more what is printed.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
@@ -58,8 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             complain(Blur2ViewError(f"{error.filename}: cannot be used ({reason})"))
             return FAILED
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):  # whose reader, for example head, wants no more
-            print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
+        if isinstance(error, BrokenPipeError):  # its reader, for example head, wants no more
+            return UNREAD
+        print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
         return FAILED
     return code
 
@@ -68,6 +72,7 @@ def parse(arguments: Sequence[str] | None) -> Options:
     """Return the options; wrong usage ends the program with one line, which names what may be meant."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
+    check_empty(parser, words)
     check_command(parser, words)
     parsed, unknown = parser.parse_known_args(words)
     command: CommandParser = parsed.parser
@@ -78,6 +83,15 @@ def parse(arguments: Sequence[str] | None) -> Options:
     elif unknown:
         command.error(f"{' '.join(unknown)} is too much; name one")
     return command.read(parsed)
+
+
+def check_empty(parser: CommandParser, words: Sequence[str]) -> None:
+    """End the program where an argument is empty, which would stand for the current folder."""
+    for before, word in pairwise(["", *words]):
+        option = word[:-1] if word.startswith("--") and word.endswith("=") else before
+        if not word or option != before:
+            name = option if option.startswith("-") else "an input"
+            parser.error(f"{name} is empty; is it a variable that is not set?")
 
 
 def check_command(parser: CommandParser, words: Sequence[str]) -> None:
@@ -100,10 +114,10 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
 
 
 def check_option(parser: CommandParser, word: str, *, known: bool) -> None:
-    """End the program where a word is no option of the command; argparse takes -output for -o utput."""
+    """End the program where a word is no option of the command; argparse takes -out for -o ut."""
     command, names = parser.command, parser.names
-    if f"-{word}" in names:
-        parser.error(f"{word} has one dash; did you mean -{word}?")
+    if len(word) > 2 and (meant := [name for name in sorted(names) if name.startswith(f"-{word}")]):
+        parser.error(f"{word} has one dash; did you mean {meant[0]}?")
     if known:
         return
     if why := refusals(options_of(command)).get(word):
@@ -135,6 +149,7 @@ def build_parser() -> CommandParser:
         help="print what completes commands and options in bash, zsh or tcsh; in ~/.bashrc: "
         'eval "$(blur2view --completion bash)"',
     )
+    parser.add_argument("--help-all", action="help", help=argparse.SUPPRESS)
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     commands = parser.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND", parser_class=CommandParser

@@ -7,24 +7,22 @@ from collections.abc import Callable, Container, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
 from blur2view.cli.arguments.shared import FolderOptions
-from blur2view.cli.run import begun, jobs_of, manifest_beside, refuse_shared, run_over
+from blur2view.cli.run import jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.work import Written
 from blur2view.errors import OutputError
-from blur2view.input_files import parse_json, read_regular
 from blur2view.output_files import (
     SIGNED_BY,
     ResultFiles,
     below_shared_folder,
     half_written,
     is_ours,
-    prepared,
     remove_left_over,
+    writable_folders,
 )
 from blur2view.photographs.inputs import Inputs
 from blur2view.pipeline import FileEstimate
@@ -34,7 +32,6 @@ from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.masks import MaskDocument
 from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Work
-from blur2view.runs.manifest import Manifest
 from blur2view.segmentation.formats import GREY
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.stored import stored_smears
@@ -50,7 +47,7 @@ MASKS = Path("masks")
 """Folder below -o in which masks for another program lie."""
 MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
 MAX_PATH = 4095  # bytes of a whole path, on Linux
-MAX_DOCUMENT = 1 << 26  # bytes; that of a photograph has some thousands
+MANIFEST = ".manifest.jsonl"
 
 
 def run_with_files(
@@ -66,24 +63,23 @@ def run_with_files(
     photograph. ``beside`` is as of `plan_outputs`.
     """
     folder = options.output
-    path = None if options.csv is None else manifest_beside(options.csv)
-    path = path if folder is None else folder / f"{options.command}.manifest.jsonl"
-    with prepared(folder), begun(options, work, path, [folder]) as manifest:
+    path = manifest_of(options, options.csv) if folder is None else folder / f".{options.command}{MANIFEST}"
+    others = [] if folder is None else sorted({*folder.glob(f".*{MANIFEST}")} - {path})
+    with writable_folders(folder), open_manifest(options, work, path, [folder], others) as manifest:
         plan: Sequence[ResultFiles | OutputError] = ()
         if folder is not None:
-            plan = plan_outputs(
-                options.inputs, folder, endings, overwrite=options.overwrite, beside=beside, manifest=manifest
-            )
+            owner = None if manifest is None or options.overwrite else manifest.other_owner
+            plan = plan_outputs(options.inputs, folder, endings, beside=beside, owner=owner)
         jobs = jobs_of(options, plan)
         paths = {path for job in jobs if job.target for path in job.target.paths}
         refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
-        with prepared(*folders):
+        with writable_folders(*folders):
             finished = run_over(options, work, jobs, manifest)
             if options.resume:  # at the end: workers of a killed call live on for a moment
                 remove_left_over(paths, folders)
     if options.json:
-        print(collect([one for one in finished.kept if one is not None], finished.failures).to_json())
+        print(collect([one for one in finished.payloads if one is not None], finished.failures).to_json())
     return finished.exit_code
 
 
@@ -92,15 +88,14 @@ def plan_outputs(
     folder: Path,
     endings: Sequence[str],
     *,
-    overwrite: bool = False,
     beside: Callable[[Path], Path] | None = None,
-    manifest: Manifest | None = None,
+    owner: Callable[[Path, Sequence[Path]], str | None] | None = None,
 ) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
 
-    With ``overwrite`` results of another photograph may be replaced, too; photographs and files of others
-    never are. ``beside`` maps the name of a photograph to that of a further file, below the folder. The
-    manifest alone tells apart photographs of one name that were named from different folders.
+    Photographs and files of others are never replaced; results of another photograph are unless ``owner``,
+    which looks them up in a manifest, says which. ``beside`` maps the name of a photograph to that of a
+    further file, below the folder.
     """
     photographs = {os.path.realpath(image) for image in inputs.paths}
     first_of: dict[Path, Path] = {}
@@ -113,8 +108,8 @@ def plan_outputs(
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
         refusal = _refusal(files.paths, photographs)
-        if refusal is None and not overwrite:
-            refusal = _refusal_by_owner(files, image, manifest)
+        if refusal is None and owner is not None and (of := owner(image, files.paths)):
+            refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
@@ -138,31 +133,6 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
 
 def _bytes(name: str) -> int:
     return len(name.encode(errors="replace"))
-
-
-def _refusal_by_owner(files: ResultFiles, image: Path, manifest: Manifest | None) -> str | None:
-    """Return why files are of another photograph, which a call from another folder may have named."""
-    named, document = _image_of(files.document), files.document
-    if named is not None and os.path.realpath(named) != os.path.realpath(image):
-        below = "/".join(part for part in Path(named).parts if part != "..")
-        may_be = Path(os.path.abspath(image)).as_posix().endswith(f"/{below}")
-        if not may_be or manifest is None or not manifest.knows_file(document):
-            return f"{document} is the result of {named}; use another -o or add --overwrite"
-    other = None if manifest is None else manifest.other_owner(image, files.paths)
-    return other and f"its results would replace those of {other}; use another -o or add --overwrite"
-
-
-def _image_of(document: Path) -> str | None:
-    """Return the photograph that a document is of; None if it is not there or damaged."""
-    try:
-        content = parse_json(read_regular(document, MAX_DOCUMENT))
-        image = content.get("image") if isinstance(content, dict) else None
-        if not isinstance(image, str):
-            return None
-        os.path.realpath(image)  # ValueError of what is no path
-        return image
-    except (OSError, ValueError):
-        return None
 
 
 def result_names(inputs: Inputs) -> list[Path]:
@@ -193,7 +163,7 @@ def result_contents(
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
     geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
-    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s)
+    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s, one.estimate.blur)
     arrays = io.BytesIO()
     np.savez(
         arrays,
@@ -208,11 +178,7 @@ def result_contents(
 
 
 def mask_contents(
-    files: ResultFiles,
-    document: MaskDocument,
-    image: NDArray[np.float32],
-    mask: MotionMask,
-    further: Sequence[AnyArray],
+    files: ResultFiles, document: MaskDocument, image: AnyArray, mask: MotionMask, further: Sequence[AnyArray]
 ) -> dict[Path, bytes]:
     """Return what is written for a photograph: further pictures, mask, probabilities, overlay, document."""
     levels = np.round(255 * mask.probability).astype(np.uint8)

@@ -11,9 +11,11 @@ from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_our
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
+from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.output_files import write_files, writing
 from blur2view.photographs.inputs import list_photographs
 
+ALL_FRAMES = "link all frames of the video (blur2view to-colmap --link)"
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 
 
@@ -29,7 +31,7 @@ def run(options: PlaceOptions) -> int:
     _refuse_failure(options, placement)
     _write(options, placement)
     if options.verbosity > QUIET:
-        print(summary(options, model, placement, len(names)))
+        print(summary(options, model, placement, names))
     return 0
 
 
@@ -49,11 +51,11 @@ def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:
     about = f"{options.database}: of {count} with views in {options.model}"
     if not math.isfinite(placement.fraction):
         raise DatabaseError(
-            f"{about} no two follow one another and show how long an exposure is; link all frames of the "
-            "video (blur2view to-colmap --link), or state --fraction"
+            f"{about} no two follow one another and show how long an exposure is; {ALL_FRAMES}, or state "
+            "--fraction"
         )
     if not placement.placed:
-        raise DatabaseError(f"{about} none has enough smears at the model's points; link more frames")
+        raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
 
 
 def _write(options: PlaceOptions, placement: Placement) -> None:
@@ -68,11 +70,14 @@ def _write(options: PlaceOptions, placement: Placement) -> None:
                 Path(beside, name).replace(folder / name)
 
 
-def summary(options: PlaceOptions, model: FoundModel, placement: Placement, frames: int) -> str:
-    """Return a line about the model if it was chosen, and one about what was placed; with -v what was not."""
+def summary(options: PlaceOptions, model: FoundModel, placement: Placement, names: list[str]) -> str:
+    """Return a line about the model if it was chosen, one about what was placed, one about what is lacking.
+
+    With -v also what was not placed.
+    """
     lines = []
     if model.others:
-        size = f"{model.registered} of {plural(frames, 'frame')}"
+        size = f"{plural(model.registered, 'photograph')}, {plural(len(names), 'frame')} in the folder"
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
     placed = f"placed the views of {plural(len(placement.placed), 'frame')}"
     line = (
@@ -82,4 +87,13 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, fram
     if options.verbosity > SHORT:
         for name in placement.left:
             lines.append(f"  {printable(name)} left out: too few of its points have smears")
+    if missing := len(_photographs(placement) - set(names)):
+        frames = printable(str(options.photographs))
+        lines.append(f"{frames}: lacks {missing} photographs of the model, which have no views; {ALL_FRAMES}")
     return "\n".join(lines)
+
+
+def _photographs(placement: Placement) -> set[str]:
+    """Return the registered photographs of a model, views not counted."""
+    posed = {image.name for image in placement.model.images.values() if image.has_pose}
+    return {name for name in posed if not name.endswith((OPEN, CLOSE))}

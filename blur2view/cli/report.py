@@ -5,22 +5,21 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from blur2view import __version__
 from blur2view.cli.arguments.report import ReportOptions, ReportSettings
-from blur2view.cli.run import End, begun, jobs_of, manifest_beside, run_over
+from blur2view.cli.run import End, jobs_of, open_manifest, run_over
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
-from blur2view.cli.work import EstimatingWork, made
+from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import OutputError
-from blur2view.output_files import below_shared_folder, check_file, prepared, write_files, writing
+from blur2view.networks.smear_network import Detail
+from blur2view.output_files import below_shared_folder, check_file, writable_folders, write_files, writing
 from blur2view.results.report import Entry, report
-from blur2view.results.stored import plain, restore
-from blur2view.results.verdicts import VERDICT_ORDER, meaning
-from blur2view.runs.job import Job, Made, Outcome
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Outcome, Result
 from blur2view.segmentation.mask import segment
 
 FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
@@ -30,29 +29,18 @@ FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within 
 class ReportWork(ReportSettings, EstimatingWork[None, Entry]):
     """The work on one photograph."""
 
-    def __call__(self, job: Job[None]) -> Made[Entry]:
+    def __call__(self, job: Job[None]) -> Result[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
-        one = self.estimated(job)
+        one = self.estimated(job, detail=Detail.PIXELS if self.mask else Detail.GEOMETRY)
         start = time.perf_counter()
         mask = None
         if self.mask:
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = None if mask is None else time.perf_counter() - start
         geometry = one.estimate.geometry
-        line = verdict_line(str(job.path), meaning(one), geometry)
+        line = verdict_line(str(job.path), verdict_of(one), geometry)
         summary = line if self.verbosity <= SHORT else f"{line}\n  {geometry.reason}"
-        return made(one, Entry.of(one, mask, mask_s), summary)
-
-    def stored(self, kept: Entry) -> Any:
-        """Return the entry in JSON's types."""
-        return plain(kept)
-
-    def restored(self, job: Job[None], stored: Any) -> Entry:
-        """Return the entry of an earlier call; ValueError without a verdict or a document of ours."""
-        entry: Entry = restore(Entry, stored)
-        if entry.verdict not in VERDICT_ORDER:
-            raise ValueError(f"expected a verdict, got {entry.verdict}")
-        return entry.renamed(str(job.path))
+        return result_of(one, Entry.of(one, mask, mask_s), summary)
 
 
 def run(options: ReportOptions) -> int:
@@ -64,8 +52,8 @@ def run(options: ReportOptions) -> int:
     work = ReportWork.of(options)
     images, page = options.inputs.paths, options.output
     check_file(page, "page", images)
-    with prepared(page.parent), begun(options, work, manifest_beside(page), [page]) as manifest:
-        finished = run_over(options, work, jobs_of(options), manifest)
+    with writable_folders(page.parent), open_manifest(options, work, None, [page]):
+        finished = run_over(options, work, jobs_of(options), None)
         shown = dict(zip(images, shown_names(images), strict=True))
         photographs = [one for one in finished.outcomes if not options.inputs.is_folder(one[0])]
         entries = [entry_of(path, shown[path], outcome) for path, outcome in photographs]
@@ -78,8 +66,8 @@ def run(options: ReportOptions) -> int:
 
 def entry_of(path: Path, name: str, outcome: Outcome[Entry]) -> Entry:
     """Return the entry of a photograph by the name that the page shows."""
-    if outcome.made is not None:
-        return outcome.made.kept.renamed(name)
+    if outcome.result is not None:
+        return outcome.result.payload.renamed(name)
     return Entry.failed(name, FOLDERS.sub("", outcome.error.replace(str(path), name)))
 
 

@@ -15,18 +15,13 @@ from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain,
 from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import (
-    ResultFiles,
-    below_shared_folder,
-    check_file,
-    is_there,
-    prepared,
-    write_text,
-)
-from blur2view.photographs.inputs import Inputs
+from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
+from blur2view.photographs.image import read_content
+from blur2view.photographs.inputs import colmap_names
+from blur2view.photographs.video import EndOfVideo, frame_of
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, neighbours_of
+from blur2view.runs.job import Job, Outcome, Payload, Target, Work, neighbours_of
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.processes import Engine, processes
 from blur2view.runs.run import outcomes
@@ -45,24 +40,24 @@ class End(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Finished(Generic[Kept]):
+class Finished(Generic[Payload]):
     """What came of a run over photographs, in their order, as far as it has come."""
 
-    outcomes: list[tuple[Path, Outcome[Kept]]]
+    outcomes: list[tuple[Path, Outcome[Payload]]]
     rows: list[Row]  # of the table
     end: End
     has_table: bool  # it was not asked for, or could be written
     seconds: float
 
     @property
-    def kept(self) -> list[Kept]:
-        """What is kept of the photographs that are done."""
-        return [one.made.kept for _, one in self.outcomes if one.made is not None]
+    def payloads(self) -> list[Payload]:
+        """What the command needs of the photographs that are done."""
+        return [one.result.payload for _, one in self.outcomes if one.result is not None]
 
     @property
     def failures(self) -> list[FailureDocument]:
         """The photographs that failed."""
-        return [failure(path, one) for path, one in self.outcomes if one.made is None]
+        return [failure(path, one) for path, one in self.outcomes if one.result is None]
 
     @property
     def skipped(self) -> int:
@@ -78,39 +73,46 @@ class Finished(Generic[Kept]):
 
 
 @contextmanager
-def begun(
-    options: PhotographOptions, work: Work[Target, Kept], path: Path | None, others: Paths = ()
+def open_manifest(
+    options: PhotographOptions,
+    work: Work[Target, Payload],
+    path: Path | None,
+    others: Paths = (),
+    earlier: Iterable[Path] = (),
+    pointing: Iterable[Path] = (),
 ) -> Iterator[Manifest | None]:
     """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
 
-    ``path`` is that of the manifest (one photograph alone leaves nothing to go on with), ``others`` what else
-    the call writes.
+    ``path`` is that of the manifest, ``others`` what else the call writes; what is done is also looked up in
+    ``earlier`` manifests, and in those of further outputs, ``pointing`` to this one from now on.
     """
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
-    with prepared(options.csv and options.csv.parent):
-        alone = len(options.inputs.paths) == 1 and not options.resume
-        if path is None or alone or not path.parent.is_dir():
+    with writable_folders(options.csv and options.csv.parent):
+        if path is None or not path.parent.is_dir():
             yield None
             return
         settings = settings_of(options.command, work, options.run.intrinsics)
-        with Manifest(path, settings, resume=options.resume) as manifest:
+        with Manifest(path, settings, resume=options.resume, earlier=[*earlier, *pointing]) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
+            for other in pointing:  # so that each output's own manifest leads to what is done
+                with Manifest(other, settings, resume=False) as beside:
+                    beside.append_pointer(path)
             yield manifest
 
 
 def run_over(
     options: PhotographOptions,
-    work: Work[Target, Kept],
+    work: Work[Target, Payload],
     jobs: Sequence[Job[Target]],
     manifest: Manifest | None,
     *,
     names: dict[Path, str] | None = None,
     classify: Callable[[Row], Row] = lambda row: row,
     line: Callable[[Path, Row], str] | None = None,
-) -> Finished[Kept]:
+) -> Finished[Payload]:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
@@ -124,29 +126,31 @@ def run_over(
     ]
     names = names or colmap_names(options.inputs)
     engine, bar = _engine(options, len(jobs)), Progress(PHOTOGRAPH)
-    done: list[tuple[Path, Outcome[Kept]]] = []
+    done: list[tuple[Path, Outcome[Payload]]] = []
     rows: list[Row] = []
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
     sends = options.dask is not None
     try:
+        if len(jobs) > 1 and options.verbosity > QUIET and sys.stderr.isatty():
+            print(printable(options.inputs.counted), file=sys.stderr)
         bar.show(0, len(jobs))
         with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as results:
             for job, outcome in results:
-                row = Row() if outcome.made is None else outcome.made.row
+                row = Row() if outcome.result is None else outcome.result.row
                 row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
                 if not outcome.skipped or options.verbosity > SHORT:
-                    text = None if line is None or outcome.made is None else line(job.path, row)
+                    text = None if line is None or outcome.result is None else line(job.path, row)
                     _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
                 if options.jsonl:
                     outcome = _printed(job.path, outcome)
-                if outcome.made is not None:
-                    _warn(options, bar, job.path, outcome.made.warnings, warned)
+                if outcome.result is not None:
+                    _warn(options, bar, job.path, outcome.result.warnings, warned)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
                 done.append((job.path, outcome))
-                failed += outcome.made is None
+                failed += outcome.result is None
                 bar.show(len(done), len(jobs))
-                if outcome.stop or (failed == options.max_failures and len(done) < len(jobs)):
+                if outcome.stop or (failed == options.max_failures and _left(jobs[job.index + 1 :])):
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -162,6 +166,20 @@ def run_over(
     return run
 
 
+def _left(jobs: Sequence[Job[Any]]) -> bool:
+    """Return whether there are photographs among the jobs: a video may have fewer frames than it says."""
+    for job in jobs:
+        try:
+            if frame_of(job.path) is not None:
+                read_content(job.path, beside=True)
+        except EndOfVideo:
+            continue
+        except Blur2ViewError:  # a photograph that fails
+            pass
+        return True
+    return False
+
+
 def _engine(options: PhotographOptions, count: int) -> Engine:
     if options.dask is not None:
         from blur2view.runs.cluster import Cluster
@@ -171,22 +189,24 @@ def _engine(options: PhotographOptions, count: int) -> Engine:
 
 
 def _print_outcome(
-    options: PhotographOptions, bar: Progress, outcome: Outcome[Kept], text: str | None, *, short: bool
+    options: PhotographOptions, bar: Progress, outcome: Outcome[Payload], text: str | None, *, short: bool
 ) -> None:
     """Print a text about a photograph, or its summary: of many the first line, unless all is wanted."""
-    if outcome.made is None:
+    if outcome.result is None:
         complain(Blur2ViewError(outcome.error), bar.say)
     elif options.prints:
-        lines = (text or outcome.made.summary).split("\n")
+        lines = (text or outcome.result.summary).split("\n")
         lines = lines[: 1 if short and options.verbosity == SHORT else None]
         bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
 
 
 def _printed(path: Path, outcome: Outcome[Any]) -> Outcome[Any]:
     """Print the document of a photograph, or of its failure, on one line; return the outcome without it."""
-    document = failure(path, outcome) if outcome.made is None else outcome.made.kept
+    document = failure(path, outcome) if outcome.result is None else outcome.result.payload
     print(document.to_json(indent=None), flush=True)
-    return outcome if outcome.made is None else replace(outcome, made=replace(outcome.made, kept=None))
+    return (
+        outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, payload=None))
+    )
 
 
 def _warn(
@@ -212,7 +232,7 @@ def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
     return True
 
 
-def _print_end(run: Finished[Kept], count: int, manifest: Manifest | None, *, total: bool) -> None:
+def _print_end(run: Finished[Payload], count: int, manifest: Manifest | None, *, total: bool) -> None:
     """Print the total of several photographs, if it is wanted, or one line about a run that ended early."""
     if run.end is End.WHOLE and count > 1 and total:
         print(_total(count, run))
@@ -224,7 +244,7 @@ def _print_end(run: Finished[Kept], count: int, manifest: Manifest | None, *, to
         print(line, file=sys.stderr)
 
 
-def _total(count: int, run: Finished[Kept]) -> str:
+def _total(count: int, run: Finished[Payload]) -> str:
     """Return the closing line; a video may have fewer frames than it says."""
     skipped, failed = run.skipped, len(run.failures)
     done = len(run.outcomes) - skipped - failed
@@ -255,20 +275,6 @@ def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError
     ]
 
 
-def colmap_names(inputs: Inputs) -> dict[Path, str]:
-    """Return the name of every photograph below the one folder that was given, or else that all share."""
-    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
-    shared = below_shared_folder(inputs.paths)
-    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
-    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
-    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
-    roots |= {path.parent for path in there if path not in below}
-    if len(roots) == 1:
-        (root,) = roots
-        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
-    return names
-
-
 def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths, option: str) -> None:
     """Refuse a table or a list that would be one file with another one of the call."""
     if target is None:
@@ -280,7 +286,9 @@ def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths
         raise OutputError(f"{target}: names the photographs of this call; name another with {option}")
 
 
-def manifest_beside(target: Path) -> Path:
-    """Return the manifest of a file of all photographs."""
-    named = target if target.name else Path(os.path.abspath(target))  # . has no name
-    return named.with_name(f"{named.name}.manifest.jsonl")
+def manifest_of(options: PhotographOptions, target: Path | None) -> Path | None:
+    """Return the hidden manifest of a file of all photographs; one alone leaves nothing to go on with."""
+    if target is None or (len(options.inputs.paths) == 1 and not options.resume):
+        return None
+    target = Path(os.path.abspath(target))  # . has no name
+    return target.with_name(f".{target.name}.manifest.jsonl")

@@ -8,11 +8,12 @@ import numpy as np
 from blur2view.cli.arguments.segment import SegmentOptions, SegmentSettings
 from blur2view.cli.outputs import MASK, MASKS, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
-from blur2view.cli.work import DocumentWork, made
+from blur2view.cli.work import DocumentWork, result_of
+from blur2view.networks.smear_network import Detail
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.masks import MaskDocument, MasksDocument
-from blur2view.runs.job import Job, Made
+from blur2view.runs.job import Job, Result
 from blur2view.segmentation.formats import MaskFormat
 from blur2view.segmentation.mask import segment
 
@@ -23,11 +24,12 @@ class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
 
     kind = MaskDocument
 
-    def __call__(self, job: Job[ResultFiles | None]) -> Made[MaskDocument | None]:
+    def __call__(self, job: Job[ResultFiles | None]) -> Result[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
-        one, files = self.estimated(job), job.target
+        one, files = self.estimated(job, detail=Detail.PIXELS), job.target
         start = time.perf_counter()
-        mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
+        rng = np.random.default_rng(self.run.seed)
+        mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
         summary = mask_summary(document, mask, files, self.verbosity)
         further = []
@@ -35,7 +37,7 @@ class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
             ignore = self.unobservable == "ignore"
             further = [MaskFormat(self.masks).picture(mask.labels, ignore_unobservable=ignore)]
         contents = {} if files is None else mask_contents(files, document, one.image, mask, further)
-        return made(one, document if self.prints_documents else None, summary, contents)
+        return result_of(one, document if self.prints_documents else None, summary, contents)
 
 
 def run(options: SegmentOptions) -> int:

@@ -12,7 +12,7 @@ from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoVie
 from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Estimate
 from blur2view.results.estimate import EstimateDocument
-from blur2view.results.mask_overlay import headline
+from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.masks import MaskDocument
 from blur2view.results.pose import PER_SECOND, BackwardDocument
 from blur2view.results.verdicts import angle_sigma_rad
@@ -21,9 +21,9 @@ from blur2view.segmentation.mask import MotionMask
 FAR_PX = 1e4  # an epipole that is farther away is given as a direction
 
 
-def verdict_line(name: str, meaning: str, geometry: TwoViewGeometry) -> str:
+def verdict_line(name: str, verdict: str, geometry: TwoViewGeometry) -> str:
     """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
-    return f"{printable(name)}: {meaning} [{geometry.config.name}]"
+    return f"{printable(name)}: {verdict} [{geometry.config.name}]"
 
 
 def estimate_summary(
@@ -39,7 +39,7 @@ def mask_summary(
     document: MaskDocument, mask: MotionMask, files: ResultFiles | None, verbosity: int = SHORT
 ) -> str:
     """Return two lines about one photograph's mask, or everything."""
-    lines = [f"{printable(document.image)}: {headline(mask)}"]
+    lines = [f"{printable(document.image)}: {mask_verdict(mask)}"]
     if verbosity == SHORT:
         return _with_files([*lines, mask.reason.partition(";")[0]], files)
     lines.append(mask.reason)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.run import FAILED, End, begun, colmap_names, manifest_beside, run_over
+from blur2view.cli.run import FAILED, End, manifest_of, open_manifest, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
 from blur2view.colmap.connection import BESIDE
@@ -13,7 +13,7 @@ from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.results.table import NO_GEOMETRY
+from blur2view.photographs.inputs import colmap_names
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
 
@@ -25,9 +25,9 @@ def run(options: ToColmapOptions) -> int:
     """
     work = ViewsWork.of(options)
     photographs, failures = name_photographs(options)
-    path = None if options.dry_run else manifest_beside(options.db)
+    path = None if options.dry_run else manifest_of(options, options.db)
     files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
-    with begun(options, work, path, files) as manifest:
+    with open_manifest(options, work, path, files) as manifest:
         replaces = _replaces(options)
         before = _written_before(options)
         _refuse_loss(options, before - {one.name for one in photographs})
@@ -38,19 +38,19 @@ def run(options: ToColmapOptions) -> int:
         ]
         names = colmap_names(options.inputs) | {one.path: one.name for one in left}
         finished = run_over(options, work, jobs, manifest, names=names)
-        made = finished.kept
-        lost = before - {one.name for one in made}
+        views = finished.payloads
+        lost = before - {one.name for one in views}
         interrupted = finished.end is End.INTERRUPTED
-        if finished.end is End.BROKEN or (interrupted and (options.link or not made or lost)):
+        if finished.end is End.BROKEN or (interrupted and (options.link or not views or lost)):
             return finished.exit_code
         _refuse_loss(options, lost)
-        made = with_time(options, made, {name: one.path for name, one in of_name.items()})
-        backup = None if options.dry_run else _write_views(options, made, of_name, replace=replaces)
+        views = with_time(options, views, {name: one.path for name, one in of_name.items()})
+        backup = None if options.dry_run else _write_views(options, views, of_name, replace=replaces)
     document = ToColmapDocument(
         target=str(options.db),
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
-        photographs=[document_of(of_name[one.name], one) for one in made],
+        photographs=[document_of(of_name[one.name], one) for one in views],
         kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
         failures=[*failures, *finished.failures],
     )
@@ -80,18 +80,18 @@ def _written_before(options: ToColmapOptions) -> set[str]:
 
 def _write_views(
     options: ToColmapOptions,
-    made: Sequence[ExposureViews],
+    views: Sequence[ExposureViews],
     photographs: Mapping[str, NamedPhotograph],
     *,
     replace: bool,
 ) -> Path | None:
     """Return the backup, if there is one, after writing everything at once; photographs are by name."""
     if options.link:
-        planned = [(photographs[views.name].plan, views) for views in made]
-        links = [(plan, views) for plan, views in planned if plan is not None]
+        planned = [(photographs[one.name].plan, one) for one in views]
+        links = [(plan, one) for plan, one in planned if plan is not None]
         return write_links(options.db, links, backup=options.backup)
-    if made:
-        write_database(options.db, made, replace=replace)
+    if views:
+        write_database(options.db, views, replace=replace)
     return None
 
 
@@ -122,22 +122,25 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
     total += f"; backup {printable(document.backup)}" if document.backup else ""
     undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
-    if undecided and not linked:
-        total += f"; the translation of {undecided} is undecided, COLMAP makes no points from those"
+    if undecided:
+        total += f"; the translation of {undecided} is undecided: "
+        total += (
+            "the depth of their points comes from your other photographs"
+            if linked
+            else ("COLMAP makes no points from those")
+        )
     return "\n".join([*lines, total])
 
 
 def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
     name = printable(one.name)
     if not one.num_matches:
-        unsure = linked and one.config not in NO_GEOMETRY
-        reason = "no feature of yours has a smear that can be used" if unsure else one.reason
-        return f"{name}: {one.action}, no matches: {reason} [{one.config}]"
+        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
     moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
     if one.translation_known:
         moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
     elif not linked:
         counts = f"none of {one.num_matches} matches is written as an inlier"
-    order = f"known ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
+    order = f"known by neighbours ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
     return f"{line}\n  {one.reason}" if verbosity > SHORT else line

@@ -29,7 +29,8 @@ def run(options: ToTransformsOptions) -> int:
         images=os.path.relpath(images, target.parent),
         exposure_s=options.exposure,
     )
-    _check_photographs(target, content)
+    frames = _present(target, content["frames"])
+    left, content = len(content["frames"]) - len(frames), content | {"frames": frames}
     signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
     files = {target: (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()}
     if PLY_KEY in content:
@@ -40,18 +41,21 @@ def run(options: ToTransformsOptions) -> int:
         write_files(files)
     if options.verbosity > QUIET:
         print(summary(target, content, options.verbosity))
+        if left:
+            print(f"{printable(str(images))}: lacks {left} photographs of the model, which are left out")
     return 0
 
 
-def _check_photographs(target: Path, content: dict[str, Any]) -> None:
-    """Refuse a folder without the photographs: instant-ngp passes over missing ones without a word."""
-    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in content["frames"]]
-    missing = [path for path in paths if not path.is_file()]
-    if missing:
+def _present(target: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the frames whose photographs are there; OutputError if none is."""
+    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in frames]
+    present = [frame for frame, path in zip(frames, paths, strict=True) if path.is_file()]
+    if not present:
         raise OutputError(
-            f"{missing[0]}: no such photograph ({len(missing)} of {len(paths)} are missing); "
+            f"{paths[0]}: no such photograph ({len(paths)} of {len(paths)} are missing); "
             "name their folder with --images"
         )
+    return present
 
 
 def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT) -> str:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
@@ -11,27 +12,20 @@ from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.run import (
-    End,
-    Finished,
-    begun,
-    colmap_names,
-    jobs_of,
-    manifest_beside,
-    refuse_shared,
-    run_over,
-)
+from blur2view.cli.run import End, Finished, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
-from blur2view.cli.work import EstimatingWork, made
+from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
-from blur2view.output_files import check_file, prepared, write_text
+from blur2view.networks.smear_network import Detail
+from blur2view.output_files import check_file, writable_folders, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
+from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
 from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
-from blur2view.results.verdicts import meaning
-from blur2view.runs.job import Job, Made
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Result
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.blur import BlurKind
 
@@ -44,30 +38,32 @@ and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median wit
 class TriageWork(EstimatingWork[None, None]):
     """The work on one photograph, of which nothing is kept but its row."""
 
-    def __call__(self, job: Job[None]) -> Made[None]:
+    def __call__(self, job: Job[None]) -> Result[None]:
         """Return the row of one photograph."""
-        one = self.estimated(job)
-        return made(one, None, meaning(one))
-
-    def restored(self, job: Job[None], stored: Any) -> None:
-        """Return nothing."""
+        one = self.estimated(job, detail=Detail.RANKING)
+        return result_of(one, None, verdict_of(one))
 
 
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
     work, keep = TriageWork.of(options), options.keep
-    first = keep or options.extract or options.csv  # a list knows the call that wrote it whatever the table
-    path = None if first is None else manifest_beside(first)
+    # a list knows the call that wrote it whatever the table, and each what was done for the others
+    targets = [one for one in (keep, options.extract, options.csv) if one is not None]
+    manifests = [path for one in targets if (path := manifest_of(options, one)) is not None]
+    path = manifests[0] if manifests else None
     refuse_shared(options, keep, (), "--keep")
     names = colmap_names(options.inputs)
     files = extracted_names(names)
     classifier = Classifier(options)
     folders = keep and keep.parent, options.extract and options.extract.parent
-    with prepared(*folders), begun(options, work, path, [keep]) as manifest:
+    with (
+        writable_folders(*folders),
+        open_manifest(options, work, path, [keep], pointing=manifests[1:]) as manifest,
+    ):
         _check_list(options, names.values(), manifest)
         choice = _choice(options, files, manifest)
-        earlier = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
-        _check_folder(options, files.values() if earlier in ("", choice) else (), path)
+        chosen = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
+        _check_folder(options, files.values() if chosen in ("", choice) else (), manifests)
         finished = run_over(
             options, work, jobs_of(options), manifest, classify=classifier, line=classifier.line
         )
@@ -75,20 +71,22 @@ def run(options: TriageOptions) -> int:
             return finished.exit_code
         paths = [one for one, _ in finished.outcomes if not options.inputs.is_folder(one)]
         kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
-        whole, chosen = finished.end is End.WHOLE, {one: files[one] for one in kept}
+        whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
         if whole:
-            _check_folder(options, chosen.values(), path)
+            _check_folder(options, pictures.values(), manifests)
+        if keep is not None:
+            kept = [one for one in kept if listable(names[one])]
         if keep is not None and (whole or not options.selects):
-            write_text(keep, list_text([names[one] for one in kept]))
+            write_text(keep, "".join(f"{names[one]}\n" for one in kept))
             if manifest is not None:
                 manifest.append_target(keep)
         if options.extract is not None and whole:
             if manifest is not None:
                 manifest.append_target(options.extract, choice)
-            extract(options.extract, chosen)
+            extract(options.extract, pictures)
     if options.verbosity > QUIET:
         print(closing_line(finished, options, len(kept)))
-    return finished.exit_code
+    return finished.exit_code or int(len(kept) < len(pictures))
 
 
 def selected(options: TriageOptions, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
@@ -116,12 +114,13 @@ def _view(path: Path) -> Array | None:
         return None
 
 
-def list_text(names: Sequence[str]) -> str:
-    """Return COLMAP's list of images, one a line; a name with a line break, which none holds, is left out."""
-    for name in names:
-        if name.splitlines() != [name]:
-            complain(OutputError(f"{name}: has a line break in its name, which no list holds; rename it"))
-    return "".join(f"{name}\n" for name in names if name.splitlines() == [name])
+def listable(name: str) -> bool:
+    """Return whether COLMAP's list of images, one a line, can hold a name, after a line if it cannot."""
+    if name.splitlines() == [name.strip()]:
+        return True
+    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
+    complain(OutputError(f"{name}: {why}"))
+    return False
 
 
 def _check_list(options: TriageOptions, names: Collection[str], manifest: Manifest | None) -> None:
@@ -155,10 +154,13 @@ def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifes
     return hashlib.sha256(json.dumps([settings, *map(str, kinds), *files.values()]).encode()).hexdigest()
 
 
-def _check_folder(options: TriageOptions, files: Collection[str], manifest: Path | None) -> None:
-    """Refuse a folder for the pictures that holds others than these, or files of the call."""
+def _check_folder(options: TriageOptions, files: Collection[str], manifests: Sequence[Path]) -> None:
+    """Refuse a folder for the pictures that holds others than these, or photographs or files of the call."""
     if options.extract is not None:
-        besides = [one for one in (options.csv, options.keep, manifest) if one is not None]
+        here = {os.path.realpath(path.parent) for path in options.inputs.paths}
+        if os.path.realpath(options.extract) in here:
+            raise OutputError(f"{options.extract}: holds the photographs themselves; name an empty folder")
+        besides = [one for one in (options.csv, options.keep, *manifests) if one is not None]
         refuse_others(options.extract, files, besides)
 
 

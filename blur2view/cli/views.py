@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
-from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
-from blur2view.cli.work import EstimatingWork, made
+from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
@@ -24,12 +22,15 @@ from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.networks.smear_network import Detail
+from blur2view.photographs.inputs import colmap_names
 from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore
+from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ViewsDocument
-from blur2view.results.verdicts import meaning
-from blur2view.runs.job import Job, Made
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Result
 from blur2view.segmentation.mask import MotionLabel, segment
 
 
@@ -55,6 +56,7 @@ class NamedPhotograph:
 def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
     geometry, plan, count = views.geometry, photograph.plan, len(matched(views))
+    unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
     return ViewsDocument(
         image=str(photograph.path),
         name=views.name,
@@ -62,7 +64,7 @@ def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocum
         action="add" if plan is None else plan.step.value,
         config=geometry.config.name,
         parallax=str(geometry.parallax),
-        reason=geometry.reason,
+        reason="no feature of yours has a smear that can be used" if unsure else geometry.reason,
         num_keypoints=len(views.points_open),
         num_matches=count,
         num_inliers=int(geometry.inlier_mask.sum()) if count else 0,
@@ -102,11 +104,17 @@ def refusal(path: Path, name: str) -> DatabaseError | None:
 class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]):
     """The work on one photograph, whose field, which is large, is not kept."""
 
-    def __call__(self, job: Job[NamedPhotograph]) -> Made[ExposureViews]:
+    def __call__(self, job: Job[NamedPhotograph]) -> Result[ExposureViews]:
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
-        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.db, plan, self.run))
+        masked = plan is not None and self.skip_movers
+        one = self.estimated(
+            job,
+            as_stored=True,
+            camera_of=partial(_camera, self.db, plan, self.run),
+            detail=Detail.PIXELS if masked else Detail.GEOMETRY,
+        )
         if plan is None:
             views = views_of(photograph.name, one.estimate)
         else:
@@ -116,34 +124,18 @@ class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]
             views = keypoint_views(
                 photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
             )
-        return made(one, views, verdict_line(photograph.name, meaning(one), one.estimate.geometry))
+        return result_of(one, views, verdict_line(photograph.name, verdict_of(one), one.estimate.geometry))
 
-    def stored(self, kept: ExposureViews) -> Any:
+    def stored(self, payload: ExposureViews) -> Any:
         """Return the views in JSON's types."""
-        return plain(kept)
+        return plain(payload)
 
     def restored(self, job: Job[NamedPhotograph], stored: Any) -> ExposureViews:
         """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
         views: ExposureViews = restore(ExposureViews, stored)
-        photograph, plan = job.target, job.target.plan
-        count = len(views.points_open if plan is None else plan.image.keypoints)
-        if views.name != photograph.name or (views.usable is None) != (plan is None):
-            raise ValueError(f"expected the views of {photograph.name}")
-        _check_shapes(views, count)
+        if views.name != job.target.name or (views.usable is None) != (job.target.plan is None):
+            raise ValueError(f"expected the views of {job.target.name}")
         return views
-
-
-def _check_shapes(views: ExposureViews, count: int) -> None:
-    """Raise ValueError unless all arrays are of so many points, and the camera is one of COLMAP's."""
-    geometry, camera = views.geometry, views.camera
-    of_points = {one.shape for one in (geometry.inlier_mask, geometry.swapped, views.sigma_px)}
-    matrices = {one.shape for one in (geometry.F, geometry.H, geometry.E) if one is not None}
-    if of_points != {(count,)} or not matrices <= {(3, 3)} or geometry.backward is not None:
-        raise ValueError(f"expected {count} points and matrices of shape (3, 3)")
-    if camera is not None and (camera.width, camera.height) != views.size:
-        raise ValueError("expected a camera of the photograph's size")
-    if camera is not None:
-        colmap_camera(camera.model, *views.size, camera.params)
 
 
 def _camera(

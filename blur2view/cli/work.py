@@ -23,14 +23,14 @@ from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
 from blur2view.input_files import parse_json, read_regular
 from blur2view.networks.model_file import model_path, usable_cores
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.output_files import ResultFiles
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import CameraOf, FileEstimate, Run, estimate_file
 from blur2view.results.document import Document
 from blur2view.results.stored import plain, restore
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Kept, Made, Target, Work, file_digest
+from blur2view.runs.job import Job, Payload, Result, Target, Work, file_digest
 from blur2view.runs.manifest import Settings
 
 Written = TypeVar("Written", bound=Document)
@@ -38,16 +38,21 @@ Written = TypeVar("Written", bound=Document)
 
 @dataclass(frozen=True, kw_only=True)
 class CommandNetwork:
-    """The network, as it goes to the processes that run it: what --model names and the file's SHA-256."""
+    """The network, as it goes to the processes that run it.
+
+    What --model and --provider name, and the file's SHA-256.
+    """
 
     model: str | None
     digest: str
+    provider: str | None = None
 
     @classmethod
-    def of(cls, model: str | None) -> Self:
-        """Return that of --model, loaded to see that it can be; its tiles are shown to a person."""
+    def of(cls, model: str | None, provider: str | None = None) -> Self:
+        """Return that of the options, loaded to see that it can be; its tiles are shown to a person."""
         path = model_path(model)
-        network = cls(model=model, digest=file_digest(path) if path.is_file() else "")
+        digest = file_digest(path) if path.is_file() else ""
+        network = cls(model=model, digest=digest, provider=provider)
         network.loaded.on_tile = Progress(TILE).show  # or it says what is wrong
         network.loaded.tiles_at_once = usable_cores()  # here alone
         return network
@@ -61,14 +66,16 @@ class CommandNetwork:
 @lru_cache(maxsize=1)
 def _loaded(network: CommandNetwork) -> SmearNetwork:
     """Return the smear network, loaded once; processes beside others have a core each."""
-    loaded = SmearNetwork(network.model, threads=usable_cores() if parent_process() is None else 1)
+    threads = usable_cores() if parent_process() is None else 1
+    providers = () if network.provider is None else (network.provider,)
+    loaded = SmearNetwork(network.model, threads=threads, providers=providers)
     if file_digest(loaded.path) != network.digest:  # as a machine of a cluster may have
         raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
     return loaded
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatingWork(Work[Target, Kept]):
+class EstimatingWork(Work[Target, Payload]):
     """Work that begins with the estimate of a photograph."""
 
     run: Run
@@ -80,15 +87,25 @@ class EstimatingWork(Work[Target, Kept]):
     def of(cls, options: PhotographOptions) -> Self:
         """Return the work, of what has its names in the options of a command, after loading the network."""
         own = {one.name: getattr(options, one.name) for one in fields(cls) if one.name != "network"}
-        return cls(network=CommandNetwork.of(options.model), **own)
+        return cls(network=CommandNetwork.of(options.model, options.provider), **own)
 
     def estimated(
-        self, job: Job[Target], *, as_stored: bool = False, camera_of: CameraOf | None = None
+        self,
+        job: Job[Target],
+        *,
+        as_stored: bool = False,
+        camera_of: CameraOf | None = None,
+        detail: Detail = Detail.GEOMETRY,
     ) -> FileEstimate:
         """Return the estimate of a photograph, in the order in time that its neighbours decide."""
-        network = self.network.loaded
         one = estimate_file(
-            job.path, network, self.run, job.content, as_stored=as_stored, camera_of=camera_of
+            job.path,
+            self.network.loaded,
+            self.run,
+            job.content,
+            as_stored=as_stored,
+            camera_of=camera_of,
+            detail=detail,
         )
         one = replace(one, frame=job.frame, timestamp_s=job.timestamp_s, timed=self.timings)
         if not job.neighbours:
@@ -103,11 +120,11 @@ class EstimatingWork(Work[Target, Kept]):
         return replace(one, estimate=in_time(one.estimate, motions))
 
 
-def made(
-    one: FileEstimate, kept: Kept, summary: str, files: Mapping[Path, bytes] | None = None
-) -> Made[Kept]:
+def result_of(
+    one: FileEstimate, payload: Payload, summary: str, files: Mapping[Path, bytes] | None = None
+) -> Result[Payload]:
     """Return what the work on a photograph gives, with its row and its warnings."""
-    return Made(kept=kept, summary=summary, row=Row.of(one), files=files or {}, warnings=one.warnings)
+    return Result(payload=payload, summary=summary, row=Row.of(one), files=files or {}, warnings=one.warnings)
 
 
 @dataclass(frozen=True, kw_only=True)

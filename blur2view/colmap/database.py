@@ -21,7 +21,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
-from blur2view.output_files import half_written
+from blur2view.output_files import half_written, remove_left_over
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""
@@ -135,6 +135,7 @@ def new_database(
         refuse_existing(path)
     beside = half_written(path)
     try:
+        remove_left_over({path}, [path.parent])
         _write_cameras(beside, cameras)
         with closing(sqlite3.connect(beside, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away

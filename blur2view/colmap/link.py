@@ -31,6 +31,7 @@ from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+from blur2view.output_files import half_written, remove_left_over
 
 OURS = "(SELECT image_id FROM blur2view_views)"
 OF_THE_USER = {  # by table, which rows; of the others none is changed
@@ -126,6 +127,7 @@ def write_links(
         return None
     with ExitStack() as undo:
         with open_for_writing(path) as database:
+            remove_left_over({path}, [path.parent])  # of a backup that was killed
             check_schema(path, database)
             names = image_names(database)
             for plan, _ in links:
@@ -192,10 +194,11 @@ def back_up(path: Path) -> Path:
         path.with_name(f"{path.name}.{stamp}{end}.bak") for end in ("", *map("-{}".format, range(1000)))
     )
     copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
-    beside = copy.with_name(f".{copy.name}.tmp")
+    beside = half_written(path)
     try:
         # not `open_read_only`, whose look at the header would end the lock of this process's transaction
         with closing(connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:
+            target.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
             source.backup(target)
         beside.replace(copy)
     except (sqlite3.Error, OSError) as error:

@@ -1,7 +1,11 @@
 """The frames of a video as a series: every estimate in the direction of time that its neighbours show."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
@@ -10,6 +14,7 @@ from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbo
 from blur2view.exposure.views import views_in_order, views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
@@ -31,7 +36,7 @@ def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate
 
 
 def estimate_frames(
-    frames: Iterable[AnyArray],
+    frames: Iterable[AnyArray] | str | os.PathLike[str],
     *,
     network: SmearNetwork | None = None,
     select: SelectOptions | None = None,
@@ -39,37 +44,57 @@ def estimate_frames(
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
 ) -> Iterator[Estimate]:
-    """Yield the estimate of each frame of a video, as :func:`estimate`, in the right direction of time.
+    """Return an iterator over estimates of a video's frames, each in the right direction of time.
 
-    A frame alone leaves the direction of time open; the frames before and after it decide it, so each is
-    given when the next one is there, and the angular velocities are one continuous series. One network is
-    used for all. For photographs that are no video call :func:`estimate` in a loop, with one
-    :class:`SmearNetwork`.
+    Each is as of :func:`estimate`. A frame alone leaves the direction of time open; the frames before and
+    after it decide it, so each is given when the next one is there, and the angular velocities are one
+    continuous series. One network is used for all. For photographs that are no video call :func:`estimate` in
+    a loop, with one :class:`SmearNetwork`.
 
     Parameters
     ----------
-    frames : iterable of ndarray of shape (H, W, 3) or (H, W)
-        Consecutive frames, all of one size, in the order of time.
+    frames : iterable of ndarray of shape (H, W, 3) or (H, W), or path
+        Consecutive frames, all of one size, in the order of time; or the file of a video.
     network, select, options, camera, shutter
         As of :func:`estimate`.
 
-    Yields
-    ------
-    Estimate
+    Returns
+    -------
+    iterator of Estimate
         Its ``time`` says whether neighbours decided.
 
     Raises
     ------
-    ValueError, ModelError
-        As :func:`estimate`.
+    ValueError, ModelError, ImageError
+        As :func:`estimate`; if the frames are one photograph, or one is of another size.
     """
-    network = network or SmearNetwork()
+    if isinstance(frames, str | os.PathLike):
+        frames = read_video(frames)
+    if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
+        got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"
+        raise ValueError(f"expected the frames of a video, got {got}; one photograph goes to estimate(image)")
+    one_of = partial(
+        estimate,
+        network=network or SmearNetwork(),
+        select=select,
+        options=options,
+        camera=camera,
+        shutter=shutter,
+    )
+    return _in_series(frames, one_of, camera)
+
+
+def _in_series(
+    frames: Iterable[AnyArray], estimate_one: Callable[[AnyArray], Estimate], camera: Camera | None
+) -> Iterator[Estimate]:
+    """Yield the estimate of each frame when the next one is there."""
     held: tuple[Estimate, Features, list[NeighbourMotion]] | None = None
-    for frame in frames:
+    for number, frame in enumerate(frames):
         image = rgb_of(frame)
-        estimated = estimate(
-            image, network=network, select=select, options=options, camera=camera, shutter=shutter
-        )
+        estimated = estimate_one(image)
+        if held is not None and estimated.grid.shape != held[0].grid.shape:
+            (height, width), (rows, columns) = estimated.grid.shape, held[0].grid.shape
+            raise ValueError(f"frame {number} has {width}x{height} pixels, those before {columns}x{rows}")
         features, motions = features_of(image), list[NeighbourMotion]()
         if held is not None:
             earlier, later = match_features(held[1], features)

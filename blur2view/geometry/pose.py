@@ -89,6 +89,10 @@ class AngularVelocity:
     mean: Array
     covariance: Array
 
+    def __repr__(self) -> str:
+        mean, sigma = (", ".join(f"{value:z.3g}" for value in one) for one in (self.mean, self.sigma))
+        return f"<AngularVelocity ({mean}) +/- ({sigma}) rad/s>"
+
     @property
     def sigma(self) -> Array:
         """Standard deviations (3,), radians per second."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from blur2view.arrays import AnyArray
 
 Floats = NDArray[np.float32]
 
@@ -16,20 +19,24 @@ SAMPLES = 1_000_000
 """Values at least, where there are as many, that the quantile is taken of."""
 
 
-def gain_of(image: Floats, brightness: float = BRIGHT) -> float:
-    """Return the factor, 1 at least, that makes a photograph (H, W, 3) or (H, W), 0 to 1, so bright.
+def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
+    """Return the factor, 1 at least, that makes a photograph (H, W, 3) or (H, W) so bright.
 
-    Its values are coded: the factor is that of the light to the power of the code's exponent, for whatever
-    exponent.
+    Of uint8, uint16 or floats in [0, 1]. Its values are coded: the factor is that of the light to the power
+    of the code's exponent, for whatever exponent.
     """
-    every = max(int(np.sqrt(image.size / SAMPLES)), 1)
-    values = image[::every, ::every].ravel()
+    every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / SAMPLES)), 1)
+    values = image[::every, ::every].reshape(-1)
     rank = min(int(QUANTILE * len(values)), len(values) - 1)
-    bright = float(np.partition(values, rank)[rank])
-    return min(max(brightness / max(bright, 1e-6), 1.0), LARGEST_GAIN)
+    if values.dtype == np.uint8:  # counted: a tenth of the time
+        counts = cv2.calcHist([values], [0], None, [256], [0, 256])
+        bright = int(np.searchsorted(np.cumsum(counts, dtype=np.int64), rank, side="right"))
+    else:
+        bright = np.partition(values, rank)[rank]
+    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
+    return min(max(brightness / max(float(np.float32(bright) / np.float32(white)), 1e-6), 1.0), LARGEST_GAIN)
 
 
-def brightened(image: Floats, brightness: float) -> Floats:
-    """Return a photograph, 0 to 1, so bright; the same array where it is as bright already."""
-    gain = gain_of(image, brightness)
+def brightened(image: Floats, gain: float) -> Floats:
+    """Return a photograph, 0 to 1, brighter by a factor; the same array if it is 1."""
     return image if gain == 1 else np.minimum(image * np.float32(gain), np.float32(1))

@@ -68,10 +68,10 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
     Parameters
     ----------
     cells : ndarray of shape (h, w, 4)
-        As of :func:`blur2view.smears.likelihood.read_smears`, of cells of 32 px.
+        As of :func:`blur2view.smears.likelihood.read_smears`.
     spectra : list of ndarray
         :func:`blur2view.networks.spectra.power_spectra` (h, w, 96, 49) of the picture and its smaller copies,
-        which halve it.
+        which halve it; of windows as far apart in the picture as the cells, or 2, 4, ... times as far.
     threads : int
         That share the work; the result is the same.
 
@@ -83,13 +83,13 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
     octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
     moved = cells.copy()
     for k, power in enumerate(spectra):
-        own = octave == k
-        prior = prior_of(cells, own, k)
+        own, side = octave == k, len(cells) // len(power)
+        prior = prior_of(cells, own, side, 2**k)
         if not prior.usable.any():
             continue
         corrections = corrections_of(*sampled_peaks(power, prior, threads), prior)
-        own &= at_cells(prior.usable, 2**k) & (cells[..., 2] < UNSURE * length)
-        moved[own] = corrected(cells, at_cells(corrections, 2**k))[own]
+        own &= at_cells(prior.usable, side) & (cells[..., 2] < UNSURE * length)
+        moved[own] = corrected(cells, at_cells(corrections, side))[own]
     return moved
 
 
@@ -98,9 +98,11 @@ def at_cells(values: NDArray[Any], side: int) -> NDArray[Any]:
     return np.repeat(np.repeat(values, side, 0), side, 1)
 
 
-def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
-    """Return what the network says of an octave's windows: the means over their own cells."""
-    side = 2**octave
+def prior_of(cells: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Prior:
+    """Return what the network says of an octave's windows: the means over their own cells.
+
+    These are side x side; a pixel of the octave is scale x scale of the picture.
+    """
     height, width = own.shape[0] // side, own.shape[1] // side
     length = np.hypot(cells[..., 0], cells[..., 1])
     values = np.concatenate([cells, length[..., None], np.ones_like(length)[..., None]], -1) * own[..., None]
@@ -108,9 +110,9 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], octave: int) -> Prior:
     count = sums[..., 5]
     x, y, sigma_px, sigma_rad, length = np.moveaxis(sums[..., :5] / np.maximum(count, 1)[..., None], -1, 0)
     along = along_px(length, sigma_px, sigma_rad)
-    long = (length >= SHORTEST_PX * side) & (length <= 2 * LONGEST_PX * side)
+    long = (length >= SHORTEST_PX * scale) & (length <= 2 * LONGEST_PX * scale)
     return Prior(
-        smear=(length / side * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
+        smear=(length / scale * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
         sigma_rad=np.maximum(sigma_rad, LEAST_SIGMA_RAD),
         sigma_log=np.maximum(along / np.maximum(length, 1e-3), LEAST_SIGMA_RAD),
         usable=(count > 0) & long & (sigma_px < UNSURE * length),

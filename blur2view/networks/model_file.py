@@ -3,7 +3,7 @@
 import json
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -22,6 +22,7 @@ AXES = dict(zip((*INPUTS, *OUTPUTS), (4, 5, 4, 5, 5, 4, 4, 5), strict=True))
 """Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
 logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
 SHIPPED = "smear.onnx"
+CPU = "CPUExecutionProvider"
 MAX_FILE_BYTES = 1 << 28  # the shipped network has 850 kB
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
 PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
@@ -69,17 +70,18 @@ def shipped_file(name: str) -> Path:
     return installed if installed.exists() else package.parent / "models" / name
 
 
-def open_session(path: Path, threads: int) -> Any:
+def open_session(path: Path, threads: int, providers: Sequence[str] = ()) -> Any:
     """Open an ONNX Runtime session or raise ModelError, which names the remedy.
 
     Nothing of the network is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of
-    all networks of the process together.
+    all networks of the process together. ``providers`` as of `provider_names`.
     """
     try:
         content = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
         raise ModelError(f"{path}: cannot read the network ({error.strerror}); {REMEDY}") from None
     onnxruntime = _onnxruntime()
+    wanted = provider_names(providers)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
@@ -89,15 +91,35 @@ def open_session(path: Path, threads: int) -> Any:
     options.log_severity_level = 4  # only what is fatal: the exception says the rest
     try:
         # with its fallback ONNX Runtime would print to stdout and try once more
-        return onnxruntime.InferenceSession(
+        session = onnxruntime.InferenceSession(
             content,
             options,
-            providers=["CPUExecutionProvider"],
+            providers=[*wanted, CPU],
             enable_fallback=0,
             disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
         )
     except session_errors():
         raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
+    if idle := [name for name in wanted if name not in session.get_providers()]:
+        raise ModelError(f"{_short(idle[0])} does not start: a library or a device is missing; leave it out")
+    return session
+
+
+def provider_names(providers: Sequence[str]) -> list[str]:
+    """Return ONNX Runtime's names of execution providers, such as cuda, coreml or openvino.
+
+    ModelError if its build has one of them not.
+    """
+    there = {_short(name): name for name in _onnxruntime().get_available_providers()}
+    for name in providers:
+        if _short(name) not in there:
+            known = ", ".join(there)
+            raise ModelError(f"{name}: is no execution provider of this ONNX Runtime, which has {known}")
+    return [there[_short(name)] for name in providers if there[_short(name)] != CPU]
+
+
+def _short(provider: str) -> str:
+    return provider.lower().removesuffix("executionprovider")
 
 
 @contextmanager

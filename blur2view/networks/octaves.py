@@ -31,8 +31,16 @@ def octaves(grey: Floats, count: int) -> list[Floats]:
 
 
 def doubled(cells: Floats, shape: tuple[int, int]) -> Floats:
-    """Return cells (h, w, ...) of a smaller copy on the grid, of this shape, of the next larger one."""
-    return np.repeat(np.repeat(cells, 2, 0), 2, 1)[: shape[0], : shape[1]]
+    """Return cells (h, w, ...) of a smaller copy on the grid, of this shape, of the next larger one.
+
+    The same where that has no more cells.
+    """
+    if cells.shape[:2] == shape:
+        return cells
+    h, w = cells.shape[:2]
+    larger = np.empty((h, 2, w, 2, *cells.shape[2:]), cells.dtype)
+    larger[:] = cells[:, None, :, None]
+    return larger.reshape(2 * h, 2 * w, *cells.shape[2:])[: shape[0], : shape[1]]
 
 
 def joined(fine: Floats, coarse: Floats) -> Floats:

@@ -1,30 +1,55 @@
-"""The smear network: a checked ONNX file, run on whole photographs or on overlapping tiles."""
+"""The smear network: a checked ONNX file, run on photographs in one piece.
+
+Of a large photograph it reads as many windows as of an ordinary one, spread over the picture, and only the
+octaves that its smears need; or all windows, in overlapping tiles.
+"""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from enum import StrEnum
 from itertools import product
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from threadpoolctl import threadpool_limits
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ModelError
-from blur2view.networks.brightness import brightened
+from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
 from blur2view.networks.octaves import LEVELS, octave_count
 from blur2view.networks.spectra import STEP
-from blur2view.networks.tiles import cells, ramps, reflected, spans
+from blur2view.networks.tiles import cells, mirrored, ramps, reflected, spans
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
+from blur2view.smears.likelihood import DIRECTIONS
+from blur2view.smears.noise import WINDOW_PX
 
+Floats = NDArray[np.float32]
+
+
+class Detail(StrEnum):
+    """What a photograph is read for."""
+
+    PIXELS = "pixels"
+    """Smears of every pixel, and masks: every window is read."""
+    GEOMETRY = "geometry"
+    """The camera's motion: of photographs above ``max_pixels`` some thousand windows spread over them."""
+    RANKING = "ranking"
+    """The order of photographs by their blur: of all but small ones a few hundred windows."""
+
+
+LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 120}
+"""Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
+_STRIP_ROWS = 256  # converted at a time
 
 
 class SmearNetwork:
@@ -36,26 +61,38 @@ class SmearNetwork:
         An ONNX file written by ``tools/training/export_reader.py``; the shipped one by default.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is the same.
+    providers : sequence of str
+        Execution providers of ONNX Runtime, tried before the processor, as ``["cuda"]``, ``["coreml"]``,
+        ``["openvino"]``; results differ by rounding.
 
     Raises
     ------
     ModelError
-        If the file is missing, not ONNX, or not a network of this format.
+        If the file is missing, not ONNX, or no network of this format, or there is no such provider.
     """
 
-    max_pixels = 2_500_000  # larger photographs are read in tiles: 1920x1080 is read in one piece
+    max_pixels = 2_500_000  # of photographs that are read in one piece, 1920x1080 among them
     tile_px, overlap_px = 1280, 256  # of tiles, whose overlaps are blended
 
-    def __init__(self, path: str | os.PathLike[str] | None = None, *, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        threads: int | None = None,
+        providers: Sequence[str] = (),
+    ) -> None:
         self.path = model_path(path)
-        session = open_session(self.path, threads or usable_cores())
+        session = open_session(self.path, threads or usable_cores(), providers)
         self.info = read_info(self.path, session)
         self._reader = OctaveReader(self.path, session, self.info)
         self.tiles_at_once = 1  # the result is the same; each takes the memory of one
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
 
-    def predict(self, image: AnyArray, levels: int = LEVELS) -> SmearGrid:
+    def __repr__(self) -> str:
+        return f"<SmearNetwork {self.info.model_id} of {self.path.name}, a cell every {STEP} px>"
+
+    def predict(self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
 
         Parameters
@@ -64,6 +101,9 @@ class SmearNetwork:
             A photograph as :func:`rgb_of` takes it.
         levels : int
             Sizes at most that are read, the image's own included; the smaller ones for long smears.
+        detail : Detail
+            What it is read for. Where not every window is, those that are are spread over the picture, in the
+            sizes that its smears need.
 
         Returns
         -------
@@ -79,23 +119,58 @@ class SmearNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        image = brightened(rgb_of(image), self.info.brightness)
-        flat = _flat(image, STEP)
-        with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
-            grid = self._cells(image, flat, levels)
-        if not np.isfinite(grid).all():
-            raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
-        grid[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
-        height, width = image.shape[:2]
-        cells, blur = np.split(grid, [4], axis=-1)
-        return SmearGrid(cells=cells, blur=blur, stride=STEP, shape=(height, width))
+        return self._read(image, levels, detail=detail)[0]
 
-    def _cells(self, image: NDArray[np.float32], flat: NDArray[np.bool_], levels: int) -> NDArray[np.float32]:
-        """Return smears and kinds of blur on the network's grid, (h, w, 10), tiles blended.
+    def with_features(
+        self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS
+    ) -> tuple[SmearGrid, Floats]:
+        """Return what `predict` does, and the features (h, w, 32, C) of the cells, of the finest octave read.
+
+        Where a photograph is read in tiles the features are blended, too.
+        """
+        return self._read(image, levels, detail=detail, with_features=True)
+
+    def _read(
+        self, image: AnyArray, levels: int, *, detail: Detail, with_features: bool = False
+    ) -> tuple[SmearGrid, Floats]:
+        spread = self._spread(np.shape(image)[:2], detail)
+        step = STEP << max(spread, octave_count(np.shape(image), levels) - 1) if spread else 1
+        shown, grey = shown_and_grey(image, self.info.brightness, step)
+        shape = shown.shape[0], shown.shape[1]
+        with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
+            if spread:
+                flat = _flat(_small(shown, 1 << spread), STEP)
+                reading = self._reader.read(grey, octave_count(shape, levels), STEP << spread)
+                values, features = reading.values, reading.features
+            else:
+                flat = _flat(shown, STEP)
+                values, features = self._in_tiles(grey, flat, levels, with_features=with_features)
+        rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
+        values = values[:rows, :columns]
+        if not np.isfinite(values).all():
+            raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
+        values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
+        cells, blur = np.split(values, [4], axis=-1)
+        window_px = WINDOW_PX << spread  # as if the picture were smaller
+        grid = SmearGrid(cells=cells, blur=blur, stride=STEP << spread, shape=shape, window_px=window_px)
+        return grid, features[:rows, :columns]
+
+    def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
+        """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
+        pixels = float(np.prod(shape))
+        detail = Detail(detail)  # a word will do
+        if detail is Detail.PIXELS or (detail is Detail.GEOMETRY and pixels <= self.max_pixels):
+            return 0
+        return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
+
+    def _in_tiles(
+        self, grey: Floats, flat: NDArray[np.bool_], levels: int, *, with_features: bool
+    ) -> tuple[Floats, Floats]:
+        """Return what is read of all windows, (h, w, 10), and features, empty unless wanted; tiles blended.
 
         Tiles that are flat all over are not read.
         """
-        height, width = image.shape[:2]
+        height, width = grey.shape
         tile_px = self.tile_px if height * width > self.max_pixels else max(height, width)
         piece = min(height, width, tile_px)
         levels = octave_count((piece, piece), levels)
@@ -103,8 +178,10 @@ class SmearNetwork:
         *sides, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
         rows, columns = (spans(side, step, tile_px, self.overlap_px) for side in sides)
         shape = rows[-1].stop // STEP, columns[-1].stop // STEP
-        total = np.zeros((*shape, 5 + len(KINDS)), np.float32)
-        weight = np.zeros((*shape, 1), np.float32)
+        values = np.zeros((*shape, 5 + len(KINDS)), np.float32)
+        channels = self.info.features if with_features else 0
+        features = np.zeros((*shape, DIRECTIONS, channels), np.float32)
+        weight = np.zeros(shape, np.float32)
         tiles = list(product(ramps(rows, STEP), ramps(columns, STEP)))
 
         pool = ThreadPoolExecutor(self.tiles_at_once)
@@ -112,61 +189,108 @@ class SmearNetwork:
             windows = [(cells(row, STEP), cells(column, STEP)) for (row, _), (column, _) in tiles]
             read = pool.map(
                 lambda tile, window: (
-                    None if flat[window].all() else self._reader.read(reflected(image, *tile), levels)
+                    None if flat[window].all() else self._reader.read(reflected(grey, *tile), levels)
                 ),
                 [(row, column) for (row, _), (column, _) in tiles],
                 windows,
             )
-            for done, (tile, window, grid) in enumerate(zip(tiles, windows, read, strict=True), 1):
+            for done, (tile, window, reading) in enumerate(zip(tiles, windows, read, strict=True), 1):
                 (_, row_weight), (_, column_weight) = tile
-                tile_weight = np.outer(row_weight, column_weight)[..., None]
-                total[window] += 0 if grid is None else grid * tile_weight
+                tile_weight = np.outer(row_weight, column_weight)
                 weight[window] += tile_weight
+                if reading is not None:
+                    values[window] += reading.values * tile_weight[..., None]
+                    features[window] += reading.features[..., :channels] * tile_weight[..., None, None]
                 self.on_tile(done, len(tiles))
         finally:
             pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
-        total /= weight
-        # a cell that the border cuts is kept; what lies wholly beyond it is padding
-        return total[: -(-height // STEP), : -(-width // STEP)]
+        return values / weight[..., None], features / weight[..., None, None]
 
 
-def rgb_of(image: AnyArray) -> NDArray[np.float32]:
+def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
     """Return a photograph as the network reads it: (H, W, 3), float32, sRGB-coded RGB in [0, 1], contiguous.
 
     Parameters
     ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
+    image : ndarray of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), or a picture of Pillow
         RGB (OpenCV's BGR as ``image[..., ::-1]``) or grey, sRGB-coded: uint8, uint16, or floats in [0, 1];
-        contiguous or not. It is not changed.
+        contiguous or not. Of RGBA what is transparent shows mid-grey. It is not changed.
 
     Raises
     ------
     ValueError
         If it is none of these.
     """
+    return floats_of(photograph_of(image))
+
+
+def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
+    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits, or raise its ValueError."""
+    if isinstance(image, Image.Image):
+        deep, mode = image.mode[0] in "IF", "RGBA" if image.has_transparency_data else "RGB"
+        image = np.asarray(image if deep else image.convert(mode))
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
     integer = image.dtype in (np.uint8, np.uint16)
-    if image.shape[2:] not in ((), (3,)) or image.ndim < 2 or not image.size:
+    if image.shape[2:] not in ((), (1,), (3,), (4,)) or image.ndim < 2 or not image.size:
         raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
     if not (integer or np.issubdtype(image.dtype, np.floating)):
         raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
+    if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
+        raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
+    if image.shape[2:] == (4,):
+        white = np.iinfo(image.dtype).max if integer else 1
+        image = over_backdrop(np.asarray(image / np.float32(white), np.float32))
+    return image[..., 0] if image.shape[2:] == (1,) else image
+
+
+def floats_of(image: AnyArray) -> Floats:
+    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1]."""
     values = np.ascontiguousarray(image, np.float32)
-    if integer:
+    if np.issubdtype(image.dtype, np.integer):
         values = values / np.float32(np.iinfo(image.dtype).max)
-    elif not (values.min() >= 0 and values.max() <= 1):  # NaN if any value is
-        raise ValueError(f"expected finite values in [0, 1], got {values.min():.4g} to {values.max():.4g}")
     return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
 
 
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def _flat(image: NDArray[np.float32], stride: int) -> NDArray[np.bool_]:
+def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArray[np.uint8], Floats]:
+    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (H, W, 3) of 8 bits, and its luma.
+
+    The luma's sides are rounded up to multiples of ``step`` and mirrored there. A strip of rows at a time, so
+    that memory does not hold all of it as RGB floats.
+    """
+    image = photograph_of(image)
+    gain = gain_of(image, brightness)
+    height, width = image.shape[:2]
+    as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
+    shown = image if as_it_is else np.empty((height, width, 3), np.uint8)
+    grey = np.empty((height + -height % step, width + -width % step), np.float32)
+    for first in range(0, height, _STRIP_ROWS):
+        rows = slice(first, min(first + _STRIP_ROWS, height))
+        rgb = brightened(floats_of(image[rows]), gain)
+        even = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
+        grey[rows, :width] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[
+            :, :width
+        ]  # odd columns are rounded otherwise
+        if not as_it_is:
+            shown[rows] = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)  # rounded, saturated
+    grey[:, width:] = grey[:, mirrored(range(width, grey.shape[1]), width)]
+    grey[height:] = grey[mirrored(range(height, grey.shape[0]), height)]
+    return shown, grey
+
+
+def _small(shown: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
+    """Return a picture so many times smaller."""
+    height, width = (-(-side // times) for side in shown.shape[:2])
+    return np.asarray(cv2.resize(shown, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _flat(shown: NDArray[np.uint8], stride: int) -> NDArray[np.bool_]:
     """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255."""
-    levels = cv2.convertScaleAbs(image, alpha=255)  # rounded, saturated, no float copy
     window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
-    contrast = cv2.subtract(cv2.dilate(levels, window), cv2.erode(levels, window)).reshape(image.shape)
-    rows, columns = (np.minimum(np.arange(0, n, stride) + stride // 2, n - 1) for n in image.shape[:2])
+    contrast = cv2.subtract(cv2.dilate(shown, window), cv2.erode(shown, window)).reshape(shown.shape)
+    rows, columns = (np.minimum(np.arange(0, n, stride) + stride // 2, n - 1) for n in shown.shape[:2])
     flat: NDArray[np.bool_] = contrast[np.ix_(rows, columns)].max(axis=-1) <= 1
     return flat

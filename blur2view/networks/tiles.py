@@ -47,10 +47,10 @@ def reflected(image: NDArray[np.float32], rows: range, columns: range) -> NDArra
     height, width = image.shape[:2]
     if rows.stop <= height and columns.stop <= width:
         return image[rows.start : rows.stop, columns.start : columns.stop]
-    return image[np.ix_(_mirror(rows, height), _mirror(columns, width))]
+    return image[np.ix_(mirrored(rows, height), mirrored(columns, width))]
 
 
-def _mirror(indices: range, side: int) -> NDArray[np.intp]:
+def mirrored(indices: range, side: int) -> NDArray[np.intp]:
     """Fold indices into 0 ... side-1 without repeating the border: 0 1 2 1 0 1 2 for side 3."""
     period = max(2 * side - 2, 1)
     folded = np.asarray(indices, dtype=np.intp) % period

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
+from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
-from blur2view.input_files import MAX_PIXELS, read_regular
+from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
+from blur2view.photographs.pixels import Pixels, decode_deep, pixels_of, upright
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
-# Four cells of the network's grid: anything smaller shows no smear.
+# Anything smaller shows no smear.
 MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
-# What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph.
-BACKDROP = 0.5
 # of these formats a file may be an animation or have pages
 MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
 NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
@@ -35,11 +35,12 @@ RAW_SUFFIXES = frozenset(
 )
 RAW_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM")
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
+LIST_SUFFIXES = frozenset(["", ".txt", ".list", ".lst"])
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
@@ -52,7 +53,7 @@ def read_image(
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
-    JPEG, PNG, TIFF, WebP, BMP and whatever else Pillow decodes; 8 or 16 bits; grey, colour, palette or
+    JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
     ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
     are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
@@ -79,6 +80,24 @@ def read_image(
         If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
         be used. The message is one line that names the path and the remedy.
     """
+    pixels = read_pixels(path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
+    if pixels.dtype == np.float32:
+        return pixels
+    with within_memory(Path(path)):
+        return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+
+
+def read_pixels(
+    path: str | os.PathLike[str],
+    *,
+    as_stored: bool = False,
+    max_memory_gib: float = math.inf,
+    content: bytes | None = None,
+) -> AnyArray:
+    """Return a photograph as `read_image` does, (H, W, 3), with the 8 or 16 bits of its file.
+
+    Floats in [0, 1] only of alpha, which is composited, and of 12 bits.
+    """
     path = Path(path)
     encoded = read_content(path) if content is None else content
     if not encoded:
@@ -86,10 +105,12 @@ def read_image(
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         pixels, white = _decode(path, encoded, as_stored, max_memory_gib)
-        values = np.atleast_3d(np.ascontiguousarray(pixels, dtype=np.float32))
-        values /= white
-        if values.shape[2] in (2, 4):  # the last is alpha
-            values = BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:]
+        values: AnyArray = np.atleast_3d(pixels)
+        has_alpha = values.shape[2] in (2, 4)
+        if has_alpha or white != np.iinfo(values.dtype).max:
+            values = np.divide(values, np.float32(white), dtype=np.float32)
+        if has_alpha:
+            values = over_backdrop(values)
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
@@ -108,7 +129,14 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
     try:
         return read_regular(path)
     except FileNotFoundError:
-        raise ImageError(f"{path}: no such file; check the path") from None
+        remedy = "check the path"
+        if set(path.name) & set("*?["):
+            remedy = "no name fits this pattern, or it stands in quotes"
+        if str(path).startswith("~"):
+            remedy = "write ~ without quotes"
+        if path.is_symlink():
+            remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
+        raise ImageError(f"{path}: no such file; {remedy}") from None
     except IsADirectoryError:
         raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
     except OSError as error:
@@ -123,7 +151,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             return _develop(path, encoded, as_stored, max_memory_gib), 65535
         if is_heic(encoded):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
-        with Image.open(io.BytesIO(encoded)) as photo:
+        with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
             if (pictures := _pictures(photo)) > 1:
                 raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
@@ -140,20 +168,23 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
-                return _decode_deep(encoded), 65535
+                return decode_deep(encoded), 65535
             # Pillow's TIFF reader has rotated the picture by now, so ask again
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
-            pixels, white = _pixels(path, photo)
+            pixels, white = pixels_of(path, photo)
             if ";12" in stored:
                 white = 4095
             if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
                 pixels = white - pixels  # which Pillow does for 8 bits only
-            return pixels if as_stored else _upright(pixels, orientation), white
+            return pixels if as_stored else upright(pixels, orientation), white
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        listed = _may_be_list(path, encoded)
-        remedy = f"if it lists photographs, write @{path}" if listed else "convert it to JPEG, PNG or TIFF"
+        remedy = "convert it to JPEG, PNG or TIFF"
+        if encoded.startswith(SQLITE):
+            remedy = "a COLMAP database goes to --camera, to-colmap --db or place"
+        elif _may_be_list(path, encoded):
+            remedy = f"if it lists photographs, write @{path}"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
         raise
@@ -167,12 +198,12 @@ _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
 def _may_be_list(path: Path, content: bytes) -> bool:
-    """Return whether a file is text and not named as a photograph."""
+    """Return whether a file is text and named as one."""
     try:
         content.decode()
     except UnicodeDecodeError:
         return False
-    return path.suffix.lower() not in PHOTOGRAPH_SUFFIXES and b"\0" not in content
+    return path.suffix.lower() in LIST_SUFFIXES and b"\0" not in content
 
 
 def is_raw(path: Path, encoded: bytes) -> bool:
@@ -239,35 +270,3 @@ def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> N
     if need_gib > max_memory_gib:
         more = f"--max-memory {math.ceil(need_gib)}"
         raise ImageError(f"{size}, which take about {need_gib:.1f} GiB of memory; resize it or add {more}")
-
-
-def _pixels(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
-    """Return pixels as grey, grey + alpha, RGB or RGBA, and the value that means white."""
-    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
-        grey = np.asarray(photo)
-        if grey.min() < 0 or grey.max() > 65535:
-            raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
-        return grey.astype(np.uint16), 65535
-    if photo.mode == "F":
-        raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
-    mode = "RGBA" if photo.has_transparency_data else "RGB"
-    return np.asarray(photo.convert(mode)), 255
-
-
-def _decode_deep(encoded: bytes) -> Pixels:
-    """Return 16-bit colour, decoded, (H, W, 3) or (H, W, 4), RGB order."""
-    pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
-        raise ValueError("its 16-bit pixels cannot be decoded")
-    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
-
-
-def _upright(pixels: Pixels, orientation: int) -> Pixels:
-    """Return pixels upright by an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
-    if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels

@@ -3,6 +3,7 @@
 import codecs
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,11 +12,14 @@ from typing import BinaryIO
 
 from blur2view.errors import ImageError
 from blur2view.input_files import read_regular, read_stream
-from blur2view.output_files import is_ours
+from blur2view.output_files import below_shared_folder, is_ours, is_there
 from blur2view.photographs.image import PHOTOGRAPH_SUFFIXES
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
+URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]")  # what a photograph begins with, and no list holds
+SHOWN = 3  # folders of a count
 MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
 
 
@@ -35,6 +39,14 @@ class Inputs:
         """Whether all are frames of one video, and so in the order of time."""
         frames = [frame_of(path) for path in self.paths]
         return len({frame and frame[0] for frame in frames}) == 1 and frames[0] is not None
+
+    @property
+    def counted(self) -> str:
+        """How many photographs there are, and in which folders and videos the most of them."""
+        folders = Counter(path.parent for path in self.paths)
+        shown = [f"{count} in {path}" for path, count in folders.most_common(SHOWN)]
+        others = f" and {len(folders) - SHOWN} more folders" * (len(folders) > SHOWN)
+        return f"{len(self.paths)} photographs: {', '.join(shown)}{others}"
 
     def is_folder(self, path: Path) -> bool:
         """Return whether this is a folder that cannot be used, and so no photograph."""
@@ -66,7 +78,10 @@ def list_photographs(
     for word in _without_lists(words, stdin):
         path = Path(word)
         try:
-            if is_video(path):
+            if URL.match(word) and not os.path.lexists(word):
+                found.paths.append(path)
+                found.refused[path] = f"{word}: is no file here; download it first"
+            elif is_video(path):
                 _add_frames(found, path, frames)
             elif path.is_dir():
                 _add_folder(found, path, recursive)
@@ -90,6 +105,8 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             )
         elif word.startswith(LIST):
             path = Path(word[1:])
+            if not path.name:
+                raise ImageError(f"{word}: name a list behind {LIST}, as {LIST}list.txt")
             for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES)):
                 beside = path.parent / name
                 there = [p for p in (name, beside) if os.path.lexists(p)]
@@ -107,7 +124,9 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
     """
     try:
-        text = os.fsdecode(read().removeprefix(codecs.BOM_UTF8))
+        content = read()
+        _refuse_other_than_names(content)
+        text = os.fsdecode(content.removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         remedy = "name a file that holds one name on each line, or pipe them to -"
@@ -127,6 +146,14 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     return names
 
 
+def _refuse_other_than_names(content: bytes) -> None:
+    """Raise ValueError of what cannot be a list: text as Windows writes it, a photograph or a video."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ValueError("it is UTF-16; save it as UTF-8")
+    if NO_TEXT.search(content[:4096]):
+        raise ValueError("it is no text; a photograph itself is named by its file")
+
+
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
     """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
     try:
@@ -143,21 +170,38 @@ def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
     """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read."""
-    entries = folder.rglob("*") if recursive else folder.iterdir()
+    entries = sorted(folder.rglob("*") if recursive else folder.iterdir(), key=_in_order)
     photographs = [
         path
-        for path in sorted(entries, key=_in_order)
-        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES and path.is_file()
+        for path in entries
+        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES
+        if path.is_file() or (path.is_symlink() and not path.exists())  # whose failure names the remedy
         if path.suffix.lower() != ".png" or not is_ours(path)  # as in a folder where results lie
     ]
     if not photographs:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
+        if video := next(filter(is_video, entries), None):
+            more = f"name its video, {video}"
         found.refuse(folder, f"holds no photograph; {more}")
     found.paths.extend(photographs)
     for path in photographs:
         below = path.relative_to(folder)
         if len(below.parts) > 1:
             found.names[path] = below.with_suffix("")
+
+
+def colmap_names(inputs: Inputs) -> dict[Path, str]:
+    """Return the name of every photograph below the one folder that was given, or else that all share."""
+    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
+    shared = below_shared_folder(inputs.paths)
+    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
+    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
+    roots |= {path.parent for path in there if path not in below}
+    if len(roots) == 1:
+        (root,) = roots
+        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
+    return names
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:

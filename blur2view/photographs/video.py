@@ -1,6 +1,9 @@
 """Frames of videos, read in order by OpenCV; ``VIDEO/000120`` is the path of frame 120."""
 
 import math
+import os
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,7 +19,9 @@ SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", "
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 KEPT = 3  # frames: one and both beside it
-TAIL_S = 1.0  # containers round the number of frames: what is missing of the last second was never there
+# Containers round the number of frames: what is missing of the last second, or of the last quarter of less
+# than four, was never there. AVI counts them; at most the last two stand for frames that hide in others.
+TAIL_S, TAIL_SHARE, TAIL_AVI = 1.0, 0.25, 2
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000
 # By the degrees clockwise by which OpenCV turns frames upright.
@@ -75,8 +80,9 @@ def frame_numbers(
     )
     numbers = range(begin, min(end, count - 1) + 1, every)
     if not numbers:
+        start = f"{first:g} s" if isinstance(first, float) else first
         raise ImageError(
-            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {first} to {end}"
+            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {start} to {end}"
         )
     return numbers
 
@@ -95,6 +101,41 @@ def read_frame(video: Path, number: int, *, beside: bool = False) -> NDArray[np.
     except ImageError:
         reader.broken = broken if beside else reader.broken
         raise
+
+
+def read_video(
+    path: str | os.PathLike[str], *, every: int = 1, first: int | float = 0, last: int | float | None = None
+) -> Iterator[NDArray[np.float32]]:
+    """Return an iterator over the frames of a video as `read_image` returns photographs.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; all that OpenCV's FFmpeg reads.
+    every : int
+        Take one frame in as many.
+    first, last : int or float
+        The first frame and the last, which is included: an integer is a number from 0, a float seconds.
+
+    Returns
+    -------
+    iterator of ndarray of shape (H, W, 3), float32
+        RGB in [0, 1], sRGB-coded, upright; one frame at a time is in memory.
+
+    Raises
+    ------
+    ImageError, ValueError
+        If the video cannot be read, or ends too early; of numbers that are none of it.
+    """
+    video = Path(path)
+    numbers = frame_numbers(video, every=every, first=first, last=last)
+    return _frames(_Reader(video), numbers)
+
+
+def _frames(reader: "_Reader", numbers: range) -> Iterator[NDArray[np.float32]]:
+    with suppress(EndOfVideo):
+        for number in numbers:
+            yield np.ascontiguousarray(reader.read(number)[..., ::-1], np.float32) / np.float32(255)
 
 
 def frame_time(video: Path, number: int) -> float | None:
@@ -145,13 +186,19 @@ class _Reader:
         announced = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if number >= announced:
             raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
-        missing_s = (announced - self.position) / max(self.capture.get(cv2.CAP_PROP_FPS), 1.0)
-        if self.broken or missing_s <= TAIL_S:
+        if self.broken or announced - self.position <= self._tail(announced):
             raise EndOfVideo(f"{self.video}: has {self.position} frames")
         self.broken = True
         raise ImageError(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
+
+    def _tail(self, announced: int) -> float:
+        """Return how many frames may be missing at the end of a whole video."""
+        if self.video.suffix.lower() == ".avi":
+            return TAIL_AVI
+        rate = float(self.capture.get(cv2.CAP_PROP_FPS))
+        return min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
 
 
 @lru_cache(maxsize=1)
@@ -162,6 +209,8 @@ def _reader(video: Path) -> _Reader:
 
 def _opened(video: Path) -> Any:
     """Return a video that is open, or raise ImageError; a frame too large is refused before it is decoded."""
+    if not video.exists():
+        raise ImageError(f"{video}: no such file; check the path")
     capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")

@@ -7,6 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blur2view.arrays import AnyArray
+from blur2view.networks.smear_network import floats_of
+
 Picture = NDArray[np.uint8]  # (H, W, 3), RGB
 INK, PAPER, FAINT = (235, 235, 235), (26, 26, 30), (165, 165, 165)
 TEXT_SIZE, LEADING_PX = 0.42, 17
@@ -37,13 +40,15 @@ class View:
         """Return points (..., 2) of the photograph on the canvas; its corners are the canvas's corners."""
         return (points + 0.5) * self.scale - 0.5
 
-    def resized(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the photograph at this scale."""
+    def resized(self, image: AnyArray) -> NDArray[np.float32]:
+        """Return the photograph, as `rgb_of` takes it, at this scale: RGB in [0, 1]."""
+        if self.scale >= 1:
+            image = floats_of(image)  # else the smaller one takes less memory
         interpolation = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
         small = cv2.resize(image, (self.width, self.height), interpolation=interpolation)
-        return small.reshape(self.height, self.width, 3).astype(np.float32, copy=False)
+        return floats_of(small.reshape(self.height, self.width, *image.shape[2:]))
 
-    def backdrop(self, image: NDArray[np.float32]) -> Picture:
+    def backdrop(self, image: AnyArray) -> Picture:
         """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
         mixed = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 0.08)])  # grey, colour and a constant
         pale: Picture = np.clip(cv2.transform(self.resized(image), 255 * mixed), 0, 255).astype(np.uint8)

@@ -132,7 +132,7 @@ class EstimateDocument(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> EstimateDocument:
         """Return the document of one photograph."""
-        from blur2view.results.verdicts import meaning
+        from blur2view.results.verdicts import verdict_of
 
         estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
         return cls(
@@ -144,7 +144,7 @@ class EstimateDocument(Document):
             F=None if geometry.F is None else geometry.F.tolist(),
             H=None if geometry.H is None else geometry.H.tolist(),
             config=geometry.config.name,
-            meaning=meaning(one),
+            meaning=verdict_of(one),
             blur=str(estimate.blur.kind),
             smear_px=estimate.blur.smear_px,
             defocus_px=estimate.blur.defocus_px,

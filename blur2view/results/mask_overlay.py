@@ -2,8 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.results.drawing import (
     FAINT,
     LEADING_PX,
@@ -23,8 +23,8 @@ HATCH_PX = 12
 LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
-def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
-    """Return the picture of a motion mask over its photograph (H, W, 3), sRGB-coded in [0, 1], as uint8 RGB.
+def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
+    """Return the picture of a motion mask over its photograph (H, W, 3), as uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
     caption below says how much moves, what the colours mean and what was measured. The photograph's longer
@@ -46,12 +46,12 @@ def draw_motion(image: NDArray[np.float32], mask: MotionMask) -> Picture:
     words = f"pink moves, hatched is unobservable; {mask.reason.partition(';')[0]}"
     lines = wrap(words, width - 20, TEXT_SIZE)
     picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
-    write(picture, headline(mask), (10, view.height + 24), size=0.55)
+    write(picture, mask_verdict(mask), (10, view.height + 24), size=0.55)
     write(picture, lines, (10, view.height + 44), colour=FAINT)
     return picture
 
 
-def headline(mask: MotionMask) -> str:
+def mask_verdict(mask: MotionMask) -> str:
     """Return how much moves and how much is unobservable; if that is most, it comes first."""
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
@@ -61,7 +61,7 @@ def headline(mask: MotionMask) -> str:
     count = len(mask.regions)
     share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
     parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
-    moves = parts if count else "nothing moves"
+    moves = parts if count else "no mover found"
     if unseen < LEAST_SHARE:
         return moves
     hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.networks.smear_network import rgb_of
+from blur2view.networks.smear_network import photograph_of
 from blur2view.results.drawing import (
     FAINT,
     LEADING_PX,
@@ -21,8 +21,8 @@ from blur2view.results.drawing import (
     wrap,
     write,
 )
-from blur2view.results.verdicts import sentence
-from blur2view.smears.blur import blur_of
+from blur2view.results.verdicts import verdict
+from blur2view.smears.blur import Blur, blur_of
 from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -41,6 +41,7 @@ def draw_overlay(
     matches: SmearMatches,
     geometry: TwoViewGeometry,
     exposure_s: float | None = None,
+    blur: Blur | None = None,
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
@@ -61,6 +62,8 @@ def draw_overlay(
         Its ``inlier_mask`` and ``swapped`` have N entries.
     exposure_s : float, optional
         Exposure time, with which a rotation is given as an angular velocity.
+    blur : Blur, optional
+        Of the photograph, as it was estimated; by default what the grid alone says.
 
     Returns
     -------
@@ -76,8 +79,9 @@ def draw_overlay(
         raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
     if len(geometry.inlier_mask) != len(matches):
         raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    canvas = draw_smears(rgb_of(image), grid, matches, geometry)
-    words = sentence(blur_of(grid, image), geometry, matches, grid.size, exposure_s)
+    image = photograph_of(image)
+    canvas = draw_smears(image, grid, matches, geometry)
+    words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
     panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)
     picture = with_room(canvas, panel.shape[1], panel.shape[0])
     picture[canvas.shape[0] :] = panel
@@ -85,7 +89,7 @@ def draw_overlay(
 
 
 def draw_smears(
-    image: NDArray[np.float32],
+    image: AnyArray,
     grid: SmearGrid,
     matches: SmearMatches,
     geometry: TwoViewGeometry,

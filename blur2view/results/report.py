@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -17,21 +16,17 @@ from blur2view.input_files import parse_json
 from blur2view.pipeline import FileEstimate
 from blur2view.results.overlay import draw_smears
 from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, photograph, picture
-from blur2view.results.verdicts import KINDS, VERDICT_ORDER
+from blur2view.results.verdicts import VERDICT_ORDER
 from blur2view.segmentation.mask import MotionMask
 
 SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "values"]
 SCRIPTS += ["viewer", "gestures", "gallery", "main"]
 STYLES = ("page", "stage")
-PICTURE = re.compile(r"(data:image/[a-z]+;base64,[A-Za-z0-9+/=]+)?")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One photograph of a report, as text that goes into the page.
-
-    ValueError if what goes into it as it is, which a file of an earlier call may say, is something else.
-    """
+    """One photograph of a report, as text that goes into the page."""
 
     name: str  # its path without the folders that say where the user keeps it
     kind: str  # of verdict, see `verdicts.KINDS`, or "failed"
@@ -40,16 +35,6 @@ class Entry:
     median_px: float | None = None  # length of the smears that were used
     thumbnail: str = ""  # data URI of the photograph with its smears; empty for a failed one
     content: str = ""  # JSON of `report_pack.photograph`; empty for a failed one
-
-    def __post_init__(self) -> None:
-        known = {(kind, config.name) for config, kind in KINDS.items()}
-        known |= {("undecided", verdict) for kind, verdict in known if kind == "flat"} | {
-            ("failed", "FAILED")
-        }
-        if (self.kind, self.verdict) not in known or (self.kind == "failed") == bool(self.content):
-            raise ValueError(f"{self.kind!r}, {self.verdict!r} is no verdict of a photograph")
-        if not PICTURE.fullmatch(self.thumbnail):
-            raise ValueError("the thumbnail is no picture")
 
     @classmethod
     def of(cls, one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None) -> "Entry":

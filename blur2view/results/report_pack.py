@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
+from blur2view.networks.smear_network import floats_of
 from blur2view.pipeline import FileEstimate
 from blur2view.results.estimate import EstimateDocument
-from blur2view.results.mask_overlay import headline
+from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.overlay import circles
-from blur2view.results.verdicts import kind, meaning
+from blur2view.results.verdicts import kind, verdict_of
 from blur2view.segmentation.mask import MotionMask
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.selection import cells_apart
@@ -54,7 +56,7 @@ def photograph(one: FileEstimate, mask: MotionMask | None = None, mask_s: float 
         "height": height,
         "picture": picture(one.image),
         "kind": kind(geometry),
-        "meaning": meaning(one),
+        "meaning": verdict_of(one),
         "median_px": float(np.median(used.length_px)) if len(used) else None,
         "document": EstimateDocument.of(one).to_json(),
         "grid": nodes(estimate.grid),
@@ -119,7 +121,7 @@ def motion(mask: MotionMask) -> Json:
         "labels": packed(mask.labels[::every, ::every], "uint8"),
         "every_px": every,
         "probability": packed(np.clip(mask.probability[rows, columns], 0, 1), "uint8", 1 / 255),
-        "headline": headline(mask),
+        "headline": mask_verdict(mask),
         "reason": mask.reason,
     }
 
@@ -150,16 +152,14 @@ def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Json:
     return {"type": kind, "shape": shape, "step": step, "data": base64.b64encode(data).decode()}
 
 
-def picture(
-    image: NDArray[np.float32], side_px: int = PICTURE_SIDE_PX, quality: int = PICTURE_QUALITY
-) -> str:
-    """Return a photograph (H, W, 3), sRGB-coded in [0, 1], as the data URI of a JPEG of at most this side."""
+def picture(image: AnyArray, side_px: int = PICTURE_SIDE_PX, quality: int = PICTURE_QUALITY) -> str:
+    """Return a photograph (H, W, 3), of 8 or 16 bits or in [0, 1], as the data URI of a JPEG of this side."""
     height, width = image.shape[:2]
     scale = min(side_px / max(height, width), 1.0)
     if scale < 1:
         size = max(round(width * scale), 1), max(round(height * scale), 1)
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
-    levels = np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    levels = np.round(255 * np.clip(floats_of(image), 0, 1)).astype(np.uint8)
     file = BytesIO()
     Image.fromarray(levels).save(file, "JPEG", quality=quality, subsampling=0)
     return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()

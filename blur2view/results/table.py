@@ -91,7 +91,7 @@ class Row(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> Row:
         """Return the row of a photograph, without a name."""
-        from blur2view.results.verdicts import meaning
+        from blur2view.results.verdicts import verdict_of
 
         estimate, geometry, blur = one.estimate, one.estimate.geometry, one.estimate.blur
         diagonal = math.hypot(*estimate.grid.size)
@@ -115,7 +115,7 @@ class Row(Document):
             time_confidence=estimate.time.confidence,
             inliers=int(geometry.inlier_mask.sum()),
             elapsed_s=None if one.timings_s is None else sum(one.timings_s.values()),
-            meaning=meaning(one),
+            meaning=verdict_of(one),
         )
 
 

@@ -39,15 +39,13 @@ def kind(geometry: TwoViewGeometry) -> str:
     return "undecided" if beside_H else KINDS[geometry.config]
 
 
-def meaning(one: FileEstimate) -> str:
-    """Return the `sentence` of a photograph; how fast it turned, if --exposure says how long."""
+def verdict_of(one: FileEstimate) -> str:
+    """Return the `verdict` of a photograph; how fast it turned, if --exposure says how long."""
     estimate = one.estimate
-    return sentence(
-        estimate.blur, estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s
-    )
+    return verdict(estimate.blur, estimate.geometry, estimate.matches, estimate.grid.size, one.run.exposure_s)
 
 
-def sentence(
+def verdict(
     blur: Blur,
     geometry: TwoViewGeometry,
     matches: SmearMatches,

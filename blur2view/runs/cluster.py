@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from blur2view.errors import RunError
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, perform
+from blur2view.runs.job import Job, Outcome, Payload, Target, Work, perform
 from blur2view.runs.processes import AHEAD
 
 CONNECT_S = 5  # for the scheduler to answer
@@ -44,8 +44,8 @@ class Cluster:
             raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
 
     def __call__(
-        self, work: Work[Target, Kept], jobs: Iterator[Job[Target]]
-    ) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+        self, work: Work[Target, Payload], jobs: Iterator[Job[Target]]
+    ) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
         """Yield the jobs, which must have their contents, with their outcomes, files unwritten."""
         pending: dict[Any, Job[Target]] = {}
         try:
@@ -69,10 +69,10 @@ class Cluster:
             with suppress(Exception, asyncio.CancelledError):
                 self._client.close()
 
-    def _outcome(self, job: Job[Target], future: Any) -> Outcome[Kept]:
+    def _outcome(self, job: Job[Target], future: Any) -> Outcome[Payload]:
         with self._in_touch():
             try:
-                outcome: Outcome[Kept] = future.result()
+                outcome: Outcome[Payload] = future.result()
             except self._dask.scheduler.KilledWorker:
                 error = f"{job.path}: every worker that read it died; resize it or give them memory"
                 outcome = Outcome(error=error)

@@ -16,7 +16,7 @@ from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
 
 Target = TypeVar("Target")
-Kept = TypeVar("Kept")
+Payload = TypeVar("Payload")
 # the next photograph's files would not fit either
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 
@@ -59,39 +59,40 @@ class Job(Generic[Target]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Made(Generic[Kept]):
+class Result(Generic[Payload]):
     """What the work on one photograph gives."""
 
-    kept: Kept  # what the command needs in the end
+    payload: Payload  # what the command needs in the end
     summary: str  # what is printed; its first line stands for the photograph where there are many
     row: Row  # of a table, without the name
     files: Mapping[Path, bytes] = field(default_factory=dict)  # to be written together, in this order
     warnings: tuple[str, ...] = ()  # each begins with the option that it is about
 
 
-class Work(ABC, Generic[Target, Kept]):
+class Work(ABC, Generic[Target, Payload]):
     """What is done with every photograph: a frozen dataclass of all that the result depends on."""
 
     @abstractmethod
-    def __call__(self, job: Job[Target]) -> Made[Kept]:
+    def __call__(self, job: Job[Target]) -> Result[Payload]:
         """Return what is made of a photograph; Blur2ViewError where it fails."""
 
-    def stored(self, kept: Kept) -> Any:
-        """Return what a manifest holds of what is kept, in JSON's types; nothing where files hold it."""
+    def stored(self, payload: Payload) -> Any:
+        """Return what a manifest holds of a payload, in JSON's types; nothing where files hold it."""
 
-    @abstractmethod
-    def restored(self, job: Job[Target], stored: Any) -> Kept:
-        """Return what is kept, of what a manifest or the job's files hold, which may be anything.
+    def restored(self, job: Job[Target], stored: Any) -> Payload:
+        """Return the payload of what a manifest or the job's files hold, which may be anything.
 
         OSError or one of `stored.DAMAGE` where that cannot be: then the work is done again.
         """
+        payload: Payload = stored
+        return payload
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome(Generic[Kept]):
+class Outcome(Generic[Payload]):
     """What comes back of one photograph."""
 
-    made: Made[Kept] | None = None  # None if it failed
+    result: Result[Payload] | None = None  # None if it failed
     digest: str = ""  # as of `Job`
     outputs: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of every file that is written
     error: str = ""  # why it failed, one line
@@ -104,21 +105,21 @@ def failed(error: Blur2ViewError) -> Outcome[Any]:
     return Outcome(error=str(error), stop=isinstance(error, RunError))
 
 
-def perform(work: Work[Target, Kept], job: Job[Target], *, write: bool = True) -> Outcome[Kept]:
+def perform(work: Work[Target, Payload], job: Job[Target], *, write: bool = True) -> Outcome[Payload]:
     """Return the outcome of one photograph, its files written or not; errors of the user's are data."""
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
-            outcome = Outcome(made=work(job), digest=digest)
+            outcome = Outcome(result=work(job), digest=digest)
             return written(outcome) if write else outcome
     except Blur2ViewError as error:
         return failed(error)
 
 
-def written(outcome: Outcome[Kept]) -> Outcome[Kept]:
+def written(outcome: Outcome[Payload]) -> Outcome[Payload]:
     """Return an outcome whose files are written; it is a failure if they cannot be."""
-    if outcome.made is None or not (files := outcome.made.files):
+    if outcome.result is None or not (files := outcome.result.files):
         return outcome
     try:
         write_files(files)
@@ -126,7 +127,7 @@ def written(outcome: Outcome[Kept]) -> Outcome[Kept]:
         refusal = unwritable(next(iter(files)).parent, error)
         return failed(RunError(str(refusal)) if error.errno in FULL else refusal)
     outputs = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
-    return replace(outcome, made=replace(outcome.made, files={}), outputs=outputs)
+    return replace(outcome, result=replace(outcome.result, files={}), outputs=outputs)
 
 
 def file_digest(path: Path) -> str:

@@ -1,8 +1,9 @@
 """The manifest: JSON lines that say what is done, appended as it is done, so that a later call goes on.
 
 A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
-manifest is opened again. A line of ``"options"`` says what results depend on, the others are of a photograph
-each, done or failed, or of a file of all photographs. One call at a time has a manifest.
+manifest is opened again. A line of ``"options"`` says what results depend on, the others hold the digests and
+the row of a photograph, done or failed, or the digest of a file of all photographs. It lies hidden beside its
+output, or in it if that is a folder. One call at a time has a manifest.
 """
 
 import errno
@@ -12,19 +13,20 @@ import json
 import os
 import stat
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.input_files import MAX_BYTES, parse_json
+from blur2view.input_files import MAX_BYTES, open_regular, parse_json
 from blur2view.output_files import ResultFiles, unwritable
 from blur2view.photographs.video import frame_of
 from blur2view.results.stored import DAMAGE, plain, restore
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Kept, Made, Outcome, Target, Work, file_digest
+from blur2view.runs.job import Job, Outcome, Payload, Result, Target, Work, file_digest
 
-SIGN, FORMAT = "blur2view", 2  # 1 held pickles
+SIGN, FORMAT = "blur2view", 3  # 1 held pickles, 2 summaries
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
 
 NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
@@ -49,22 +51,30 @@ class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
     A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls did with it is looked up. To be closed; an empty one is then removed. OutputError if
-    there is a file of another kind, one that cannot be read or written, or one of a call that runs.
+    what earlier calls did with it is looked up, also in the ``earlier`` manifests and in those that a line
+    names. To be closed; an empty one is then removed. OutputError if there is a file of another kind, one
+    that cannot be read or written, or one of a call that runs.
     """
 
-    def __init__(self, path: Path, settings: Settings, *, resume: bool) -> None:
+    def __init__(self, path: Path, settings: Settings, *, resume: bool, earlier: Iterable[Path] = ()) -> None:
         self.path, self.settings, self._resume = path, settings, resume
         self._done: dict[str, dict[str, Any]] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
-        self._versions: set[tuple[Any, Any]] = set()
+        self._known: set[str] = set()
+        self._heads: dict[str, dict[str, Any]] = {}
         self._digests: dict[Path, str] = {}
-        self._begun = self._damaged = False
+        self._headed = self._damaged = False
+        self._looked_at = {os.path.abspath(path)}
         self._new = not os.path.lexists(path)
         self._file = _open_alone(path)
         try:
-            self._read()
+            for other in earlier:
+                self._read_other(other)
+            self._damaged = False
+            if os.fstat(self._file).st_size:  # some files of /proc that say so wait for ever
+                with open(self._file, "rb", closefd=False) as file:
+                    self._read(file, path)
         except BaseException:
             self.close()
             raise
@@ -84,9 +94,13 @@ class Manifest:
     @property
     def complaint(self) -> OutputError | None:
         """Return one line about what cannot be gone on with, if there is such."""
-        ours = self.settings.version, FORMAT
-        if self._resume and self._versions and ours not in self._versions:
-            return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
+        if self._resume and self._heads and self.settings.digest not in self._heads:
+            *_, head = self._heads.values()
+            if (head[SIGN], head.get("format")) != (self.settings.version, FORMAT):
+                return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
+            then, now = _leaves(head["options"]), _leaves(self.settings.options)
+            changed = ", ".join(sorted(name for name in then | now if then.get(name) != now.get(name)))
+            return OutputError(f"{self.path}: other options ({changed}) made it; all is done again")
         if self._damaged:
             return OutputError(f"{self.path}: its last line was cut off; that photograph is done again")
         return None
@@ -94,10 +108,6 @@ class Manifest:
     def knows(self, job: Job[Any]) -> bool:
         """Return whether an earlier call with these settings did a photograph, whatever it was then."""
         return self._name(job.path) in self._done
-
-    def knows_file(self, path: Path) -> bool:
-        """Return whether a file is a result of an earlier call, of whichever photograph."""
-        return self._name(path) in self._owners
 
     def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
         """Return the other photograph of which one of these files is a result, from the manifest's folder.
@@ -119,7 +129,7 @@ class Manifest:
     def _name(self, path: Path) -> str:
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
-    def find(self, job: Job[Target], work: Work[Target, Kept]) -> Made[Kept] | None:
+    def find(self, job: Job[Target], work: Work[Target, Payload]) -> Result[Payload] | None:
         """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
 
         A line may hold anything: it is not found unless it gives values of the right types.
@@ -127,13 +137,14 @@ class Manifest:
         line = self._done.pop(self._name(job.path), None)  # which may be large
         if line is None or (line.get("sha256"), line.get("source")) != (job.digest, self._source(job)):
             return None
-        outputs = {self.path.parent / name: digest for name, digest in line["outputs"].items()}
+        outputs = line["outputs"].items()
         expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
-        if set(expected) != outputs.keys() or any(_digest(one) != digest for one, digest in outputs.items()):
+        known = {self._name(one) for one in expected} == line["outputs"].keys()
+        if not known or any(_digest(self.path.parent / name) != digest for name, digest in outputs):
             return None  # its results have other names since then, or another content
         try:
-            kept = work.restored(job, line.get("kept"))
-            return Made(kept=kept, summary=restore(str, line["summary"]), row=restore(Row, line["row"]))
+            payload = work.restored(job, line.get("kept"))
+            return Result(payload=payload, summary=f"{job.path}: done before", row=restore(Row, line["row"]))
         except (OSError, Blur2ViewError, *DAMAGE):
             return None
 
@@ -143,51 +154,73 @@ class Manifest:
 
     def digest_of(self, target: Path) -> str:
         """Return the digest that was appended last for what is made of all photographs; empty if none was."""
-        return self._targets.get(target.name, "")
+        return self._targets.get(self._name(target), "")
 
-    def append(self, job: Job[Target], outcome: Outcome[Kept], work: Work[Target, Kept]) -> None:
-        """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
+    def append(self, job: Job[Target], outcome: Outcome[Payload], work: Work[Target, Payload]) -> None:
+        """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
         line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}
-        if outcome.made is None:
-            self._write(line | {"error": outcome.error})
+        if outcome.result is None:
+            if line["image"] in self._known:
+                self._write(line | {"error": outcome.error})
             return
-        made, folder = outcome.made, self.path.parent
-        line |= {"sha256": outcome.digest, "source": self._source(job), "summary": made.summary}
+        result, folder = outcome.result, self.path.parent
+        line |= {"sha256": outcome.digest, "source": self._source(job)}
         line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
-        self._write(line | {"row": plain(made.row), "kept": work.stored(made.kept)})
+        self._write(line | {"row": plain(result.row), "kept": work.stored(result.payload)})
 
     def append_target(self, target: Path, digest: str = "") -> None:
         """Append that a call makes something of all photographs: of a file its own digest by default."""
-        self._write({"target": target.name, "sha256": digest or file_digest(target)})
+        self._write({"target": self._name(target), "sha256": digest or file_digest(target)})
 
-    def _read(self) -> None:
+    def append_pointer(self, other: Path) -> None:
+        """Append that another manifest says what is done, too."""
+        self._write({"manifest": self._name(other)})
+
+    def _read_other(self, path: Path) -> None:
+        """Note the lines of another manifest, if it is one."""
+        if (place := os.path.abspath(path)) not in self._looked_at:
+            self._looked_at.add(place)
+            with suppress(OSError, Blur2ViewError), open_regular(path) as file:
+                self._read(file, path)
+
+    def _read(self, file: BinaryIO, path: Path) -> None:
         """Note the lines of earlier calls; one that was cut off is dropped."""
-        size = os.fstat(self._file).st_size
-        if not size:  # some files of /proc that say so wait for ever
-            return
-        with open(self._file, "rb", closefd=False) as file:
-            if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
-                raise _foreign(self.path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
-            file.seek(0)
-            for line in file:
-                try:
-                    self._look_up(parse_json(line if line.endswith(b"\n") else b""))  # else it was cut off
-                except DAMAGE:
-                    self._damaged = True
+        size = file.seek(0, os.SEEK_END)
+        file.seek(0)
+        if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
+            raise _foreign(path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
+        file.seek(0)
+        for line in file:
+            try:
+                self._note(parse_json(line if line.endswith(b"\n") else b""), path.parent)  # else it was cut
+            except DAMAGE:
+                self._damaged = True
 
-    def _look_up(self, line: Any) -> None:
-        """Note a file of all photographs, or what was done with these settings."""
+    def _note(self, line: Any, folder: Path) -> None:
+        """Note a file of all photographs, or what was done with these settings, as seen from a folder."""
+
+        def name(stored: Any) -> str:
+            return self._name(folder / restore(str, stored))
+
         if SIGN in line:
-            self._versions.add((restore(str, line[SIGN]), restore(int, line.get("format", 1))))
+            restore(str, line[SIGN])
+            restore(int, line.get("format", 1))
+            self._heads[restore(str, line["settings"])] = line | {"options": dict(line["options"])}
+            return
+        if "manifest" in line:
+            self._read_other(folder / restore(str, line["manifest"]))
             return
         if "target" in line:
-            self._targets[restore(str, line["target"])] = restore(str, line["sha256"])
+            self._targets[name(line["target"])] = restore(str, line["sha256"])
             return
-        image = restore(str, line["image"])
+        image = name(line["image"])
+        self._known.add(image)
         self._done.pop(image, None)  # failed since, or done otherwise
         if "outputs" in line:
             owner = image, restore(str, line["sha256"])
-            self._owners |= dict.fromkeys(restore(dict[str, str], line["outputs"]), owner)
+            outputs = restore(dict[str, str], line["outputs"])
+            line["outputs"] = {name(one): digest for one, digest in outputs.items()}
+            self._owners |= dict.fromkeys(line["outputs"], owner)
             if self._resume and line.get("settings") == self.settings.digest:
                 self._done[image] = line
 
@@ -196,10 +229,10 @@ class Manifest:
         settings = self.settings
         about = {"settings": settings.digest, "command": settings.command, "options": dict(settings.options)}
         head = {SIGN: settings.version, "format": FORMAT, **about}
-        lines = [line] if self._begun else [head, line]
+        lines = [line] if self._headed else [head, line]
         content = "".join(json.dumps(line) + "\n" for line in lines).encode()
         try:
-            if not self._begun:
+            if not self._headed:
                 _drop_cut_line(self._file)
             while content:
                 content = content[os.write(self._file, content) :]
@@ -208,7 +241,7 @@ class Manifest:
             raise OutputError(
                 f"{self.path}: cannot be written ({error.strerror}); make room and go on with --resume"
             ) from None
-        self._begun = True
+        self._headed = True
 
 
 def _open_alone(path: Path) -> int:
@@ -230,6 +263,15 @@ def _open_alone(path: Path) -> int:
         os.close(file)
         raise _foreign(path)
     return file
+
+
+def _leaves(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of options by their names, also of those within others."""
+    found: dict[str, Any] = {}
+    for name, value in options.items():
+        inner = _leaves(value) if isinstance(value, dict) else {}
+        found |= {name if one == "digest" else one: held for one, held in inner.items()} or {name: value}
+    return found
 
 
 def _foreign(path: Path, more: str = "") -> OutputError:

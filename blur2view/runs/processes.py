@@ -13,7 +13,7 @@ from typing import Any
 
 import cv2
 
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, perform
+from blur2view.runs.job import Job, Outcome, Payload, Target, Work, perform
 
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
 PATIENCE_S = 5.0  # a process that was told to end has that long
@@ -24,23 +24,23 @@ Engine = Callable[[Work[Any, Any], Iterator[Job[Any]]], Generator[tuple[Job[Any]
 
 
 def in_this_process(
-    work: Work[Target, Kept], jobs: Iterator[Job[Target]]
-) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+    work: Work[Target, Payload], jobs: Iterator[Job[Target]]
+) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
     """Yield the jobs with their outcomes, one after another."""
     for job in jobs:
         yield job, perform(work, job)
 
 
 def in_processes(
-    work: Work[Target, Kept], jobs: Iterator[Job[Target]], *, count: int
-) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+    work: Work[Target, Payload], jobs: Iterator[Job[Target]], *, count: int
+) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
     """Yield the jobs with their outcomes, done by several processes.
 
     A process that dies (of too little memory, of a damaged file that crashes a decoder) takes the jobs in
     hand with it; each of them is tried once more, alone.
     """
     executor = _executor(count)
-    pending: dict[Future[Outcome[Kept]], Job[Target]] = {}
+    pending: dict[Future[Outcome[Payload]], Job[Target]] = {}
     try:
         while True:
             while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
@@ -62,18 +62,18 @@ def in_processes(
 
 
 def _submitted(
-    executor: ProcessPoolExecutor, work: Work[Target, Kept], job: Job[Target]
-) -> Future[Outcome[Kept]]:
+    executor: ProcessPoolExecutor, work: Work[Target, Payload], job: Job[Target]
+) -> Future[Outcome[Payload]]:
     """Return the future of a job; it has failed already if the processes have died meanwhile."""
     try:
         return executor.submit(_performed, work, job)
     except BrokenProcessPool as error:
-        future: Future[Outcome[Kept]] = Future()
+        future: Future[Outcome[Payload]] = Future()
         future.set_exception(error)
         return future
 
 
-def _alone(work: Work[Target, Kept], job: Job[Target]) -> Outcome[Kept]:
+def _alone(work: Work[Target, Payload], job: Job[Target]) -> Outcome[Payload]:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
     executor = _executor(1)
     try:
@@ -104,7 +104,7 @@ def _leave(number: int, frame: object) -> None:
     raise SystemExit
 
 
-def _performed(work: Work[Target, Kept], job: Job[Target]) -> Outcome[Kept]:
+def _performed(work: Work[Target, Payload], job: Job[Target]) -> Outcome[Payload]:
     """Return the outcome of a job in a process that was not told to end."""
     if _ENDING.is_set():
         raise SystemExit

@@ -9,29 +9,39 @@ from pathlib import Path
 from blur2view.errors import Blur2ViewError
 from blur2view.photographs.image import read_content
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
-from blur2view.runs.job import Job, Kept, Outcome, Target, Work, failed, file_digest, with_contents, written
+from blur2view.runs.job import (
+    Job,
+    Outcome,
+    Payload,
+    Target,
+    Work,
+    failed,
+    file_digest,
+    with_contents,
+    written,
+)
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.processes import Engine
 
-Waiting = dict[int, tuple[Job[Target], Outcome[Kept]] | None]
+Waiting = dict[int, tuple[Job[Target], Outcome[Payload]] | None]
 """By index, until it is their turn; None for a frame that its video does not have."""
 
 
 def outcomes(
-    work: Work[Target, Kept],
+    work: Work[Target, Payload],
     jobs: Iterable[Job[Target]],
     engine: Engine,
     manifest: Manifest | None = None,
     *,
     sends: bool = False,
-) -> Generator[tuple[Job[Target], Outcome[Kept]]]:
+) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
     """Yield every job, of consecutive indices, with its outcome in their order.
 
     The manifest has it as soon as it is done. With ``sends`` photographs are read here and sent, as to other
     machines. OutputError or RunError if the manifest cannot be written, or no photograph can be done any
     more; KeyboardInterrupt after the outcomes that are there.
     """
-    waiting: Waiting[Target, Kept] = {}
+    waiting: Waiting[Target, Payload] = {}
     turn = 0
     left = _left(work, jobs, manifest, waiting, sends=sends)
     try:
@@ -53,10 +63,10 @@ def outcomes(
 
 
 def _left(
-    work: Work[Target, Kept],
+    work: Work[Target, Payload],
     jobs: Iterable[Job[Target]],
     manifest: Manifest | None,
-    waiting: Waiting[Target, Kept],
+    waiting: Waiting[Target, Payload],
     *,
     sends: bool,
 ) -> Iterator[Job[Target]]:
@@ -88,15 +98,17 @@ def _read_frame(job: Job[Target], video: Path, number: int) -> Job[Target]:
     return replace(read, frame=number, timestamp_s=time_s, neighbours=before + after)
 
 
-def _found(work: Work[Target, Kept], job: Job[Target], manifest: Manifest | None) -> Outcome[Kept] | None:
+def _found(
+    work: Work[Target, Payload], job: Job[Target], manifest: Manifest | None
+) -> Outcome[Payload] | None:
     """Return what an earlier call made of a photograph that is as it was."""
     if manifest is None or not manifest.knows(job):
         return None
     try:
-        made = manifest.find(replace(job, digest=_digest(job.path)), work)
+        result = manifest.find(replace(job, digest=_digest(job.path)), work)
     except OSError:  # reading it will say why
         return None
-    return None if made is None else Outcome(made=made, skipped=True)
+    return None if result is None else Outcome(result=result, skipped=True)
 
 
 _video_digest = cache(file_digest)

@@ -1,4 +1,4 @@
-"""From half cells to pixels: outlines from the picture, connected parts, and their description."""
+"""From places to pixels: outlines from the picture, connected parts, and their description."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.smears.field import upsample_grid
+from blur2view.movers.inputs import PLACE_PX
+from blur2view.movers.parts import LEAST
 
 Mask = NDArray[np.bool_]
-# Probabilities: of every pixel of a part that moves; below the second it stands still.
-LEAST_MOVING, MOST_STILL = 0.3, 0.12
-LEAST_AREA_PX = 1600  # of a part: a window of the network reads 96 x 96 pixels
-REDUCED = 4  # pixels to one in which outlines are followed
-GUIDE_RADIUS, GUIDE_EPS = 6, 1e-3  # reduced pixels; squared levels
+Floats = NDArray[np.float32]
+
+LEAST_PIECES = 25
+"""Places of the smallest piece that outlines leave of a part."""
+GUIDE_PLACES, GUIDE_EPS = 9, 1e-3
+"""Side of the windows in which outlines follow the picture, places; squared levels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,39 +43,58 @@ class MovingRegion:
     probability: float
 
 
-def to_pixels(places: NDArray[np.float32], size_px: int, image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Resample values in [0, 1] of places (h, w) to the pixels of an image (H, W, 3), along its edges.
+def to_pixels(places: Floats, image: AnyArray, place_px: int = PLACE_PX) -> Floats:
+    """Resample probabilities (h, w) of places to the pixels of an image, along its edges.
 
-    A place has ``size_px`` pixels a side; together they cover the image.
+    Places, squares of ``place_px`` pixels, cover the image.
 
     References
     ----------
-    He, Sun and Tang, Guided image filtering, PAMI 2013.
+    He and Sun, Fast guided filter, arXiv 1505.00996.
     """
     height, width = image.shape[:2]
-    zoom = max(size_px // REDUCED, 1)
-    coarse = upsample_grid(places[..., None], zoom)[..., 0]
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    missing = [(0, n * size_px - side) for n, side in zip(places.shape, grey.shape, strict=True)]
-    padded = np.pad(grey, missing, mode="symmetric")
-    small = cv2.resize(padded, coarse.shape[::-1], interpolation=cv2.INTER_AREA)
-    guided = np.asarray(cv2.ximgproc.guidedFilter(small, coarse, GUIDE_RADIUS, GUIDE_EPS), np.float32)
-    pixels = upsample_grid(guided[..., None], size_px // zoom)[:height, :width, 0]
-    return np.clip(pixels, 0, 1)
+    rows, columns = -(-height // place_px), -(-width // place_px)
+    values = np.ascontiguousarray(places[:rows, :columns])
+    grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
+    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
+    grey = np.asarray(grey / np.float32(white), np.float32)
+    guide = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)
+    mean, level = _mean(guide), _mean(values)
+    slope = (_mean(guide * values) - mean * level) / (_mean(guide * guide) - mean**2 + GUIDE_EPS)
+    offset = _mean(level - slope * mean)
+    slope, offset = (
+        np.asarray(cv2.resize(each, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+        for each in (_mean(slope), offset)
+    )
+    return np.asarray(np.clip(slope * grey + offset, 0, 1), np.float32)
 
 
-def moving_parts(probability: NDArray[np.float32], least: float, share: float) -> Mask:
-    """Mark the connected parts (H, W) that may move everywhere and are large enough.
+def _mean(values: AnyArray) -> Floats:
+    return np.asarray(cv2.blur(values, (GUIDE_PLACES, GUIDE_PLACES)), np.float32)
 
-    More than a ``share`` of each, 0 to 1, has a probability of at least ``least``.
+
+def moving_parts(probability: Floats, part: Floats, threshold: float, place_px: int = PLACE_PX) -> Mask:
+    """Mark the pixels (H, W) that move: those that probably do, in the parts that move and beside them.
+
+    Parameters
+    ----------
+    probability : ndarray of shape (H, W)
+        Of pixels.
+    part : ndarray of shape (h, w)
+        Probabilities of the parts that places, which cover the picture, belong to.
+    threshold : float
+        Of these.
+    place_px : int
+        Side of a place, pixels.
     """
-    likely = probability >= LEAST_MOVING
-    _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
-    area = stats[:, cv2.CC_STAT_AREA]
-    moves = np.bincount(part[probability >= least], minlength=len(stats)) > share * area
-    moves &= area >= LEAST_AREA_PX
-    moves[0] = False
-    return np.asarray(moves[part])
+    near = cv2.dilate((part >= threshold).astype(np.uint8), np.ones((3, 3), np.uint8))
+    height, width = probability.shape
+    pixels = near.repeat(place_px, axis=0).repeat(place_px, axis=1)[:height, :width]
+    likely = (pixels > 0) & (probability >= LEAST)
+    _, piece, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
+    kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PIECES * place_px**2
+    kept[0] = False
+    return np.asarray(kept[piece])
 
 
 def parts_above(moving: Mask, values: Array, least: float, stride: int) -> Mask:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,11 +26,11 @@ BORDER, BORDER_WEIGHT = 0.15, 3.0
 """Share of a side that is near the border, and how much more what lies there counts."""
 MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
-MOVER, SURE, MOVER_SHARE = 0.6, 0.6, 0.02
-"""Probability with which cells must be smeared, largest standard deviation over the length of their smears,
-and the share of the picture that such cells must cover in one piece, for something to move before a camera at
-rest. Without the second, which smooth and striped areas lack, Kodak's parrots move. Chosen on 16 made-up
-photographs each of nine kinds, of training photographs, and Kodak's."""
+MOVING_SHARE = 0.005
+"""Share of the picture that must move for the camera to be at rest before it."""
+MIXED = 0.02
+"""Share of the cells that must be smeared, and share that must not be, for a part of the photograph to be in
+question."""
 IN_FOCUS = 0.2
 """Share of what is not smeared that must be sharp, of a photograph that is not out of focus: its subject."""
 DARK, BRIGHT = 0.02, 0.98
@@ -115,10 +114,11 @@ class Blur:
         return None if self.width_px is None else 1 / (1 + self.width_px)
 
 
-def blur_of(grid: SmearGrid, image: AnyArray | None = None) -> Blur:
+def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | None = None) -> Blur:
     """Return the blur of a photograph; the photograph itself says why nothing can be told.
 
-    Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved.
+    Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
+    (h, w) is the share of each cell that moves by itself, if the camera is at rest; by default 0.
     """
     length, sigma, direction = median_smear(grid)
     if grid.kinds is None or grid.radius_px is None:
@@ -126,8 +126,10 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None) -> Blur:
         return Blur(kind=kind, smear_px=length, smear_sigma_px=sigma, direction_deg=direction)
     kinds = np.asarray(grid.kinds, float)
     told = 1 - kinds[..., CANNOT_TELL]
-    moves = movers(grid)
-    kind = kind_of(kinds, moves)
+    share = np.zeros(told.shape) if moving is None else np.asarray(moving)
+    kind = BlurKind.CANNOT_TELL
+    if told.mean() >= LEAST_TOLD:
+        kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius = spread = None
@@ -140,18 +142,16 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None) -> Blur:
         direction_deg=direction,
         defocus_px=radius,
         defocus_sigma_px=spread,
-        moving_share=float(moves.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
+        moving_share=float(share.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
         nothing_seen=nothing_seen(image) if image is not None and kind is BlurKind.CANNOT_TELL else "",
     )
 
 
-def kind_of(kinds: NDArray[np.float64], moves: NDArray[np.bool_]) -> BlurKind:
+def kind_of(kinds: NDArray[np.float64], moving_share: float) -> BlurKind:
     """Return what blurred a photograph whose cells have these probabilities of kinds, (h, w, 5).
 
-    ``moves`` (h, w) are the cells that move if the camera does not.
+    They are weighed by how much of a cell stands still; ``moving_share`` of the picture does not.
     """
-    if 1 - kinds[..., CANNOT_TELL].mean() < LEAST_TOLD:
-        return BlurKind.CANNOT_TELL
     sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
     moved, still = smeared + both, sharp + defocused
     if moved > MOVED * (moved + still):
@@ -159,22 +159,16 @@ def kind_of(kinds: NDArray[np.float64], moves: NDArray[np.bool_]) -> BlurKind:
     sharp, defocused = kinds.sum((0, 1))[:SMEARED]
     if sharp <= IN_FOCUS * (sharp + defocused):
         return BlurKind.OUT_OF_FOCUS
-    return BlurKind.CAMERA_AT_REST if largest_part(moves) > MOVER_SHARE else BlurKind.SHARP
+    return BlurKind.CAMERA_AT_REST if moving_share > MOVING_SHARE else BlurKind.SHARP
 
 
-def movers(grid: SmearGrid) -> NDArray[np.bool_]:
-    """Return the cells (h, w) that are smeared, and sure of their smears."""
+def is_mixed(grid: SmearGrid) -> bool:
+    """Whether some of a photograph is smeared and some is not."""
     if grid.kinds is None:
-        return np.zeros(grid.cells.shape[:2], bool)
-    smears = grid.smears()
-    smeared: NDArray[np.bool_] = grid.kinds[..., [SMEARED, BOTH]].sum(-1) > MOVER
-    return smeared & (smears.sigma_px < SURE * smears.length_px)
-
-
-def largest_part(cells: NDArray[np.bool_]) -> float:
-    """Return the share of all cells (h, w) of the largest connected part of some."""
-    areas = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=4)[2][1:, cv2.CC_STAT_AREA]
-    return float(np.max(areas, initial=0) / cells.size)
+        return False
+    smeared = grid.kinds[..., [SMEARED, BOTH]].sum(-1)
+    still = grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1)
+    return bool(min((smeared > 0.5).mean(), (still > 0.5).mean()) > MIXED)
 
 
 def nothing_seen(image: AnyArray) -> str:

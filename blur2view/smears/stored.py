@@ -7,7 +7,9 @@ network errs by, and a photograph of 20 megapixels takes 0.2 MB, where all its p
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from blur2view.smears.noise import WINDOW_PX
 
 GRID, BLUR, FIELD = "smear_grid", "blur_grid", "displacement"
 """Arrays of which the first or the last tells either kind of file."""
+MOST_GRID, MOST_FIELD = 1 << 26, 9 * MAX_PIXELS  # bytes of an array; a grid's has some millions
 DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
           RuntimeError, MemoryError, zipfile.BadZipFile)  # fmt: skip
 """What the readers of ZIP and NPY raise of damaged bytes; RuntimeError of an archive with a password."""
@@ -56,12 +59,25 @@ def load_smears(path: str | Path) -> SmearGrid:
     """
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as stored:
-            return _grid({name: stored[name] for name in stored.files})
+            return _grid(dict(_arrays(stored)))
     except FileNotFoundError:
         raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
     except DAMAGE:
         remedy = "write it again with blur2view estimate -o"
         raise OutputError(f"{path}: is no whole .smear.npz file of blur2view; {remedy}") from None
+
+
+def _arrays(stored: Any) -> Iterator[tuple[str, AnyArray]]:
+    """Yield the arrays of an open file by name; ValueError of one that is larger than any of ours.
+
+    `numpy.savez` compresses nothing: what unfolds to more than the file has is refused before it does.
+    """
+    most = MOST_GRID if GRID in stored.files else MOST_FIELD
+    for member in stored.zip.infolist():
+        if member.compress_type != zipfile.ZIP_STORED or member.file_size > most:
+            raise ValueError(f"{member.filename} is compressed or too large")
+        name = member.filename.removesuffix(".npy")
+        yield name, stored[name]
 
 
 def _grid(arrays: dict[str, AnyArray]) -> SmearGrid:

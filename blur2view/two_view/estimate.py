@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import require
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
@@ -30,7 +31,7 @@ LESS_PARALLAX = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN]
 def estimate_two_view(
     matches: SmearMatches,
     options: EstimatorOptions | None = None,
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
 ) -> TwoViewGeometry:
@@ -40,8 +41,8 @@ def estimate_two_view(
     ----------
     matches : SmearMatches
     options : EstimatorOptions, optional
-    rng : numpy.random.Generator, optional
-        Default: seed 0. The same state gives the same answer.
+    rng : numpy.random.Generator or int, optional
+        Source of randomness or its seed, 0 by default. The same state gives the same answer.
     camera : Camera, optional
         Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
     shutter : RollingShutter, optional
@@ -63,10 +64,11 @@ def estimate_two_view(
     ValueError
         If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
+    require("matches", matches, SmearMatches, "as of select_matches(network.predict(image))")
     if shutter is not None and (camera is None or not camera.known):
         raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
-    rng = np.random.default_rng(0) if rng is None else rng
+    rng = np.random.default_rng(0 if rng is None else rng)
     geometry = as_recorded(matches, options, rng, camera, rolling=shutter is None)
     without_orders = geometry.F is None and geometry.H is None
     if shutter is None or camera is None or not shutter.readout_s or without_orders:

@@ -1,15 +1,13 @@
 """``blur2view estimate`` with intrinsics: E, the pose and its rates in the document, and how it fails."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.cli import summary
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_vector
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
@@ -71,13 +69,6 @@ def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> No
     assert np.array(document["pose_covariance"]["matrix"]).shape == (5, 5)
 
 
-def test_without_intrinsics_there_is_no_pose(run: Any, photo: Path) -> None:
-    (document,) = run(photo)
-    for key in ("K", "camera", "E", "cam2_from_cam1", "rotation_deg", "wx", "sigma_wz"):
-        assert document[key] is None
-    assert document["F"] is not None
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("command", [("estimate",), ("to-colmap", "--db", "new.db")])
 def test_what_exif_contradicts_is_believed_and_told_once(
@@ -89,7 +80,7 @@ def test_what_exif_contradicts_is_believed_and_told_once(
 
     def told(*words: object) -> list[str]:
         Path("new.db").unlink(missing_ok=True)
-        Path("new.db.manifest.jsonl").unlink(missing_ok=True)
+        Path(".new.db.manifest.jsonl").unlink(missing_ok=True)
         return call(*command, "a.png", "b.png", *words).lines
 
     millimetres = "blur2view: a.png: --focal says 32 px, EXIF 295.8 px"
@@ -101,13 +92,6 @@ def test_what_exif_contradicts_is_believed_and_told_once(
         assert told("--focal", 300, "--exposure", "1/45") == []
         seconds = "blur2view: a.png: --exposure says 25 s, EXIF 0.02 s"
         assert told("--focal", "32px", "--exposure", "25s") == [seconds, millimetres]
-
-
-def test_without_exposure_there_are_no_rates(run: Any, photo: Path) -> None:
-    (document,) = run(photo, "--focal", 300)
-    angle = np.linalg.norm([document[axis] for axis in ("wx", "wy", "wz")])
-    assert np.isclose(angle, np.radians(document["rotation_deg"]))
-    assert document["rate_unit"] == "rad" and document["rotation_deg"] > 0
 
 
 def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:
@@ -145,41 +129,3 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
         angles[orientation] = document["rotation_deg"], document["backward"]["rotation_deg"]
     assert angles[2] == angles[1] != angles[6]
     np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.1)
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ("--readout 0.03", [" or, in the other order in time, "]),
-        ("--readout 0.03 -v", [" or, in the other order in time, "]),
-        ("-v", ["CALIBRATED", "rotation", "angular velocity", "rad/s in 0.05 s", "translation towards"]),
-    ],
-)
-def test_summary_has_the_pose_and_both_orders_of_a_rolling_shutter(
-    call: Call, photo: Path, more: str, words: list[str]
-) -> None:
-    done = call("estimate", photo, "--focal", 300, "--exposure", "1/20", *more.split())
-    assert done == 0
-    text = done.out
-    assert all(word in text for word in words)
-
-
-@pytest.mark.parametrize(
-    ("sigma_deg", "words"), [(0.1, "0.5 +/- 0.035 rad/s"), (2.0, "0.5 +/- 0.7 rad/s (may be none)")]
-)
-def test_a_rate_below_its_sigma_is_not_printed_as_if_known(sigma_deg: float, words: str) -> None:
-    vector = 0.05 * np.array([0.3, 0.0, 0.4])
-    across = np.array([0.8, 0.0, -0.6])  # along it the rotation is hardly known: not the rate's matter
-    matrix = np.zeros((5, 5))
-    matrix[:3, :3] = np.radians(sigma_deg) ** 2 * np.outer(vector, vector) / (vector @ vector)
-    matrix[:3, :3] += np.outer(across, across)
-    document: Any = SimpleNamespace(
-        wx=0.3,
-        wy=0.0,
-        wz=0.4,
-        exposure_s=0.05,
-        backward=None,
-        cam2_from_cam1=SimpleNamespace(rotation=rotation_matrix(vector).tolist()),
-        pose_covariance=SimpleNamespace(matrix=matrix.tolist()),
-    )
-    assert summary.rate(document) == words

@@ -3,22 +3,18 @@
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from blur2view.cli import commands as cli
 from blur2view.geometry.sampson import serrmin
-from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
-from blur2view.pipeline import estimate
-from blur2view.results.overlay import draw_overlay
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.calls import Call
-from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion, write_picture
+from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
+from tests.support.many_photographs import contents
 
 
 def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
@@ -26,7 +22,7 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
 ) -> None:
     out = tmp_path / "deep" / "out"
     assert run(moving, "-o", out) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["moving.json", "moving.png", "moving.smear.npz"]
+    assert sorted(contents(out)) == ["moving.json", "moving.png", "moving.smear.npz"]
 
     document = json.loads((out / "moving.json").read_text())
     assert document["config"] == "UNCALIBRATED" and document["reason"]
@@ -55,16 +51,6 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert np.median(rho) < 0.01
 
 
-def test_summary_is_two_lines(run: Call, moving: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    first, second = run(moving, "-o", out).out.splitlines()
-    assert first.startswith(f"{moving}: Camera moved")
-    document = json.loads((out / "moving.json").read_text())
-    assert f"{document['num_inliers']} of {document['num_matches']} smears fit" in second
-    assert "moved to or from the epipole at (" in second
-    assert second.endswith(f"wrote {out / 'moving'}.{{json,png,smear.npz}}")
-
-
 def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: Path, tmp_path: Path) -> None:
     done = run(moving, "-v", "-o", tmp_path / "out")
     assert done == 0
@@ -72,16 +58,6 @@ def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: 
     document = json.loads((tmp_path / "out" / "moving.json").read_text())
     for words in ("UNCALIBRATED", document["reason"], "F =", "epipoles", "penalised costs: ", "solve "):
         assert words in text
-
-
-def test_verbose_summary_of_one_homography_has_H_and_no_epipoles(run: Call, tmp_path: Path) -> None:
-    y, x = np.mgrid[:288, :384]
-    turning = 0.05 * np.stack([y - 143.5, 191.5 - x], axis=-1) + [14.0, 3.0]
-    picture = write_picture(tmp_path / "turning.png", colour_code(turning, 0.3))
-    done = run(picture, "-v")
-    assert done == 0
-    text = done.out
-    assert "H =" in text and "epipoles" not in text
 
 
 def test_without_output_folder_nothing_is_written(run: Call, moving: Path, tmp_path: Path) -> None:
@@ -100,33 +76,11 @@ def test_json_is_one_document_that_equals_the_file(
         assert json.loads(file.read_text()) == document
 
 
-def test_picture_without_motion_is_a_result_with_a_reason(run: Call, still: Path, tmp_path: Path) -> None:
-    done = run(still, "-o", tmp_path / "out")
-    assert done == 0 and "DEGENERATE" in done.out
-    document = json.loads((tmp_path / "out" / "still.json").read_text())
-    assert document["F"] is None and document["config"] == "DEGENERATE" and len(document["reason"]) > 10
-
-
 def test_same_seed_gives_the_same_bytes(run: Call, moving: Path, still: Path, tmp_path: Path) -> None:
     assert run(moving, "-o", tmp_path / "alone", "--seed", 7) == 0
     assert run(still, moving, "-o", tmp_path / "second", "--seed", 7) == 0
     for name in ("moving.smear.npz", "moving.png"):
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
-
-
-def test_options_reach_the_steps(run: Call, moving: Path) -> None:
-    counts = []
-    for beta in (0.1, 0.3):
-        (document,) = run(moving, "--json", "--beta", beta, "--max-error", 0.5).document["estimates"]
-        assert document["beta"] == beta and document["max_error_px"] == 0.5
-        counts.append(document["num_matches"])
-    assert counts[0] < counts[1]
-
-
-def test_defaults_are_those_of_the_dataclasses() -> None:
-    options: Any = cli.parse(["estimate", "a.jpg"])
-    assert (options.beta, options.run.select) == (SelectOptions.beta, SelectOptions())
-    assert options.run.options == EstimatorOptions()
 
 
 def test_many_photographs_show_progress_to_a_person(
@@ -136,33 +90,19 @@ def test_many_photographs_show_progress_to_a_person(
     captured = run(still, moving)
     assert captured == 0
     assert "2/2" in captured.err and "photo" in captured.err
+    assert captured.err.startswith(f"2 photographs: 2 in {still.parent}\n")
     assert captured.out.startswith(f"{still}: Sharp")
     done = run(still)
     assert done == 0 and done.err == ""
 
 
-def test_large_photograph_shows_its_tiles_to_a_person(
-    run: Call, tiny_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_next_command_is_told_to_who_watches_and_can_be_pasted(
+    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name, value in (("max_pixels", 4096), ("tile_px", 64), ("overlap_px", 0)):
-        monkeypatch.setattr(SmearNetwork, name, value)
-    large = write_picture(tmp_path / "large.png", colour_code(np.zeros((128, 192, 2)), 1.0))
-    assert run(large).err == ""
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    done = run(large)
-    assert done == 0
-    printed = done.err
-    assert "/6 [" in printed and "tile" in printed
-    network = SmearNetwork(tiny_model)
-    seen: list[tuple[int, int]] = []
-    network.on_tile = lambda done, count: seen.append((done, count))
-    network.predict(read_image(large))
-    assert seen == [(done, 6) for done in range(1, 7)]
-
-
-def test_written_overlay_is_the_drawn_one(run: Call, moving: Path, tiny_model: Path, tmp_path: Path) -> None:
-    assert run(moving, "-o", tmp_path / "out") == 0
-    photo = read_image(moving)
-    result = estimate(photo, network=SmearNetwork(tiny_model))
-    drawn = draw_overlay(photo, result.grid, result.matches, result.geometry)
-    np.testing.assert_array_equal(np.round(read_image(tmp_path / "out" / "moving.png") * 255), drawn)
+    odd = moving.rename(moving.with_name("a b.png"))
+    assert "next: " not in run(odd).out
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    assert run(odd).out.endswith(f"next: blur2view report '{odd}' -o report.html\n")
+    assert run(odd, still).out.endswith(f"next: blur2view triage '{odd}' {still} --csv table.csv\n")
+    for words in ((odd, "-q"), (odd, "--json"), (odd, odd.with_name("none.png"))):
+        assert "next: " not in run(*words).out

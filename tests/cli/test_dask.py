@@ -55,7 +55,7 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
     words = ["estimate", tmp_path / "in", "--model", tiny_model, "--no-timings"]
     assert finish(*words, "--jobs", 1, "-o", tmp_path / "here")[0] == 0
     running = start(*words, "--dask", address, "-o", tmp_path / "out")
-    manifest = tmp_path / "out" / "estimate.manifest.jsonl"
+    manifest = tmp_path / "out" / ".estimate.manifest.jsonl"
     while running.poll() is None and (not manifest.exists() or manifest.read_bytes().count(b"\n") < 5):
         time.sleep(0.01)
     workers[0].send_signal(signal.SIGKILL)
@@ -73,7 +73,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
     write_photographs(tmp_path / "in", 30, (128, 160))
     words = ["estimate", tmp_path / "in", "--model", tiny_model, "-o", tmp_path / "out"]
     running = start(*words, "--dask", address)
-    manifest = tmp_path / "out" / "estimate.manifest.jsonl"
+    manifest = tmp_path / "out" / ".estimate.manifest.jsonl"
     while running.poll() is None and (not manifest.exists() or manifest.read_bytes().count(b"\n") < 5):
         time.sleep(0.01)
     scheduler.kill()

@@ -64,19 +64,6 @@ def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(call: Call,
     assert done.line == f"blur2view: {folder}: holds mine.txt; name an empty folder with --extract"
 
 
-def test_photographs_are_copied_and_frames_of_several_videos_kept_apart(
-    frames: Path, call: Call, tmp_path: Path
-) -> None:
-    clips = [write_clip(tmp_path / name, 2) for name in ("a.mp4", "b.mp4")]
-    folder = tmp_path / "all"
-    words = (*clips, frames, "--recursive", "--best", "100%", "--extract", folder)
-    assert call("triage", *words) == 0
-    below = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    pictures = {"frames/still.png", "frames/chaos.png", "frames/left/moving.png"}
-    assert below == pictures | {f"{clip}.mp4/frame_0000{k}.png" for clip in "ab" for k in (0, 1)}
-    assert (folder / "frames/still.png").read_bytes() == (frames / "still.png").read_bytes()
-
-
 def test_a_run_that_is_ended_early_extracts_nothing_and_keeps_an_earlier_choice(
     frames: Path, call: Call, tmp_path: Path
 ) -> None:

@@ -36,17 +36,11 @@ def test_link_to_itself_is_one_line(run: Call, tmp_path: Path) -> None:
     assert done == 1 and len(done.lines) == 1
 
 
-def test_json_names_failures_too(run: Call, still: Path, tmp_path: Path) -> None:
-    done = run(tmp_path / "absent.jpg", still, "--json")
-    assert done == 1 and len(done.document["estimates"]) == 1
-    assert "no such file" in done.document["failures"][0]["error"]
-
-
 def test_interrupt_is_no_traceback(run: Call, still: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(path: Path, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "read_image", interrupt)
+    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
     done = run(still)
     assert done == 130 and done.err == "blur2view: interrupted\n"
 
@@ -158,6 +152,20 @@ def test_output_that_nobody_takes_is_no_traceback(
     monkeypatch.setenv("PYTHONUNBUFFERED", "" if buffered else "1")
     done = program("estimate", still, "--model", tiny_model, closed=target)
     assert done.stderr.startswith(words) and done.stderr.count("\n") == bool(words)
+
+
+@pytest.mark.slow
+def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
+    still: Path, tiny_model: Path
+) -> None:
+    words = command("estimate", still, "--model", tiny_model)
+    with subprocess.Popen(
+        words, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as running:
+        assert running.stdout is not None and running.stderr is not None
+        running.stdout.close()
+        assert running.stderr.read() == b""
+    assert running.returncode == 141
 
 
 @pytest.mark.slow

@@ -1,14 +1,10 @@
 """Folders, videos and lists: what is printed of many photographs, and what fails."""
 
 import json
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from blur2view.errors import ImageError
-from blur2view.photographs.image import read_image
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, write_photographs, write_video
 
@@ -44,30 +40,6 @@ def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> 
     assert document["image"] == f"{video}/000010" and (document["width"], document["height"]) == (80, 64)
     done = run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume")
     assert done == 0 and "4 photographs: 2 done, 2 done before" in done.out
-
-
-def test_frame_beyond_the_end_of_a_video_is_an_error(run: Call, tmp_path: Path) -> None:
-    video = write_video(tmp_path / "clip.mp4", 25)
-    printed = run(video / "000999", video / "000024")
-    assert printed == 1
-    (line,) = printed.lines
-    assert f"{video}: has 25 frames, none of number 999" in line and "1 done, 1 failed" in printed.out
-    with pytest.raises(ImageError, match="has 25 frames"):
-        read_image(video / "000025")
-
-
-def test_frames_of_a_video_come_into_a_report_and_a_database(call: Call, tmp_path: Path) -> None:
-    video = write_video(tmp_path / "clip.mp4", 25)
-    shared = (video, "--every", 10)
-    assert call("report", *shared, "--no-mask", "-o", tmp_path / "page.html") == 0
-    assert "3 photographs, " in (tmp_path / "page.html").read_text()
-    table = tmp_path / "new.csv"
-    assert call("to-colmap", *shared, "--db", tmp_path / "new.db", "--csv", table) == 0
-    with closing(sqlite3.connect(tmp_path / "new.db")) as database:
-        names = [row[0] for row in database.execute("SELECT name FROM images ORDER BY name")]
-    assert names[:2] == ["clip.mp4/000000#close", "clip.mp4/000000#open"] and len(names) == 6
-    rows = table.read_text().splitlines()[1:]
-    assert [row.split(",")[0] for row in rows] == [f"clip.mp4/{n:06d}" for n in (0, 10, 20)]
 
 
 def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Path, tmp_path: Path) -> None:

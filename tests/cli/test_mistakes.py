@@ -1,6 +1,9 @@
 """One mistake of each kind: it costs one line, with the remedy, and the exit code is not zero."""
 
+import shlex
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -35,7 +38,7 @@ MISTAKES = [
     ("estimate b.png", "b.png: no such file; check the path"),
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),
     ("estimate @missing.txt", "name a file that holds one name on each line"),
-    ("estimate a.png -o notes.txt", "choose another folder with -o"),
+    ("estimate a.png -o notes.txt", "(File exists); name another folder"),
     ("report a.png -o mine.html", "name another with -o or remove it"),
     ("estimate a.png --camera exif", "give it with --focal"),
     ("estimate a.png --camera PINHOLE,640,400,500,500,320,200", "is for 640x400 pixels, the photograph has"),
@@ -45,6 +48,23 @@ MISTAKES = [
     ("to-colmap a.png --db project.db --link", "project.db: "),
     ("to-transforms empty", "empty: "),
     ("estimate a.png --resume", "name it with -o"),
+    ("estimate https://a.org/b.jpg", "https://a.org/b.jpg: is no file here; download it first"),
+    ("estimate film", "film: holds no photograph; name its video, film/clip.mp4"),
+    ("estimate a.png --every 0.5s", "counts frames; 0.5s are 15 in a video of 30 a second"),
+    ("place a.db model film -o out --fraction 1e308", "must be above 0 and at most 1, got 1e308"),
+    ("estimate project.db", "a COLMAP database goes to --camera, to-colmap --db or place"),
+    ("estimate linked", "it is a link to .git/annex/a.jpg, fetch that (git annex get, dvc checkout)"),
+    ("estimate @utf16.txt", "it is UTF-16; save it as UTF-8"),
+    ("estimate @a.png", "it is no text; a photograph itself is named by its file"),
+    ("estimate @", "@: name a list behind @, as @list.txt"),
+    ("estimate a.png -out o", "-out has one dash; did you mean --output?"),
+    ("estimate '~/a.jpg'", "~/a.jpg: no such file; write ~ without quotes"),
+    ("estimate '*.jpg'", "*.jpg: no such file; no name fits this pattern, or it stands in quotes"),
+    ("estimate -verbose a.png", "-verbose has one dash; did you mean --verbose?"),
+    ("triage a.png --extract .", ".: holds the photographs themselves; name an empty folder"),
+    ("estimate ''", "an input is empty; is it a variable that is not set?"),
+    ("estimate a.png -o ''", "-o is empty"),
+    ("estimate a.png --csv=", "--csv is empty"),
 ]
 WRONG_VALUES = [
     "estimate a.png --beta 0",
@@ -76,7 +96,13 @@ WRONG_VALUES = [
 def folder(tmp_path: Path, still: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the current folder: a photograph, an empty folder and files of the user."""
     shutil.copy(still, tmp_path / "a.png")
-    (tmp_path / "empty").mkdir()
+    for name in ("empty", "film", "linked"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "film/clip.mp4").touch()
+    (tmp_path / "linked/a.jpg").symlink_to(".git/annex/a.jpg")
+    (tmp_path / "utf16.txt").write_text("a.png\n", encoding="utf-16")
+    with closing(sqlite3.connect(tmp_path / "project.db")) as database:
+        database.execute("CREATE TABLE images (name TEXT)")
     for name in ("notes.txt", "mine.html"):
         (tmp_path / name).write_text("mine")
     monkeypatch.chdir(tmp_path)
@@ -89,7 +115,7 @@ def test_a_mistake_costs_one_line_with_its_remedy(
 ) -> None:
     before = sorted(folder.rglob("*"))
     try:
-        code = cli.main(words.split())
+        code = cli.main(shlex.split(words))
     except SystemExit as usage:
         code = int(usage.code or 0)
     printed = capsys.readouterr()

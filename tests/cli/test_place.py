@@ -14,7 +14,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
-from blur2view.colmap.models import find_model
+from blur2view.cli.place import ALL_FRAMES
 from blur2view.geometry.rotation import rotation_vector
 from tests.support.colour_code import colour_code
 from tests.support.walks import Walk
@@ -83,7 +83,7 @@ def test_chain_ends_in_files_that_both_programs_read(
 ) -> None:
     assert place(linked) == 0
     chosen, placed = capsys.readouterr().out.splitlines()
-    assert chosen == f"{linked / 'model' / '1'}: largest of 2 models, 7 of 7 frames"
+    assert chosen == f"{linked / 'model' / '1'}: largest of 2 models, 7 photographs, 7 frames in the folder"
     assert placed.startswith(f"{linked / 'with_views'}: placed the views of 7 frames, exposure over frame")
     assert float(placed.split()[-1]) == pytest.approx(SHARE, abs=0.03)
     ngp, splat = linked / "ngp" / "transforms.json", linked / "splat" / "transforms.json"
@@ -94,6 +94,25 @@ def test_chain_ends_in_files_that_both_programs_read(
     read_as_instant_ngp(ngp)
     read_as_nerfstudio(splat)
     assert [path.name for path in ngp.parent.iterdir()] == ["transforms.json"]
+
+
+@pytest.mark.slow
+def test_of_a_folder_with_some_of_the_frames_what_is_there_is_written_and_the_rest_told(
+    linked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    some = tmp_path / "some"
+    some.mkdir()
+    for name in NAMES[:4]:
+        shutil.copy(linked / "shots of day 1" / name, some)
+    words = linked / "project.db", linked / "model", some, "-o", tmp_path / "views"
+    assert call("place", *words) == 0
+    placed, lacking = capsys.readouterr().out.splitlines()[1:]
+    assert "placed the views of 4 frames" in placed
+    assert lacking == f"{some}: lacks 3 photographs of the model, which have no views; {ALL_FRAMES}"
+    assert call("to-transforms", tmp_path / "views", "-o", tmp_path / "a.json") == 0
+    wrote, left = capsys.readouterr().out.splitlines()
+    assert wrote == f"{tmp_path / 'a.json'}: wrote 4 frames"
+    assert left == f"{some}: lacks 3 photographs of the model, which are left out"
 
 
 def read_as_instant_ngp(path: Path) -> None:
@@ -189,14 +208,7 @@ def test_what_cannot_be_placed_is_one_line(
     assert line.endswith("no two follow one another and show how long an exposure is; link all frames of the "
         "video (blur2view to-colmap --link), or state --fraction")  # fmt: skip
     words = (database, tmp_path / "one", frames, "--fraction")
-    assert complaint(*words, 0.5).endswith("none has enough smears at the model's points; link more frames")
-
-
-def test_model_of_a_mapper_is_its_largest(linked: Path) -> None:
-    found = find_model(linked / "model")
-    assert (found.folder.name, found.registered, found.others) == ("1", FRAMES, 1)
-    alone = find_model(linked / "model" / "0")
-    assert (alone.folder.name, alone.registered, alone.others) == ("0", 3, 0)
+    assert complaint(*words, 0.5).endswith(f"none has enough smears at the model's points; {ALL_FRAMES}")
 
 
 def test_pictures_that_are_not_there_are_asked_for(

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view import Camera, SmearNetwork, estimate_frames
+from blur2view import Camera
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
 from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
-from blur2view.results.estimate import EstimateDocument
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_photographs
 from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
@@ -93,19 +92,6 @@ def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None
         assert (transfer(H, first, last) < transfer(H, last, first)).mean() > 0.95
 
 
-def test_frames_in_python_are_those_of_the_command(results: Path) -> None:
-    video = cv2.VideoCapture(str(results / "swing.avi"))
-    frames = (video.read()[1][..., ::-1] for _ in range(5))
-    found = list(
-        estimate_frames(frames, network=SmearNetwork(threads=1), camera=Camera.from_focal(FOCAL_PX, SIZE))
-    )
-    for index, one in enumerate(found[:-1]):  # the last has another neighbour in the whole video
-        velocity = one.angular_velocity(EXPOSURE_S)
-        document = json.loads((results / "out" / "swing" / f"{index:06d}.json").read_text())
-        assert velocity is not None and one.time.known
-        np.testing.assert_allclose(velocity.mean, [document[axis] for axis in AXES])
-
-
 def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(
     run: Call, tmp_path: Path
 ) -> None:
@@ -141,17 +127,6 @@ def test_a_changed_neighbour_is_done_again_with_its_photograph(run: Call, tmp_pa
     assert run(*words) == 0
     paths[4].write_bytes(paths[0].read_bytes())
     assert "2 done, 3 done before" in run(*words, "--resume").out
-
-
-def test_jsonl_prints_a_document_a_line_and_nothing_else(run: Call, tmp_path: Path) -> None:
-    paths = write_photographs(tmp_path, 2)
-    done = run(paths[0], tmp_path / "none.png", paths[1], "--jsonl", "-v")
-    first, failed, last = map(json.loads, done.out.splitlines())
-    assert set(first) == set(last) == set(EstimateDocument.__dataclass_fields__)
-    assert failed["image"].endswith("none.png") and "no such file" in failed["error"]
-    assert done == 1 and "none.png" in done.line
-    done = run(paths[0], "--json", "--jsonl")
-    assert done == 2 and "--jsonl one for each" in done.line
 
 
 def test_neighbour_that_cannot_be_read_costs_its_own_line_only(call: Call, tmp_path: Path) -> None:

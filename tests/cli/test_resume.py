@@ -1,6 +1,7 @@
-"""``--resume``: what is skipped, what is done again."""
+"""``--resume``: what is skipped, what is done again; what an earlier call left may be of anybody."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,38 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.photographs.image import read_image
+from blur2view.errors import ImageError
+from blur2view.photographs.image import read_pixels
+from blur2view.runs.manifest import Manifest, Settings
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.many_photographs import contents
+from tests.support.many_photographs import announcing, contents, write_photographs, write_video
 
-MANIFEST = "estimate.manifest.jsonl"
+MANIFEST = ".estimate.manifest.jsonl"
+COMMANDS = {
+    "estimate": (["estimate", "-o", "out", "--json"], f"out/{MANIFEST}"),
+    "triage": (["triage", "--csv", "t.csv"], ".t.csv.manifest.jsonl"),
+    "to-colmap": (["to-colmap", "--db", "new.db"], ".new.db.manifest.jsonl"),
+}
+
+
+@pytest.fixture
+def again(tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch) -> Call:
+    """Return a command over two small photographs, here."""
+    monkeypatch.chdir(tmp_path)
+    write_photographs(tmp_path / "in", 2)
+    return lambda command, *more: call(*COMMANDS[command][0], "in", *more)
+
+
+def change(command: str, *keys: Any, value: Any) -> None:
+    """Put another value into the line of the first photograph."""
+    manifest = Path(COMMANDS[command][1])
+    head, *lines = map(json.loads, manifest.read_text().splitlines())
+    holder = lines[0]
+    for key in keys[:-1]:
+        holder = holder[key]
+    holder[keys[-1]] = value
+    manifest.write_text("".join(json.dumps(line) + "\n" for line in (head, *lines)))
 
 
 def test_resume_does_only_what_is_new_changed_or_incomplete(
@@ -24,8 +51,9 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert run(folder, "-o", out) == 0
     before = contents(out)
     read.clear()
-    assert run(folder, "-o", out, "--resume") == 0
-    assert read == [] and contents(out) == before
+    done = run(folder, "-o", out, "--resume", "-v")
+    assert read == [] and contents(out) == before and done.err == ""
+    assert "003.png: done before" in done.out and "5 photographs: 5 done before" in done.out
 
     (out / "000.png").unlink()
     (out / "001.json").write_bytes(before["001.json"][:-9])
@@ -42,15 +70,34 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("option", [["--seed", 3], ["--beta", 0.2], ["--focal", 160], ["--no-timings"]])
-def test_other_options_are_done_again(
+@pytest.mark.parametrize("size", [0, 5, 60, 900, -2])
+@pytest.mark.parametrize("listed", [True, False])
+def test_a_result_that_is_empty_or_cut_is_done_again(again: Call, size: int, listed: bool) -> None:
+    assert again("estimate", "--no-timings") == 0
+    whole = Path("out/000.json").read_bytes()
+    Path("out/000.json").write_bytes(whole[:size])
+    if not listed:
+        Path(COMMANDS["estimate"][1]).unlink()
+    done = again("estimate", "--resume", "--no-timings")
+    assert (done, done.err) == (0, "") and Path("out/000.json").read_bytes() == whole
+
+
+def test_a_file_of_others_that_begins_like_a_result_stays(again: Call) -> None:
+    Path("out").mkdir()
+    Path("out/000.json").write_text('{\n  "image": "mine"}')
+    done = again("estimate")
+    assert done == 1 and "000.json is no result of an earlier call" in done.line
+
+
+@pytest.mark.parametrize("option", [["--seed", 3], ["--no-timings"]])
+def test_other_options_are_done_again_and_named(
     run: Call, folder: Path, tmp_path: Path, read: list[str], option: list[object]
 ) -> None:
     assert run(folder, "-o", tmp_path / "out") == 0
     read.clear()
-    assert run(folder, "-o", tmp_path / "out", "--resume", *option) == 0
-    assert len(read) == 5
+    done = run(folder, "-o", tmp_path / "out", "--resume", *option)
+    name = str(option[0]).removeprefix("--no-").removeprefix("--")
+    assert len(read) == 5 and done.line.endswith(f"other options ({name}) made it; all is done again")
     assert run(folder, "-o", tmp_path / "out", "--resume", "--max-memory", 1, "-q", *option) == 0
     assert len(read) == 5
 
@@ -65,6 +112,21 @@ def test_other_network_is_done_again(
         assert len(read) == count
 
 
+def test_each_output_of_triage_goes_on_from_what_was_done_for_another(again: Call, read: list[str]) -> None:
+    assert again("triage") == 0
+    read.clear()
+    keep, best = ["--keep", "k.txt"], ["--best", 1, "--extract", "kept"]
+    for more in (keep, [*keep, *best], []):
+        done = again("triage", "--resume", *more)
+        assert done == 0 and read == [] and "2 photographs (2 done before)" in done.out
+    assert Path("k.txt").read_text() and len(os.listdir("kept")) == 1
+    write_photographs(Path("in"), 3)
+    assert again("triage", "--resume", *keep) == 0 and read == ["002.png"]
+    assert again("triage", "--resume") == 0 and read == ["002.png"]
+    hidden = {path.name for path in Path().iterdir() if path.name.startswith(".")}
+    assert hidden == {f".{name}.manifest.jsonl" for name in ("t.csv", "k.txt", "kept")}
+
+
 @pytest.mark.parametrize("command", ["estimate", "segment"])
 def test_resume_replaces_no_result_of_another_photograph(
     call: Call, folder: Path, tmp_path: Path, command: str
@@ -75,7 +137,7 @@ def test_resume_replaces_no_result_of_another_photograph(
     assert call(command, folder / "000.png", "-o", out) == 0
     before = contents(out)
     done = call(command, other, "-o", out, "--resume")
-    assert done == 1 and f"is the result of {folder / '000.png'}" in done.line and contents(out) == before
+    assert done == 1 and "would replace those of ../in/000.png" in done.line and contents(out) == before
     assert call(command, folder / "000.png", "-o", out, "--resume") == 0
     assert call(command, other, "-o", out, "--resume", "--overwrite") == 0 and contents(out) != before
 
@@ -94,42 +156,9 @@ def test_resume_does_again_what_has_another_name_now(
     assert (out / "in" / "000.json").exists() and (out / "other" / "000.json").exists()
 
 
-def test_resume_prints_the_documents_of_what_was_done_before(run: Call, folder: Path, tmp_path: Path) -> None:
-    one, again = (run(folder, "-o", tmp_path / "out", "--resume", "--json") for _ in range(2))
-    assert one.out == again.out and len(one.document["estimates"]) == 5
-
-
-def test_photograph_alone_leaves_no_manifest_unless_it_is_to_be_resumed(
-    run: Call, folder: Path, tmp_path: Path
-) -> None:
-    assert run(folder / "000.png", "-o", tmp_path / "out") == 0
-    assert not (tmp_path / "out" / MANIFEST).exists()
-    assert run(folder / "000.png", "-o", tmp_path / "out", "--resume") == 0
-    assert (tmp_path / "out" / MANIFEST).exists()
-
-
-def test_page_goes_on_where_other_photographs_change_the_shown_names(
-    call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    page, other = tmp_path / "page.html", tmp_path / "other"
-    words = ("--no-mask", "--no-timings", "-o", page)
-    given = [folder / name for name in ("000.png", "001.png")]
-    assert call("report", *words, *given) == 0
-    other.mkdir()
-    (other / "000.png").write_bytes((folder / "002.png").read_bytes())
-    given.append(other / "000.png")
-    read: list[str] = []
-
-    def noted(path: Path, **options: Any) -> Any:
-        read.append(path.parent.name)
-        return read_image(path, **options)
-
-    monkeypatch.setattr(pipeline, "read_image", noted)
-    assert call("report", *words, *given, "--resume") == 0
-    assert read == ["other"]
-    resumed = page.read_bytes()
-    assert call("report", *words, *given, "--overwrite") == 0
-    assert page.read_bytes() == resumed and f'data-name="{folder.name}/000.png"'.encode() in resumed
+def test_resume_prints_the_documents_of_what_was_done_before(again: Call) -> None:
+    one, two = (again("estimate", "--resume") for _ in range(2))
+    assert one.out == two.out and len(one.document["estimates"]) == 2
 
 
 def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: Path, tmp_path: Path) -> None:
@@ -157,9 +186,79 @@ def test_resume_with_fewer_photographs_drops_none(call: Call, folder: Path, here
     told = "the views of 1 photograph (002.png) would be lost, as this call names them otherwise"
     done = call("to-colmap", *target, *photographs[:2], "--resume")
     assert done == 1 and told in done.err and contents(here) == before
-    whole = photographs[2].read_bytes()
     photographs[2].write_text("bad")
     done = call("to-colmap", *target, *photographs, "--resume")
     assert done == 1 and told in done.err
-    photographs[2].write_bytes(whole)
-    assert call("to-colmap", *target, *photographs, folder / "003.png", "--resume") == 0
+
+
+def test_a_page_is_not_gone_on_with_and_says_why(call: Call, folder: Path, here: Path) -> None:
+    done = call("report", folder, "--resume")
+    assert done == 2 and "--resume is not for report: a page is drawn anew" in done.line
+
+
+@pytest.mark.parametrize(
+    ("command", "keys", "value"),
+    [
+        ("estimate", ["row", "smear_px"], "far"),
+        ("to-colmap", ["kept", "name"], "001.png"),
+        ("to-colmap", ["kept", "points_open", "shape"], [1, -1]),
+        ("to-colmap", ["kept", "geometry", "config"], "NONE"),
+        ("to-colmap", ["kept", "camera"], {"model": "NONE"}),
+    ],
+)
+def test_photograph_whose_line_was_changed_is_done_again(
+    again: Call, tmp_path: Path, command: str, keys: list[Any], value: Any
+) -> None:
+    assert again(command, *["--no-timings"] * (command == "estimate")) == 0
+    before = contents(tmp_path)
+    change(command, *keys, value=value)
+    done = again(command, "--resume", *["--no-timings"] * (command == "estimate"))
+    assert (done, done.err) == (0, "") and contents(tmp_path) == before
+
+
+def test_control_characters_of_a_stored_row_are_printed_as_escapes(again: Call) -> None:
+    assert again("triage") == 0
+    change("triage", "row", "meaning", value="a\x1b[31m.png: fine")
+    printed = again("triage", "--resume", "-v").out
+    assert "a\\x1b[31m.png: fine" in printed and "\x1b" not in printed
+    assert len(again("triage", "--resume").out.splitlines()) == 1  # nothing of each that was done before
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_manifest_that_is_no_file_is_one_line_before_any_work(
+    again: Call, tmp_path: Path, command: str
+) -> None:
+    manifest = Path(COMMANDS[command][1])
+    manifest.parent.mkdir(exist_ok=True)
+    os.mkfifo(manifest)
+    done = again(command, "--resume")
+    assert (done, done.out) == (1, "") and "is no manifest of blur2view; rename or remove it" in done.line
+    assert manifest.is_fifo() and not any(one.is_file() for one in tmp_path.iterdir())
+
+
+def test_second_call_into_a_folder_is_refused_in_one_line_while_the_first_runs(again: Call) -> None:
+    Path("out").mkdir()
+    settings = Settings(command="estimate", version="1", options={})
+    with Manifest(Path(COMMANDS["estimate"][1]), settings, resume=False):
+        done = again("estimate", "--resume")
+    assert done == 1 and "another call writes there" in done.line and '"estimates"' not in done.out
+    assert again("estimate") == 0
+
+
+def test_a_video_whose_last_failure_is_its_end_is_not_stopped(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 40), 41)
+    (tmp_path / "bad.png").write_text("bad")
+
+    def failing(path: Path, **options: Any) -> Any:
+        if path.name == "000039":
+            raise ImageError(f"{path}: fails")
+        return read_pixels(path, **options)
+
+    monkeypatch.setattr(pipeline, "read_pixels", failing)
+    words = ("triage", clip, "--from", 38, "--max-failures", 1)
+    done = call(*words)
+    assert done == 1 and "stopped" not in done.err and "2 photographs" in done.out
+    done = call(*words, tmp_path / "bad.png")
+    assert done == 1 and "stopped after 2 of 4 photographs" in done.err

@@ -1,6 +1,5 @@
 """``--csv``: what the table holds, whatever the command, and what becomes of it when a run fails."""
 
-import csv
 import shutil
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ import pytest
 from blur2view import output_files
 from blur2view.errors import OutputError, RunError
 from blur2view.output_files import write_files
-from blur2view.results.table import Row, table_text
 from blur2view.runs.manifest import Manifest
 from tests.support.calls import Call
 from tests.support.tables import COLUMNS, table
@@ -30,28 +28,6 @@ def test_every_command_writes_the_same_rows(
         assert {key: own[key] for key in COLUMNS[:11]} == {key: ours[key] for key in COLUMNS[:11]}
         assert own["use"] == ""
     assert float(first[0]["rotation_deg"]) >= 0
-
-
-def test_angular_velocity_is_the_rotation_over_the_exposure(moving: Path, call: Call, tmp_path: Path) -> None:
-    sheet = tmp_path / "t.csv"
-    words = (moving, "--focal", 300, "--exposure", 0.02, "--csv", sheet, "--json", "--no-timings")
-    (document,) = call("estimate", *words).document["estimates"]
-    (one,) = table(sheet)
-    for axis in ("wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"):
-        assert float(one[axis]) == pytest.approx(document[axis], rel=1e-5)
-    assert one["rate_unit"] == document["rate_unit"] == "rad/s" and one["frame"] == one["timestamp_s"] == ""
-    assert float(one["rotation_deg"]) == pytest.approx(document["rotation_deg"], rel=1e-5)
-    assert int(one["inliers"]) == document["num_inliers"] and one["elapsed_s"] == ""
-    written = sheet.read_bytes()
-    assert call("estimate", *words, "--overwrite") == 0
-    assert sheet.read_bytes() == written
-
-
-def test_names_with_commas_and_lines_stay_one_cell() -> None:
-    odd = 'a,"b"\nc.png'
-    text = table_text([Row(name=odd, error="x"), Row(name="b.png", smear_px=1 / 3)])
-    rows = list(csv.DictReader(text.splitlines(keepends=True)))
-    assert [one["name"] for one in rows] == [odd, "b.png"] and rows[1]["smear_px"] == "0.333333"
 
 
 @pytest.mark.parametrize("words", [["--csv", "frames/still.png"], ["--keep", "frames/still.png"]])
@@ -83,13 +59,9 @@ def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) ->
     [
         ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
         ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
-        ["estimate", "--csv", "o2/estimate.manifest.jsonl", "-o", "o2"],
-        ["triage", "--csv", "k.txt.manifest.jsonl", "--keep", "k.txt"],
-        ["report", "-o", "a.html", "--csv", "a.html.manifest.jsonl"],
-        *(
-            ["to-colmap", "--db", "a.db", "--csv", f"a.db{end}"]
-            for end in ("-journal", "-wal", ".manifest.jsonl")
-        ),
+        ["estimate", "--csv", "o2/.estimate.manifest.jsonl", "-o", "o2"],
+        ["triage", "--csv", ".k.txt.manifest.jsonl", "--keep", "k.txt"],
+        *(["to-colmap", "--db", "a.db", "--csv", f"{name}"] for name in ("a.db-wal", ".a.db.manifest.jsonl")),
     ],
 )
 def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
@@ -135,12 +107,8 @@ def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
     sheet, keep = tmp_path / "t.csv", tmp_path / "k.txt"
-    made = {"triage": keep, "report": tmp_path / "a.html", "to-colmap": tmp_path / "a.db"}
-    words = {
-        "triage": ("--csv", sheet, "--keep", keep),
-        "report": ("-o", made["report"]),
-        "to-colmap": ("--db", made["to-colmap"]),
-    }
+    made = {"triage": keep, "to-colmap": tmp_path / "a.db"}
+    words = {"triage": ("--csv", sheet, "--keep", keep), "to-colmap": ("--db", made["to-colmap"])}
     for command, target in made.items():
         assert call(command, frames, *words[command]) == 0 and target.exists()
     before = {command: target.read_bytes() for command, target in made.items()}
@@ -158,37 +126,3 @@ def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
     for command, target in made.items():
         assert call(command, frames, *words[command], "--resume") == 0
         assert target.read_bytes() != before[command]
-
-
-def test_what_was_done_before_the_run_could_not_go_on_is_printed(
-    frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    append = Manifest.append
-
-    def fail(manifest: Manifest, job: Any, *rest: Any) -> None:
-        if job.index == 1:
-            raise RunError("the cluster is gone")
-        append(manifest, job, *rest)
-
-    monkeypatch.setattr(Manifest, "append", fail)
-    assert call("triage", frames, "--csv", tmp_path / "t.csv") == 1
-    assert [one["name"] for one in table(tmp_path / "t.csv")] == ["chaos.png"]
-    done = call("estimate", frames, "-o", tmp_path / "out", "--json")
-    assert done == 1 and len(done.document["estimates"]) == 1
-
-
-@pytest.mark.slow
-def test_table_and_page_of_any_name_are_replaced_if_asked(frames: Path, call: Call, tmp_path: Path) -> None:
-    odd = ["tab.json", "tab.html", "tab", "tab.png"]
-    for name in odd:
-        for more in ([], ["--overwrite"], ["--resume"]):
-            assert call("triage", frames, "--csv", tmp_path / name, *more) == 0
-    for name in ("page.csv", "page.npz", "page"):
-        for more in ([], ["--overwrite"], ["--resume"]):
-            words = (frames / "still.png", "--no-mask", "-o", tmp_path / name, *more)
-            assert call("report", *words) == 0
-    # of another kind
-    before = (tmp_path / "page.csv").read_bytes()
-    done = call("triage", frames, "--csv", tmp_path / "page.csv", "--overwrite")
-    assert done == 1 and "is no table of an earlier call" in done.err
-    assert (tmp_path / "page.csv").read_bytes() == before

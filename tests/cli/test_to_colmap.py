@@ -3,6 +3,7 @@
 import json
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,16 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.run import colmap_names
+from blur2view.cli.to_colmap import summary
+from blur2view.cli.views import NamedPhotograph, document_of
 from blur2view.colmap.mapping import mapper_options
-from blur2view.photographs.inputs import Inputs
+from blur2view.results.to_colmap import ToColmapDocument
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
+from tests.colmap.test_link import link_of, only_plan
 from tests.support.colmap_check import check_database
-from tests.support.colmap_projects import ProjectOptions, make_project, user_rows
+from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
-from tests.support.tables import table
 
 ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
@@ -177,6 +179,34 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
     assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
+def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: Path) -> None:
+    plan = link_of(only_plan(project, "still.png"))[0]
+    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
+    unusable = replace(views, usable=np.zeros(len(views.points_open), bool))
+    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), unusable)
+    assert document.reason == "no feature of yours has a smear that can be used"
+    whole = ToColmapDocument(
+        target="p.db", dry_run=False, backup="b.bak", photographs=[document], kept=[], failures=[]
+    )
+    assert summary(whole, linked=True).splitlines() == [
+        f"still.png: add, no matches: {document.reason} [{document.config}]",
+        "p.db: wrote 2 images and 3 pairs of 1 photograph; backup b.bak",
+    ]
+
+
+def test_linked_photographs_say_where_depth_and_order_are_from(project: Path) -> None:
+    plan = link_of(only_plan(project, "still.png"))[0]
+    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
+    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), views)
+    open_ = replace(document, translation_known=False, time_known=True, time_confidence=0.99)
+    whole = ToColmapDocument(
+        target="p.db", dry_run=False, backup=None, photographs=[open_], kept=[], failures=[]
+    )
+    line, total = summary(whole, linked=True).splitlines()
+    assert "translation undecided" in line and "order in time known by neighbours (99 % sure)" in line
+    assert total.endswith("undecided: the depth of their points comes from your other photographs")
+
+
 def test_link_refuses_a_photograph_of_another_size(run: Any, photos: list[Path], project: Path) -> None:
     write_picture(photos[0], colour_code(np.ones((64, 80, 2)), 1.0))
     code, _, err = run("--db", project, "--link", photos[0])
@@ -193,38 +223,3 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)
         assert database.read_keypoints(1)[:, 0].max() > 245
-
-
-def test_table_has_the_rate_over_the_exposure_time_of_exif(
-    run: Any, photos: list[Path], tmp_path: Path
-) -> None:
-    timed, sheet = photos[0].with_name("timed.png"), tmp_path / "t.csv"
-    Image.open(photos[0]).save(timed, exif=exif_of(ExposureTime=0.02))
-    assert run("--db", tmp_path / "new.db", *CAMERA, timed, "--csv", sheet)[0] == 0
-    (said,) = table(sheet)
-    rate = np.radians(float(said["rotation_deg"])) / 0.02
-    assert np.linalg.norm([float(said[axis]) for axis in ("wx", "wy", "wz")]) == pytest.approx(rate, rel=1e-4)
-
-
-def test_names_are_below_the_folder_that_all_share() -> None:
-    one, other = Path("/x/left/a.jpg"), Path("/x/right/a.jpg")
-    assert colmap_names(Inputs(paths=[one])) == {one: "a.jpg"}
-    assert colmap_names(Inputs(paths=[one, other])) == {one: "left/a.jpg", other: "right/a.jpg"}
-
-
-def test_table_and_database_call_a_photograph_the_same(
-    run: Any, photos: list[Path], project: Path, tmp_path: Path
-) -> None:
-    below = tmp_path / "all" / "sub"
-    below.parent.mkdir()
-    photos[0].parent.rename(below)
-    given, sheet = ["--recursive", below.parent], tmp_path / "new.csv"
-    assert run("--db", tmp_path / "new.db", "--csv", sheet, *given)[0] == 0
-    assert [row["name"] for row in table(sheet)] == ["sub/moving.png", "sub/still.png"]
-    with pycolmap.Database.open(tmp_path / "new.db") as database:
-        assert {image.name for image in database.read_all_images()} == {
-            f"sub/{name}.png#{end}" for name in ("moving", "still") for end in ("open", "close")
-        }
-    sheet = tmp_path / "linked.csv"
-    assert run("--db", project, "--link", "--csv", sheet, *given)[0] == 0
-    assert [row["name"] for row in table(sheet)] == ["moving.png", "still.png"]

@@ -78,16 +78,6 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
         assert len(database.read_keypoints(1)) == COUNT
 
 
-def test_equal_cameras_are_shared(tmp_path: Path) -> None:
-    path = tmp_path / "new.db"
-    other = Camera.from_focal(600.0, SIZE)
-    write_database(path, [make_views("a.jpg"), make_views("b.jpg"), make_views("c.jpg", other)])
-    assert check_database(path) == []
-    with pycolmap.Database.open(path) as database:
-        assert (database.num_cameras(), database.num_rigs(), database.num_frames()) == (2, 2, 6)
-        assert [image.camera_id for image in database.read_all_images()] == [1, 1, 1, 1, 2, 2]
-
-
 def test_cameras_say_how_sure_they_are() -> None:
     def stored(camera: Camera | None) -> tuple[str, list[float], bool]:
         one = colmap_camera_of(camera, SIZE)

@@ -10,10 +10,8 @@ import pytest
 
 from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.connection import open_for_writing
-from blur2view.colmap.database import write_database
 from blur2view.colmap.link import LinkStep, Step, plan_links, write_links
 from blur2view.colmap.project import DatabaseMatcher, image_names, longest_suffix
-from blur2view.colmap.rows import add_image, put_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
@@ -139,19 +137,6 @@ def names_of(path: Path) -> dict[str, int]:
         return image_names(database)
 
 
-def test_views_of_a_fresh_database_ask_for_replace_and_say_what_they_are(tmp_path: Path) -> None:
-    path = tmp_path / "fresh.db"
-    write_database(path, [random_views("a.jpg", FEATURES, np.random.default_rng(0))])
-    with open_for_writing(path) as database:  # as COLMAP's feature extraction does
-        image = add_image(database, "a.jpg", 1, with_frame=True)
-        put_keypoints(database, image, np.random.default_rng(1).uniform(0, 400, (FEATURES, 2)))
-    refusal = str(only_plan(path, "a.jpg"))
-    assert "made without --link" in refusal and "add --replace" in refusal and "changed" not in refusal
-    link(path, "a.jpg", replace=True)
-    assert check_database(path) == []
-    assert is_kept(path, "a.jpg")
-
-
 ANEW = (
     "CREATE TEMP TABLE kept AS SELECT * FROM keypoints WHERE image_id = 2",
     "DELETE FROM images WHERE image_id = 2",
@@ -185,21 +170,6 @@ def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edits: S
     assert user_rows(path) == before
     assert is_kept(path)
     assert not [line for line in check_database(path) if "#" in line]  # about our views
-
-
-def test_views_follow_the_camera_of_their_photograph(path: Path) -> None:
-    link(path, "a_001.jpg")
-    run_sql(
-        path,
-        "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras",
-        "INSERT INTO rigs VALUES (9, 9, 0)",
-        "UPDATE images SET camera_id = 9 WHERE image_id = 2",
-    )
-    assert "add --replace" in str(only_plan(path))
-    link(path, "a_001.jpg", replace=True)
-    assert run_sql(path, "SELECT count(*) FROM frames") == [(5,)]
-    cameras = run_sql(path, "SELECT camera_id FROM images WHERE name LIKE '%#%'")
-    assert cameras == run_sql(path, "SELECT sensor_id FROM frame_data WHERE data_id > 3") == [(9,), (9,)]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

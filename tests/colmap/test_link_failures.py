@@ -60,7 +60,7 @@ def test_a_backup_is_what_was_there_and_has_its_name_only_when_it_is_whole(
         first, second = link(path, "a_000.jpg", backup=True), link(path, "a_001.jpg", backup=True)
     assert first is not None and first.name.startswith("project.db.") and first.suffix == ".bak"
     assert second not in (None, first) and str(first) not in opened
-    assert any(name.endswith(".bak.tmp") for name in opened)
+    assert any(name.endswith(".tmp") for name in opened)
     with closing(sqlite3.connect(first)) as database:
         assert list(database.iterdump()) == before
 

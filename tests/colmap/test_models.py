@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap.models import find_model
+from blur2view.colmap.models import find_model, read_model
 from blur2view.errors import DatabaseError
 from tests.support.walks import Walk
 
@@ -78,8 +78,20 @@ def test_what_waits_for_ever_is_refused(
         find_model(model)
 
 
-def test_a_name_without_an_end_is_refused(model: Path) -> None:
-    data = (model / "images.bin").read_bytes()
-    (model / "images.bin").write_bytes(data[:8] + data[8:72] + b"x" * 99)
-    with pytest.raises(DatabaseError, match="holds no model that can be read"):
-        find_model(model)
+@pytest.mark.parametrize(
+    ("name", "at", "written", "why"),
+    [
+        ("images.bin", 8 + 64, b"\xff", "the name of image 1 is no UTF-8"),
+        ("frames.bin", 8 + 8 + 32, struct.pack("<d", np.nan), "image a.jpg has a pose that is nowhere"),
+        ("cameras.bin", 8 + 24, struct.pack("<d", np.inf), "camera 1 has parameters that none has"),
+        ("points3D.bin", 8 + 8, struct.pack("<d", 1e300), "has points that are nowhere"),
+    ],
+)
+def test_an_image_that_contradicts_itself_is_refused_in_one_line(
+    model: Path, name: str, at: int, written: bytes, why: str
+) -> None:
+    data = bytearray((model / name).read_bytes())
+    data[at : at + len(written)] = written
+    (model / name).write_bytes(data)
+    with pytest.raises(DatabaseError, match=why):
+        read_model(model)

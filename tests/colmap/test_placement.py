@@ -17,7 +17,6 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_vector
 from tests.support.scenes import some_views
-from tests.support.sql import run_sql
 from tests.support.walks import Walk
 
 FRAMES, FEATURES, SHARE = 7, 60, 0.5
@@ -101,16 +100,6 @@ def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> N
         }
 
 
-def test_frames_of_other_numbers_than_the_project_s_are_no_obstacle_images_are(tmp_path: Path) -> None:
-    database, model = project(tmp_path)
-    run_sql(database, f"UPDATE frame_data SET frame_id = frame_id - {FRAMES} WHERE frame_id > {FRAMES}")
-    assert place_views(database, model).model.num_reg_images() == 3 * FRAMES
-    renumber = "UPDATE images SET image_id = image_id + 50 WHERE name LIKE '%.png'"
-    run_sql(database, "PRAGMA foreign_keys = OFF", renumber)
-    with pytest.raises(DatabaseError, match=f"{NAMES[0]} has another id in the model; name the database"):
-        place_views(database, model)
-
-
 @pytest.mark.parametrize(
     ("share", "usable"), [(SHARE, FEATURES), (SHARE, 5), (0.0, FEATURES)], ids=["measured", "few", "still"]
 )
@@ -120,14 +109,6 @@ def test_a_known_exposure_decides_also_where_smears_tell_none(
     found = place_views(*project(tmp_path, share=share, usable=usable), fraction=0.25)
     assert found.placed == tuple(NAMES) and found.fraction == 0.25
     np.testing.assert_allclose(motion_of(found, NAMES[3])[0], 0.25 * TURN, atol=2e-4)
-
-
-def test_photographs_far_apart_are_placed_by_their_smears_alone(tmp_path: Path) -> None:
-    found = place_views(*project(tmp_path, [0, 3]))
-    assert found.placed == (NAMES[0], NAMES[3]) and np.isnan(found.fraction)
-    turn, _ = motion_of(found, NAMES[3])
-    np.testing.assert_allclose(turn, SHARE * TURN, atol=1e-3)
-    assert found.model.num_reg_images() == FRAMES + 4
 
 
 @pytest.mark.parametrize("lost", ["pose", "views"])

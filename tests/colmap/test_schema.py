@@ -15,7 +15,6 @@ from blur2view.colmap.schema import (
     MAX_IMAGES,
     NEWEST_KNOWN,
     RIG_TABLES,
-    keypoints_from_blob,
     pair_id,
     quaternion,
 )
@@ -44,15 +43,6 @@ def test_pairs_of_images_have_one_key() -> None:
     for wrong in ((3, 3), (-1, 3), (3, MAX_IMAGES)):
         with pytest.raises(ValueError, match="must differ"):
             pair_id(*wrong)
-
-
-@pytest.mark.parametrize(
-    "row",
-    [(2, 2, bytes(15)), (2, 3, bytes(24)), (-1, 2, b""), ("2", 2, bytes(16)), (1, 2, "text"), (1, 2, None)],
-)
-def test_refuses_keypoints_that_contradict_themselves(row: tuple[object, object, object]) -> None:
-    with pytest.raises(ValueError, match="keypoints"):
-        keypoints_from_blob(*row)
 
 
 def test_quaternions_have_no_negative_real_part() -> None:

@@ -1,19 +1,25 @@
 """A frame's estimate in the order in time that its neighbours show, also with a rolling shutter."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.sequence import in_time
+from blur2view.exposure.sequence import estimate_frames, in_time
 from blur2view.exposure.time_direction import NeighbourMotion
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_flow
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.photographs.image import read_image
+from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.grids import grid_of
+from tests.support.many_photographs import write_video
 
 SIZE = (640, 480)
 CAMERA = Camera.from_focal(600.0, SIZE)
@@ -72,3 +78,20 @@ def test_pose_and_every_smear_are_of_the_order_that_neighbours_show(shutter: Rol
 def test_without_neighbours_the_order_stays_open() -> None:
     result = in_time(estimate_of(None), [])
     assert not result.time.known and result.time.confidence == 0
+
+
+def test_a_video_is_read_in_order_and_what_is_none_is_refused_at_once(
+    tmp_path: Path, tiny_model: Path
+) -> None:
+    video, network = write_video(tmp_path / "clip.avi", 5), SmearNetwork(tiny_model, threads=1)
+    frames = list(read_video(video, every=2))
+    assert len(frames) == 3
+    for number, frame in zip((0, 2, 4), frames, strict=True):
+        np.testing.assert_array_equal(frame, read_image(video / f"{number:06d}"))
+    assert len(list(estimate_frames(video, network=network))) == 5
+    for wrong in (frames[0], frames[0][..., 0], 3):
+        with pytest.raises(ValueError, match=r"expected the frames of a video.*estimate\(image\)"):
+            estimate_frames(wrong, network=network)  # type: ignore[arg-type]
+    series = estimate_frames([frames[0], frames[1][:48]], network=network)
+    with pytest.raises(ValueError, match="frame 1 has 80x48 pixels, those before 80x64"):
+        list(series)

@@ -2,20 +2,33 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from blur2view.networks.brightness import LARGEST_GAIN, brightened, gain_of
+
+
+def brighter(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a photograph as bright as the network reads it."""
+    return brightened(image, gain_of(image))
 
 
 @pytest.mark.parametrize("share", [1, 0.5, 1 / 16])
 def test_a_darker_photograph_becomes_the_same(share: float) -> None:
     image = np.random.default_rng(0).random((300, 400, 3), np.float32) * np.float32(0.8)
-    np.testing.assert_allclose(brightened(image * np.float32(share), 0.9), brightened(image, 0.9), rtol=1e-5)
+    np.testing.assert_allclose(brighter(image * np.float32(share)), brighter(image), rtol=1e-5)
 
 
 def test_a_bright_one_is_not_touched_and_lamps_do_not_count() -> None:
     bright = np.full((100, 100, 3), 0.95, np.float32)
-    assert brightened(bright, 0.9) is bright and brightened(bright, 0) is bright
+    assert brighter(bright) is bright and brightened(bright, gain_of(bright, 0)) is bright
     dark = np.full((100, 100, 3), 0.09, np.float32)
     dark[:5, :5] = 1
-    assert gain_of(dark) == pytest.approx(10) and brightened(dark, 0.9).max() == 1
+    assert gain_of(dark) == pytest.approx(10) and brighter(dark).max() == 1
     assert gain_of(np.zeros((9, 9), np.float32)) == LARGEST_GAIN
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_the_factor_of_levels_is_that_of_their_shares_of_white(kind: type[np.integer]) -> None:
+    white = np.iinfo(kind).max
+    levels = np.random.default_rng(1).integers(0, white // 3, (1200, 901, 3)).astype(kind)
+    assert gain_of(levels) == gain_of(levels.astype(np.float32) / np.float32(white)) > 2

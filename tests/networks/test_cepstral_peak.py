@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
 from blur2view.networks.octaves import octaves
-from blur2view.networks.spectra import power_spectra
+from blur2view.networks.spectra import power_spectra, windows_of
 from blur2view.smears.field import from_double_angle, to_double_angle
 
 Floats = NDArray[np.float32]
@@ -30,7 +30,7 @@ def blurred(length_px: float, angle_deg: float, seed: int = 0) -> Floats:
 
 def refined(cells: Floats, pictures: list[Floats]) -> Floats:
     """Return smears refined on pictures."""
-    return refine_on_cepstrum(cells, [power_spectra(picture) for picture in pictures])
+    return refine_on_cepstrum(cells, [power_spectra(windows_of(picture)) for picture in pictures])
 
 
 def unit(angle_deg: float) -> NDArray[np.float64]:

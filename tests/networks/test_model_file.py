@@ -31,6 +31,15 @@ def test_shipped_network_is_found_in_the_source_tree_and_others_by_their_path() 
     assert model_path("fast") == Path("fast")
 
 
+def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path) -> None:
+    with pytest.raises(ModelError, match="rocket: is no execution provider of this ONNX Runtime, .*cpu"):
+        SmearNetwork(tiny_model, providers=["rocket"])
+    for name in ("cpu", "CPUExecutionProvider"):
+        image = noise()
+        found = SmearNetwork(tiny_model, providers=[name]).predict(image)
+        np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(image).cells)
+
+
 def renamed_network(old: str, new: str) -> onnx.ModelProto:
     """Return the tiny network with another name for an input or output."""
     model = colour_code_network()

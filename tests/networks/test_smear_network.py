@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from blur2view.errors import ModelError
 from blur2view.networks import octaves, smear_network
-from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, rgb_of
+from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, Detail, SmearNetwork, rgb_of
 from blur2view.networks.tiles import cells, ramps, spans
 from blur2view.smears import grid
 from blur2view.smears.field import to_double_angle
@@ -269,3 +269,52 @@ def test_shipped_network_reads_an_evenly_blurred_photograph(
     true = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
     assert np.median(direction_error_deg(field.displacement, true)[certain]) < within_deg
     assert np.median(field.length_px[certain]) == pytest.approx(length, rel=within)
+
+
+def large_photograph(length: float, angle_deg: float) -> NDArray[np.uint8]:
+    """Return a photograph of 2400x1600 pixels that moved evenly, of 8 bits."""
+    scale = 1 if length < 40 else 4
+    moved = smeared_photograph(length / scale, angle_deg)
+    side = -(-1600 // (moved.shape[0] * scale))
+    larger = cv2.resize(
+        np.tile(moved, (side, side, 1)), None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC
+    )
+    return np.asarray(np.round(255 * larger[:1600, :2400].clip(0, 1)), np.uint8)
+
+
+@pytest.mark.parametrize(("length", "octaves_read"), [(10.0, 4), (56.0, 3), (160.0, 3)])
+def test_large_photograph_is_read_in_the_octaves_that_its_smears_need(
+    monkeypatch: pytest.MonkeyPatch, length: float, octaves_read: int
+) -> None:
+    network = SmearNetwork()
+    run = Mock(wraps=network._reader.read_octave)
+    monkeypatch.setattr(network._reader, "read_octave", run)
+    grid = network.predict(large_photograph(length, 32.0), detail=Detail.GEOMETRY)
+    assert run.call_count == octaves_read
+    assert grid.stride == 64 and grid.cells.shape == (25, 38, 4) and grid.window_px == 192
+    field = grid.smears()
+    certain = field.sigma_rad <= np.median(field.sigma_rad)
+    true = np.array([np.cos(np.radians(32.0)), np.sin(np.radians(32.0))])
+    assert np.median(direction_error_deg(field.displacement, true)[certain]) < 1.5
+    assert np.median(field.length_px[certain]) == pytest.approx(length, rel=0.05)
+
+
+def test_photograph_of_ordinary_size_is_read_whole_in_any_case(blurring_model: Path) -> None:
+    image, network = colour_code(turning_field(200, 300), 1.0), SmearNetwork(blurring_model)
+    grid, features = network.with_features(image, detail=Detail.GEOMETRY)
+    np.testing.assert_array_equal(grid.cells, network.predict(image).cells)
+    assert features.shape == (*grid.cells.shape[:2], 32, network.info.features)
+
+
+def test_threads_change_no_byte_of_a_large_photograph() -> None:
+    image = large_photograph(20.0, 70.0)
+    first, second = (SmearNetwork(threads=n).predict(image, detail=Detail.GEOMETRY) for n in (1, 3))
+    assert first.cells.tobytes() == second.cells.tobytes() and first.blur is not None
+    np.testing.assert_array_equal(first.blur, second.blur)
+
+
+def test_levels_are_read_as_their_shares_of_white() -> None:
+    levels = np.random.default_rng(0).integers(0, 256, (97, 131, 3)).astype(np.uint8)
+    network = SmearNetwork(threads=1)
+    expected = network.predict(levels.astype(np.float32) / np.float32(255))
+    np.testing.assert_array_equal(network.predict(levels).cells, expected.cells)

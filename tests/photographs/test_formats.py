@@ -127,9 +127,11 @@ def test_rows_of_a_video_that_is_turned_upright(
     assert read_image(clip / "000000").shape == shape and rows_towards(clip) == rows
 
 
-@pytest.mark.parametrize("announced", [40, 50, 51, 900])
+@pytest.mark.parametrize(
+    ("announced", "suffix"), [(40, ".mp4"), (50, ".mp4"), (51, ".mp4"), (900, ".mp4"), (43, ".avi")]
+)
 def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
-    monkeypatch: pytest.MonkeyPatch, announced: int
+    monkeypatch: pytest.MonkeyPatch, announced: int, suffix: str
 ) -> None:
     frames = iter(range(40))  # fewer than announced, ten a second
     cut = SimpleNamespace(
@@ -141,7 +143,7 @@ def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
     outcomes = []
     for number in (38, 39, 40, 45, 50):
         try:
-            read_frame(Path(f"cut{announced}.mp4"), number)
+            read_frame(Path(f"cut{announced}{suffix}"), number)
             outcomes.append("read")
         except EndOfVideo:
             outcomes.append("end")
@@ -149,6 +151,8 @@ def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
             outcomes.append("beyond" if "none of number" in str(error) else "failed")
             assert outcomes[-1] == "beyond" or f"ends after 40 of {announced} frames" in str(error)
     expected = {40: ["beyond"] * 3, 50: ["end", "end", "beyond"]}.get(announced, ["failed", "end", "end"])
+    if suffix == ".avi":
+        expected = ["failed", "beyond", "beyond"]
     assert outcomes == ["read", "read", *expected]
 
 
@@ -160,5 +164,5 @@ def test_no_frame_is_read_behind_damage(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(video, "_opened", lambda path: damaged)
     read_frame(Path("damaged.mkv"), 1)
     for number in (2, 3):
-        with pytest.raises(EndOfVideo, match="has 2 frames"):
+        with pytest.raises(ImageError, match=r"(has|ends after) 2 "):
             read_frame(Path("damaged.mkv"), number)

@@ -6,23 +6,14 @@ import json
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
-from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli import report as report_command
 from blur2view.cli.report import FOLDERS, shown_names
-from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.results.report import Entry, report
-from blur2view.results.report_pack import photograph
-from blur2view.results.verdicts import KINDS
-from blur2view.segmentation.mask import MotionMask
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
@@ -84,20 +75,6 @@ def test_page_holds_what_estimate_prints(
     assert shown["mask"] is None and "mask" not in shown["seconds"]
 
 
-def test_masks_are_made_with_the_seed_of_the_call(
-    call: Report, moving: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    noted: list[float] = []
-
-    def mask_of(estimate: object, image: NDArray[np.float32], rng: np.random.Generator) -> MotionMask:
-        noted.append(rng.random())
-        return boxed_mask((image.shape[1], image.shape[0]))
-
-    monkeypatch.setattr(report_command, "segment", mask_of)
-    assert call(moving, "--seed", 5, "--jobs", 1) == 0
-    assert noted == [np.random.default_rng(5).random()]
-
-
 @pytest.mark.slow
 def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) -> None:
     pages = []
@@ -137,14 +114,6 @@ def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
     assert shown_names(images[:1]) == ["x.jpg"]
     line = "x.jpg: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
     assert FOLDERS.sub("", line) == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
-
-
-def test_thumbnail_shows_the_smears() -> None:
-    entry = Entry.of(made_up(F=turning_F()))
-    data = base64.b64decode(entry.thumbnail.partition(",")[2])
-    picture = np.asarray(Image.open(BytesIO(data)).convert("RGB"), int)
-    assert max(picture.shape) == 400
-    assert (np.ptp(picture, axis=2) > 100).sum() > 200  # colours on a photograph that has none
 
 
 def test_nothing_is_replaced_unasked(
@@ -215,61 +184,5 @@ def test_page_forbids_loading_and_foreign_scripts() -> None:
     assert addresses and all(re.match("data:|#", str(address)) for address in addresses)
 
 
-def test_photograph_of_1280x720_stays_small() -> None:
-    one, rng = made_up(F=turning_F(), size=(1280, 720)), np.random.default_rng(3)
-    one.image[:] = np.clip(0.5 + 0.04 * rng.normal(size=one.image.shape), 0, 1)  # a grain of 10 of 255 levels
-    one.estimate.grid.cells[..., :2] = rng.normal(0, 20, (*one.estimate.grid.cells.shape[:2], 2))
-    assert len(report([Entry.of(one, boxed_mask((1280, 720)))], "1.0")) < 3_000_000
-
-
-def test_every_configuration_has_words_and_card_and_page_say_the_same() -> None:
-    assert set(Configuration) - set(KINDS) == {Configuration.WATERMARK}  # which nothing here gives
-    for config in KINDS:
-        entry = Entry.of(made_up(config=config))
-        page, shown = report([entry], "1.0").decode(), json.loads(entry.content)
-        assert f">{config.name}</span>" in page
-        # of the smears that were used, where triage has that of all
-        assert f"used: median {entry.median_px:.1f} px" in page
-        assert shown["meaning"] == entry.text != ""
-        assert json.loads(shown["document"])["meaning"] == entry.text
-
-
-@pytest.mark.parametrize(
-    ("with_F", "config", "kind", "parallax"),
-    [
-        (True, Configuration.UNCALIBRATED, "proven", "proven"),
-        (True, Configuration.PLANAR_OR_PANORAMIC, "undecided", "undecided"),
-        (False, Configuration.PLANAR_OR_PANORAMIC, "flat", "absent"),
-    ],
-)
-def test_what_is_undecided_is_said(with_F: bool, config: Configuration, kind: str, parallax: str) -> None:
-    shown = photograph(made_up(F=turning_F() if with_F else None, config=config))
-    assert shown["kind"] == kind and json.loads(shown["document"])["parallax"] == parallax
-
-
 ENTRY: dict[str, Any] = {"name": "a", "kind": "flat", "verdict": "PLANAR", "text": ""}
 ENTRY |= {"content": '{"document": "{}"}'}
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"kind": "x\"><script>"}, {"kind": "proven"}, {"verdict": "<b>"}, {"verdict": "FAILED"},
-        {"kind": "failed"}, {"content": ""}, {"thumbnail": 'data:image/png;base64,AA"><b>'},
-        {"thumbnail": "https://a.b/c.png"}, {"thumbnail": "data:image/png;base64,AA\n"},
-    ],
-)  # fmt: skip
-def test_an_entry_of_an_earlier_call_cannot_change_the_page(change: dict[str, str]) -> None:
-    assert report([Entry(**ENTRY)], "1")
-    with pytest.raises(ValueError, match="is no"):
-        Entry(**ENTRY | change)
-
-
-@pytest.mark.parametrize(
-    "content",
-    ["{", "[" * 100_000, "[]", "{}", '{"document": 3}', '{"document": "[]"}', '{"document": "[NaN]"}'],
-)
-def test_an_entry_with_a_damaged_document_is_not_renamed(content: str) -> None:
-    assert Entry(**ENTRY).renamed("b").name == "b"
-    with pytest.raises((ValueError, TypeError, LookupError)):
-        Entry(**ENTRY | {"content": content}).renamed("b")

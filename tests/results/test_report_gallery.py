@@ -1,7 +1,6 @@
 """The report in headless Chromium: gallery, values, downloads, phone."""
 
 import json
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -60,33 +59,6 @@ def test_gallery_sorts_by_verdict_length_and_name(opened: Opener) -> None:
     assert names(page) == ["a", "b9", "b10", "c", "d"]
 
 
-def test_gallery_shows_one_verdict(opened: Opener) -> None:
-    page = opened(*gallery_entries())
-    kind = page.locator("#show-kind")
-    offered = kind.locator("option").evaluate_all("(options) => options.map((option) => option.value)")
-    assert offered[0] == "" and set(offered[1:]) == {entry.kind for entry in gallery_entries()}
-    kind.select_option("proven")
-    shown = [card.inner_text() for card in page.locator(".card:visible .card-name").all()]
-    expected = [entry for entry in gallery_entries() if entry.kind == "proven"]
-    assert shown == [entry.name for entry in expected] and 0 < len(shown) < 5
-    page.locator(".card:visible a").first.click()
-    page.locator("#photo").wait_for()
-    assert page.locator("#to-next").is_visible() == (len(expected) > 1)
-    page.locator("#to-gallery").click()
-    kind.select_option("")
-    assert page.locator(".card:visible").count() == 5
-
-
-def test_a_card_holds_the_whole_sentence_and_terms_are_explained(opened: Opener) -> None:
-    page = opened(*gallery_entries())
-    whole = "(texts) => texts.every((text) => text.scrollHeight <= text.clientHeight)"
-    assert page.locator(".card-text").evaluate_all(whole)
-    assert "Camera moved past near and far things" in page.locator("#cards").inner_text()
-    text = opened(Entry.of(made_up(F=turning_F()))).locator("#terms").inner_text()
-    for words in ("standard deviations (sigma)", "the epipole, towards", "\u221aSErrMin", "P(moves) is the"):
-        assert words in text
-
-
 def test_gallery_is_walked_with_the_keyboard(opened: Opener) -> None:
     page = opened(*gallery_entries())
     page.locator("#sort-by").focus()
@@ -112,14 +84,6 @@ def test_gallery_is_walked_with_the_keyboard(opened: Opener) -> None:
     title.get_by_text("c.png").wait_for()
 
 
-def test_address_names_a_photograph(opened: Opener) -> None:
-    page = opened(*gallery_entries(), address="#photo-3")
-    assert page.locator("#photo-name").inner_text() == "c.png"
-    assert page.locator("#chip").inner_text() == "CALIBRATED"
-    page = opened(*gallery_entries(), address="#photo-2")  # which failed
-    assert page.locator("#gallery").is_visible() and page.locator("#photo").is_hidden()
-
-
 def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
     visits = Visits(browser=browser, folder=tmp_path)
     page = visits.open(*gallery_entries())
@@ -131,40 +95,6 @@ def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser
     assert len(visits.messages) == 1
     visits.messages.clear()
     visits.close()
-
-
-def test_facts_are_those_of_the_document(opened: Opener) -> None:
-    one = made_up(F=turning_F())
-    page = opened(Entry.of(one, None, 0.25))
-    assert page.locator("#reason").inner_text() == "the figures <that> decided & more"
-    scores = page.locator("#scores li").all_inner_texts()
-    assert scores == ["camera\n+0.0", "translation\n+17.6", "general\n+59.1"]
-    assert "bar-chosen" in (page.locator("#scores li").first.get_attribute("class") or "")
-    F = np.array([float(cell) for cell in page.locator("#matrix td").all_inner_texts()]).reshape(3, 3)
-    np.testing.assert_allclose(F, turning_F(), rtol=1e-4)
-    assert page.locator("#seconds li").last.inner_text().split("\n") == ["total", "0.80 s"]
-
-
-@pytest.mark.parametrize("with_F", [True, False])
-def test_beside_a_homography_no_epipolar_line_reads_as_certain(opened: Opener, with_F: bool) -> None:
-    one = made_up(F=turning_F() if with_F else None, H=np.eye(3), config=Configuration.PANORAMIC)
-    page = opened(Entry.of(one))
-    assert page.locator("[data-layer=lines]").is_disabled()
-    titles = page.locator("#matrix h2").all_inner_texts()
-    assert titles == ["Fundamental matrix F"] * with_F + ["Homography H"]
-    assert page.locator("#epipoles").inner_text() == ""
-    assert page.locator("#matrix td").count() == 9 * len(titles)
-    assert ("H explains them, too" in page.locator("#counts").inner_text()) == with_F
-
-
-def test_inliers_are_counted_rounded_down_where_there_is_a_geometry(opened: Opener) -> None:
-    one = made_up(F=turning_F())
-    most = np.arange(len(one.estimate.matches)) > 0
-    geometry = replace(one.estimate.geometry, inlier_mask=most)
-    page = opened(Entry.of(replace(one, estimate=replace(one.estimate, geometry=geometry))))
-    assert f"{most.sum()} (99 %)" in page.locator("#counts").inner_text()
-    page = opened(Entry.of(made_up(config=Configuration.DEGENERATE)))
-    assert "inliers -" in " ".join(page.locator("#counts").inner_text().split())
 
 
 def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:

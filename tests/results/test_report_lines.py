@@ -1,7 +1,6 @@
 """The report in headless Chromium: epipolar lines and ends are drawn where F says they are."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,23 +11,9 @@ from playwright.sync_api import Page
 from blur2view.camera.camera import Camera
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.results.overlay import farthest_points
 from blur2view.results.report import Entry
-from tests.support.report_browser import (
-    AMBER,
-    CYAN,
-    Opener,
-    click_at,
-    near,
-    numbers,
-    quantised_ends,
-    scale_of,
-    settle,
-    stage_pixels,
-    toggle,
-    value,
-)
-from tests.support.report_scenes import DOTS, HEIGHT, WIDTH, made_up, turning_F
+from tests.support.report_browser import Opener, click_at, numbers, quantised_ends, scale_of, value
+from tests.support.report_scenes import HEIGHT, WIDTH, made_up, turning_F
 
 
 def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -37,128 +22,11 @@ def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.fl
     return ends if forward <= backward else ends[::-1]
 
 
-def on_screen(line: NDArray[np.float64], scale: float, corner: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a line of the photograph on the screen, where pixel (0, 0) lies at ``corner``."""
-    a, b, c = line
-    return np.array([a, b, c * scale - a * corner[0] - b * corner[1]])
-
-
-def line_offsets(
-    pixels: NDArray[np.float64],
-    colour: tuple[int, int, int],
-    line: NDArray[np.float64],
-    hidden: Callable[[float, float], bool],
-) -> NDArray[np.float64]:
-    """Return distances from a line of the screen to the middle of its colour, in columns where it is seen."""
-    offsets = []
-    tilt = math.hypot(*line[:2]) / abs(line[1])
-    for column in range(4, pixels.shape[1] - 4):
-        y = -(line[0] * (column + 0.5) + line[2]) / line[1]
-        top = round(y) - 9
-        if top < 0 or top + 18 > len(pixels) or hidden(column, y):
-            continue
-        rows = np.flatnonzero(near(pixels[top : top + 18, column], colour))
-        offsets.append((top + rows.mean() + 0.5 - y) / tilt if len(rows) else np.inf)
-    return np.array(offsets)
-
-
-def check_lines(
-    pixels: NDArray[np.float64],
-    F: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    scale: float,
-    corner: NDArray[np.float64],
-    off_px: float = 0.0,
-) -> None:
-    """Check that both lines of a smear are drawn to a pixel, and nothing else has their colours.
-
-    ``corner`` is where pixel (0, 0) lies on the screen, give or take ``off_px``.
-    """
-    first, second = in_order(F, ends)
-    lines = [on_screen(line, scale, corner) for line in (F.T @ [*second, 1], F @ [*first, 1])]
-    lines = [line / math.hypot(*line[:2]) for line in lines]
-    middle = scale * ends.mean(axis=0) + corner
-    # the ends and their numbers have these colours too
-    reach = 40 + scale * np.linalg.norm(ends[1] - ends[0]) / 2
-
-    def hidden(x: float, y: float, by: NDArray[np.float64]) -> bool:
-        return bool(math.hypot(x - middle[0], y - middle[1]) < reach or abs(by @ [x, y, 1]) < 14)
-
-    for colour, line, other in zip((CYAN, AMBER), lines, lines[::-1], strict=True):
-        offsets = line_offsets(pixels, colour, line, lambda x, y, by=other: hidden(x, y, by))  # type: ignore[misc]
-        assert len(offsets) > 100
-        assert abs(offsets).max() < 1 + off_px and abs(offsets.mean()) < 0.3 + off_px
-        rows, columns = np.nonzero(near(pixels, colour, 40))
-        away = abs(line @ [columns + 0.5, rows + 0.5, np.ones(len(rows))])
-        assert ((away < 4) | (np.hypot(columns - middle[0], rows - middle[1]) < reach)).all()
-
-
-@pytest.mark.parametrize("point", [(201, 121), (449, 273), (81, 321)])
-def test_click_draws_both_epipolar_lines_where_F_says(opened: Opener, point: tuple[int, int]) -> None:
-    F, one = turning_F(), made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "photograph", "smears")
-    click_at(page, (point[0] + 1.2, point[1] - 1.4))  # nearest to this node
-    assert numbers(value(page, "position")) == list(point)
-    ends = quantised_ends(one, *point)
-    scale = scale_of(page)
-    check_lines(stage_pixels(page), F, ends, scale, np.full(2, scale / 2))
-
-
-def test_lines_and_ends_stay_with_the_photograph_when_zoomed(opened: Opener) -> None:
-    F, one = turning_F(), made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "smears")
-    click_at(page, DOTS[0])
-    for _ in range(5):
-        page.keyboard.press("+")
-    settle(page)
-    marked = stage_pixels(page)
-    page.evaluate("document.getElementById('marks').style.visibility = 'hidden'")
-    bare = stage_pixels(page).min(axis=-1)
-    bare[:9] = bare[-9:] = 0  # the page shows through its round corners
-    split = np.indices(bare.shape)[1] > centre_of(bare)[0]
-    found = np.array([centre_of(np.where(split == side, bare, 0)) for side in (0, 1)])
-    scale = float(np.linalg.norm(found[1] - found[0]) / np.linalg.norm(np.subtract(*DOTS)))
-    corner = found[0] - scale * np.array(DOTS[0])
-    assert scale > 8  # half a pixel is at least 4 pixels of the screen
-    ends = quantised_ends(one, *DOTS[0])
-    check_lines(marked, F, ends, scale, corner, 0.5)  # the dots' borders are those of the screen's pixels
-    assert distance_of_ends(page, in_order(F, ends), scale, corner / scale) < 1.5
-
-
 def distance_of_ends(page: Page, ends: NDArray[np.float64], scale: float, corner: Any) -> float:
     """Return how far from their places both ends are drawn at most, pixels of the screen."""
     circles = [page.locator(f"[data-mark={mark}]") for mark in ("end-1", "end-2")]
     drawn = [[float(one.get_attribute(key) or "nan") for key in ("cx", "cy")] for one in circles]
     return float(np.linalg.norm(scale * (ends + corner) - drawn, axis=1).max())
-
-
-def centre_of(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centre (x, y) of what is brighter than half of white, in pixels of the screen."""
-    y, x = np.nonzero(weights > 127)
-    return np.array([x.mean() + 0.5, y.mean() + 0.5])
-
-
-def test_fan_of_epipolar_lines_is_where_F_says(opened: Opener) -> None:
-    F, one = turning_F(), made_up(F=turning_F())
-    page = opened(Entry.of(one))
-    toggle(page, "photograph", "smears", "lines")
-    pixels, scale = stage_pixels(page), scale_of(page)
-    inliers = np.flatnonzero(one.estimate.geometry.inlier_mask)
-    chosen = inliers[farthest_points(one.estimate.matches.midpoint[inliers], 14)]
-    white = near(pixels, (255, 255, 255), 165)
-    explained = np.zeros_like(white)
-    for k in chosen:
-        line = on_screen(F @ [*in_order(F, one.estimate.matches.ends[k])[0], 1], scale, np.full(2, scale / 2))
-        columns = np.arange(len(pixels[0])) + 0.5
-        rows = -(line[0] * columns + line[2]) / line[1]
-        seen = [(int(y), int(x)) for y, x in zip(rows, columns, strict=True) if 3 <= y < len(pixels) - 3]
-        assert np.mean([white[y - 1 : y + 2, x].any() for y, x in seen]) > 0.98
-        for y, x in seen:
-            explained[y - 3 : y + 4, x] = True
-    inner = np.s_[9:-9, 9:-9]  # the page shows through the stage's round corners
-    assert (white & ~explained)[inner].sum() < 0.1 * white.sum()  # rings of the epipoles, steep ends
 
 
 def test_lines_of_a_distorting_lens_are_curves(opened: Opener) -> None:

@@ -2,16 +2,13 @@
 
 import base64
 import zlib
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 
-from blur2view.camera.camera import Camera
-from blur2view.results.report_pack import MAX_NODES, lens, node_pixels, packed, photograph, picture
+from blur2view.results.report_pack import node_pixels, packed, photograph
 from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F
 
 
@@ -54,30 +51,6 @@ def test_what_cannot_be_packed_is_refused(values: list[float]) -> None:
         packed(np.array(values), "uint16", 1 / 64)
 
 
-def test_picture_keeps_colours_and_its_size_unless_it_is_large() -> None:
-    def decoded(uri: str) -> Image.Image:
-        assert uri.startswith("data:image/jpeg;base64,")
-        return Image.open(BytesIO(base64.b64decode(uri.split(",")[1])))
-
-    image = np.zeros((48, 64, 3), np.float32)
-    image[:, 32:] = (1, 0.5, 0.25)
-    back = np.asarray(decoded(picture(image)), float) / 255
-    assert back.shape == image.shape
-    assert abs(back - image).max() < 0.1 and abs(back[:, 40:] - image[:, 40:]).max() < 0.02
-    assert decoded(picture(np.zeros((100, 300, 3), np.float32), side_px=60)).size == (60, 20)
-
-
-@pytest.mark.parametrize("size", [(640, 360), (1920, 1080), (2000, 3000), (6000, 4000), (17, 16)])
-def test_nodes_are_pixels_of_the_matches_grid_and_bounded(size: tuple[int, int]) -> None:
-    width, height = size
-    rows, columns = node_pixels((height, width))
-    count = len(range(*rows.indices(height))) * len(range(*columns.indices(width)))
-    assert 0 < count <= MAX_NODES
-    assert rows.step % 4 == 0 and rows.start == columns.start == 1
-    if width * height <= 1920 * 1080:
-        assert rows.step == 4
-
-
 def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     one, mask = made_up(F=turning_F()), boxed_mask()
     shown = photograph(one, mask)
@@ -97,24 +70,3 @@ def test_packed_photograph_holds_fields_matches_and_mask() -> None:
     np.testing.assert_array_equal(unpacked(shown["mask"]["labels"]), mask.labels)
     probability = unpacked(shown["mask"]["probability"])
     assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6
-
-
-@pytest.mark.parametrize(("size", "spacing_px"), [((WIDTH, HEIGHT), 32), ((1280, 720), 64)])
-def test_used_smears_are_as_far_apart_as_the_page_is_told(size: tuple[int, int], spacing_px: int) -> None:
-    one = made_up(size=size)
-    assert photograph(one)["matches"]["spacing_px"] == spacing_px
-    for places in one.estimate.matches.midpoint.T:
-        assert (np.diff(np.unique(places.round(2))) == spacing_px).all()
-
-
-def test_lens_tells_where_pixels_would_lie() -> None:
-    text = f"SIMPLE_RADIAL {WIDTH} {HEIGHT} 500 320 180 0.15"
-    camera = Camera.from_string(text)
-    shown = lens(camera)
-    assert shown is not None
-    shift = unpacked(shown["shift"]).transpose(1, 2, 0)
-    y, x = np.mgrid[: shift.shape[0], : shift.shape[1]] * shown["step_px"]
-    pixels = np.stack([x, y], -1).astype(float)
-    assert abs(pixels + shift - camera.undistorted(pixels)).max() < 1e-3
-    assert x.max() >= WIDTH - 1 and y.max() >= HEIGHT - 1 and abs(shift).max() > 5
-    assert lens(None) is None and lens(Camera.from_focal(500, (WIDTH, HEIGHT))) is None

@@ -60,8 +60,8 @@ def test_dataclasses_arrays_and_enums_come_back_as_they_were() -> None:
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("dtype", "|O"), ("dtype", ">f8"), ("shape", [3]), ("shape", [1 << 62, 1 << 62]), ("shape", "2"),
-        ("data", "é"), ("data", "0" * 5), ("data", None), ("data", plain(np.full((2, 2), np.nan))["data"]),
+        ("dtype", "|O"), ("shape", [1 << 62, 1 << 62]), ("data", "0" * 5), ("data", None),
+        ("data", plain(np.full((2, 2), np.nan))["data"]),
     ],
 )  # fmt: skip
 def test_array_of_another_kind_is_refused(key: str, value: Any) -> None:
@@ -74,17 +74,11 @@ def test_array_of_another_kind_is_refused(key: str, value: Any) -> None:
 @pytest.mark.parametrize(
     ("kind", "stored"),
     [
-        (int, True), (int, 1.0), (int, 1 << 63), (float, "1"), (float, True), (float, float("inf")), (str, 1),
-        (bool, 0), (list[int], {}), (list[int], ["1"]), (tuple[int, int], [1]), (tuple[int, ...], [1, "a"]),
-        (dict[str, int], [1]), (int | None, "a"), (Configuration, "NONE"), (Configuration, 1), (Row, {}),
-        (Row, {"__class__": "os.system"}), (Row, plain(Row()) | {"run": "os.system"}), (Row, []),
+        (int, True), (int, 1 << 63), (float, "1"), (float, float("inf")), (str, 1), (list[int], ["1"]),
+        (tuple[int, int], [1]), (dict[str, int], [1]), (int | None, "a"), (Configuration, "NONE"),
+        (Row, {"__class__": "os.system"}), (Row, plain(Row()) | {"run": "os.system"}),
     ],
 )  # fmt: skip
 def test_value_of_another_type_is_refused(kind: Any, stored: Any) -> None:
     with pytest.raises(ValueError):
         restore(kind, stored)
-
-
-def test_whole_numbers_are_floats_too_and_what_is_missing_is_none() -> None:
-    row = restore(Row, plain(Row(smear_px=3)))
-    assert row.smear_px == 3 and row.rotation_deg is None

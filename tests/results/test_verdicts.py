@@ -13,7 +13,7 @@ from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import plane_basis, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.results.report import Entry
-from blur2view.results.verdicts import KINDS, sentence
+from blur2view.results.verdicts import verdict
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from tests.support.calls import Call
@@ -65,26 +65,14 @@ def turned_by(rotation: Any) -> Any:
 
 PAN, ROLLED = turned_by([0, 0.04, 0]), turned_by(ROLL)
 NOTHING = geometry("DEGENERATE")
-INSUFFICIENT = geometry("DEGENERATE", insufficient_data=True)
 CASES = {
     "Turned or moved, the same blur everywhere: cannot tell": (NOTHING, smears([3, 0])),
     "Too little blur to tell": (NOTHING, smears(turning)),
-    "Too few places show blur: cannot tell": (INSUFFICIENT, smears([9, 0])),
     "Blur that no one motion explains: cannot tell": (geometry("UNDEFINED"), smears([9, 0])),
     "Several motions: parts of the picture move differently": (geometry("MULTIPLE", F), smears([9, 0])),
     "Camera turned sideways by 5 % of the width": (geometry("PANORAMIC", None, PAN), smears([32, 0])),
-    "Camera turned diagonally by 3.5 % of the width, may have moved, too": (
-        geometry("PANORAMIC", F, turned_by([0.02, -0.02, 0])), smears([-16, 16])
-    ),
-    "Camera rolled by 2.9 degrees": (geometry("PANORAMIC", None, ROLLED), smears(turning)),
     "Camera turned sideways by 4.8 +/- 0.3 degrees": (
         geometry("PANORAMIC", None, turned_by(YAW), YAW), smears([32, 0])
-    ),
-    "Camera rolled by 2.9 +/- 0.3 degrees, may have moved, too": (
-        geometry("PANORAMIC", F, ROLLED, ROLL), smears(turning)
-    ),
-    "Camera moved, depth undecided; blur 1.4 % of the width, up or down": (
-        geometry("PLANAR", F, H), smears([1, 9])
     ),
     "Camera moved past something flat; blur 1.4 % of the width, up or down": (
         geometry("PLANAR", None, H), smears([1, 9])
@@ -92,20 +80,11 @@ CASES = {
     "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees, depth undecided": (
         geometry("PLANAR", F, H, YAW, SIDEWAYS), smears([9, 0])
     ),
-    "Camera moved (direction unknown), turned by 4.8 +/- 0.3 degrees, depth undecided": (
-        geometry("PLANAR", F, H, YAW), smears([9, 0])
-    ),
     "Turned by 5 % of the width or moved past something flat: cannot tell": (
         geometry("PLANAR_OR_PANORAMIC", None, H), smears([32, 0])
     ),
-    "Turned by 4.8 +/- 0.3 degrees or moved past something flat: cannot tell": (
-        geometry("PLANAR_OR_PANORAMIC", F, H, YAW), smears([32, 0])
-    ),
     "Camera moved past near and far things; blur 1.4 % of the width, sideways": (
         geometry("UNCALIBRATED", F), smears([9, 0])
-    ),
-    "Camera moved past near and far things; blur 1.6 % of the width": (
-        geometry("UNCALIBRATED", F), smears(turning)
     ),
     "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees": (
         geometry("CALIBRATED", F, None, YAW, FORWARD), smears([9, 0])
@@ -116,34 +95,9 @@ CASES = {
 @pytest.mark.parametrize("expected", CASES)
 def test_the_sentence_says_what_is_known_and_no_more(expected: str) -> None:
     given, matches = CASES[expected]
-    assert sentence(MOVED, given, matches, SIZE) == expected
-    assert sentence(MOVED, given.reversed(), matches, SIZE) == expected  # time has no arrow
+    assert verdict(MOVED, given, matches, SIZE) == expected
+    assert verdict(MOVED, given.reversed(), matches, SIZE) == expected  # time has no arrow
     assert len(f"{expected} [{given.config.name}]") <= 100
-
-
-@pytest.mark.parametrize(
-    ("blur", "words"),
-    [
-        (Blur(kind=BlurKind.SHARP, smear_px=0.5), "Sharp"),
-        (Blur(kind=BlurKind.OUT_OF_FOCUS, defocus_px=4.26), "Out of focus (radius 4.3 px)"),
-        (
-            Blur(kind=BlurKind.CAMERA_AT_REST, moving_share=0.124),
-            "Camera at rest, something moves (12% of the picture)",
-        ),
-        (Blur(kind=BlurKind.CANNOT_TELL), "Smooth: cannot tell"),
-        (Blur(kind=BlurKind.CANNOT_TELL, nothing_seen="too dark"), "Too dark: cannot tell"),
-        (
-            Blur(kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, defocus_px=4.0),
-            "Out of focus and moved (radius 4.0 px): Camera turned sideways by 5 % of the width",
-        ),
-    ],
-)
-def test_what_is_no_motion_of_the_camera_has_its_own_name(blur: Blur, words: str) -> None:
-    assert sentence(blur, geometry("PANORAMIC", None, PAN), smears([32, 0]), SIZE) == words
-
-
-def test_every_configuration_is_among_them() -> None:
-    assert {given.config for given, _ in CASES.values()} == set(KINDS)
 
 
 @pytest.mark.parametrize(
@@ -156,13 +110,8 @@ def test_a_roll_is_what_moves_the_corners_more_than_the_middle_also_without_a_fo
     H = turned_by(rotation)  # at 400 pixels from the middle a roll moves half as far as a pan of its angle
     for pose in (None, np.array(rotation)):
         for smear in ([32, 0], turning):
-            expected = sentence(MOVED, geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
+            expected = verdict(MOVED, geometry("PANORAMIC", None, H, pose), smears(smear), SIZE)
             assert expected.startswith(f"Camera {way}")
-
-
-def test_with_the_exposure_time_a_turn_has_its_rate() -> None:
-    words = sentence(MOVED, geometry("PANORAMIC", F, turned_by(YAW), YAW), smears([32, 0]), SIZE, 0.04)
-    assert words == "Camera turned sideways at 2.1 +/- 0.1 rad/s, may have moved, too"
 
 
 def test_terminal_files_table_and_report_say_the_same(
@@ -179,5 +128,5 @@ def test_terminal_files_table_and_report_say_the_same(
     assert "rad/s" in lines[0] and "Sharp" in lines[1]
     one = made_up(F=F)
     found = one.estimate
-    expected = sentence(found.blur, found.geometry, found.matches, found.grid.size)
+    expected = verdict(found.blur, found.geometry, found.matches, found.grid.size)
     assert Entry.of(one).text == expected

@@ -5,18 +5,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import cv2
 import pytest
 
 from blur2view.errors import ImageError
-from blur2view.photographs import video as video_module
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Made, Outcome, Work
+from blur2view.runs.job import Job, Outcome, Result, Work
 from blur2view.runs.processes import Engine, in_processes, in_this_process, processes
 from blur2view.runs.run import outcomes
-from tests.support.many_photographs import write_video
+from tests.support.many_photographs import announcing, write_video
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +28,7 @@ class Number:
 class CountWork(Work[float, Number]):
     """Counts the bytes of a file; the first take longest, and a word in the file makes it fail or die."""
 
-    def __call__(self, job: Job[float]) -> Made[Number]:
+    def __call__(self, job: Job[float]) -> Result[Number]:
         """Return the number of bytes."""
         content = job.encoded
         time.sleep(job.target)
@@ -39,11 +36,9 @@ class CountWork(Work[float, Number]):
             raise ImageError(f"{job.path}: fails")
         if content == b"die":
             os._exit(9)
-        return Made(kept=Number(process=os.getpid(), length=len(content)), summary=str(job.path), row=Row())
-
-    def restored(self, job: Job[float], stored: Any) -> Number:
-        """Return nothing, as there is no manifest."""
-        raise ValueError("there is no manifest")
+        return Result(
+            payload=Number(process=os.getpid(), length=len(content)), summary=str(job.path), row=Row()
+        )
 
 
 def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0) -> list[Outcome[Number]]:
@@ -62,24 +57,24 @@ def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0
 def test_one_process_is_this_one(tmp_path: Path) -> None:
     assert processes(1) is in_this_process
     found = results(processes(1), tmp_path, ["a", "fail", "ccc"])
-    assert [(one.made and one.made.kept.length, one.error) for one in found] == [
+    assert [(one.result and one.result.payload.length, one.error) for one in found] == [
         (1, ""), (None, f"{tmp_path / '1.txt'}: fails"), (3, "")
     ]  # fmt: skip
-    assert found[0].made is not None and found[0].made.kept.process == os.getpid()
+    assert found[0].result is not None and found[0].result.payload.process == os.getpid()
 
 
 @pytest.mark.slow
 def test_results_of_several_processes_come_in_order(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "fail", "dddd", "eeeee"], pause_s=0.05)
-    assert [one.made and one.made.kept.length for one in found] == [1, 2, None, 4, 5]
-    others = {one.made.kept.process for one in found if one.made is not None}
+    assert [one.result and one.result.payload.length for one in found] == [1, 2, None, 4, 5]
+    others = {one.result.payload.process for one in found if one.result is not None}
     assert len(others) == 2 and os.getpid() not in others
 
 
 @pytest.mark.slow
 def test_process_that_dies_costs_the_photograph_that_killed_it(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "die", "dddd", "eeeee", "ffffff"])
-    assert [one.made and one.made.kept.length for one in found] == [1, 2, None, 4, 5, 6]
+    assert [one.result and one.result.payload.length for one in found] == [1, 2, None, 4, 5, 6]
     assert "2.txt: the process that read it died" in found[2].error
 
 
@@ -90,9 +85,9 @@ def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
     running = in_processes(CountWork(), iter(jobs), count=2)
     _, outcome = next(running)
     running.close()
-    assert outcome.made is not None
+    assert outcome.result is not None
     with pytest.raises(ProcessLookupError):
-        os.kill(outcome.made.kept.process, 0)
+        os.kill(outcome.result.payload.process, 0)
 
 
 def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
@@ -114,26 +109,10 @@ def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
 def test_frames_that_a_video_only_announces_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    video = write_video(tmp_path / "clip.mp4", 12)
-    opened = video_module._opened
-
-    class Announcing:
-        """A video that announces 15 frames."""
-
-        def __init__(self, path: Path) -> None:
-            self.capture = opened(path)
-
-        def get(self, name: int) -> Any:
-            """Return a property."""
-            return 15 if name == cv2.CAP_PROP_FRAME_COUNT else self.capture.get(name)
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self.capture, name)
-
-    monkeypatch.setattr(video_module, "_opened", Announcing)
+    video = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 12), 15)
     numbers = enumerate((3, 11, 12, 14, 15))
     jobs = [Job(index=index, path=video / f"{number:06d}", target=0.0) for index, number in numbers]
     found = list(outcomes(CountWork(), jobs, in_this_process))
     assert [job.index for job, _ in found] == [0, 1, 4]
-    assert all(one.made is not None and one.made.kept.length > 64 * 80 * 3 for _, one in found[:2])
+    assert all(one.result is not None and one.result.payload.length > 64 * 80 * 3 for _, one in found[:2])
     assert "has 15 frames, none of number 15" in found[2][1].error

@@ -10,12 +10,13 @@ from PIL import Image
 
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.movers.parts import parts_of
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.results import mask_overlay
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
-from blur2view.segmentation.pixels import LEAST_AREA_PX, moving_parts, moving_regions
+from blur2view.segmentation.pixels import moving_parts, moving_regions
 from tests.support.motion_scenes import (
     BOX,
     HEIGHT,
@@ -149,18 +150,39 @@ def test_smears_without_rays_of_a_distorted_camera_do_no_harm() -> None:
     assert np.isfinite(segment(result, photo(with_mover())).probability).all()
 
 
-def test_parts_move_if_they_are_surely_seen_to_somewhere_and_large_enough() -> None:
-    probability = np.zeros((200, 200), np.float32)
-    probability[:60, :60] = 0.5  # likely everywhere, nowhere sure
-    probability[100:140, :60], probability[110, 10] = 0.5, 0.9
-    probability[100:110, 100:110] = 0.9  # small
-    assert 100 < LEAST_AREA_PX < 40 * 60
-    expected = np.zeros((200, 200), bool)
-    expected[100:140, :60] = True
-    np.testing.assert_array_equal(moving_parts(probability, 0.6, 0), expected)
-    assert not moving_parts(probability, 0.6, 0.2).any()
-    probability[100:140, :20] = 0.9
-    np.testing.assert_array_equal(moving_parts(probability, 0.6, 0.2), expected)
+def test_a_part_is_judged_by_its_peak_and_by_how_far_its_smears_depart() -> None:
+    moving, departure = np.zeros((80, 80), np.float32), np.full((80, 80), 0.1)
+    moving[:20, :20] = moving[40:60, :20] = moving[:20, 40:60] = moving[60:66, 60:66] = 0.6
+    moving[5, 5] = moving[62, 62] = 0.95
+    departure[:20, :20] = departure[:20, 40:60] = departure[60:66, 60:66] = 3.0
+    part = parts_of(moving, departure)
+    assert part[10, 10] > 0.9 > part[10, 50] > 0.5 > part[50, 10] > 0  # sure; unsure; neither
+    assert part[63, 63] == 0 == part[30, 30]  # too small, and none at all
+    assert (part[:20, :20] == part[0, 0]).all()
+
+
+def test_pixels_move_that_probably_do_in_parts_that_move() -> None:
+    part = np.zeros((20, 20), np.float32)
+    part[2:12, 2:12], part[15:, 15:] = 0.9, 0.4
+    probability = np.full((80, 80), 0.1, np.float32)
+    probability[8:48, 8:48] = probability[60:, 60:] = 0.8
+    expected = np.zeros((80, 80), bool)
+    expected[8:48, 8:48] = True
+    np.testing.assert_array_equal(moving_parts(probability, part, 0.5), expected)
+    expected[60:, 60:] = True
+    np.testing.assert_array_equal(moving_parts(probability, part, 0.3), expected)
+    assert not moving_parts(probability, part, 0.95).any()
+
+
+def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() -> None:
+    found = estimate_of(with_mover(), F=SIDEWAYS)
+    marked = [
+        (segment(found, photo(with_mover()), threshold=p).labels == MotionLabel.MOVING) for p in (0.9, 0.1)
+    ]
+    assert marked[0].sum() <= marked[1].sum() and not (marked[0] & ~marked[1]).any()
+    for p in (0.0, 1.0):
+        with pytest.raises(ValueError, match="above 0 and below 1"):
+            segment(found, photo(with_mover()), threshold=p)
 
 
 def test_parts_are_described_by_their_own_pixels() -> None:
@@ -183,7 +205,7 @@ def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
         picture[240, 448].astype(float) - 0.45 * 255 * image[240, 448] - 0.55 * np.array((255, 70, 170))
     )
     assert pink.max() < 20 and np.abs(picture[20, 20] - 255 * image[20, 20]).max() < 25
-    assert "moving part" in mask_overlay.headline(mask)
+    assert "moving part" in mask_overlay.mask_verdict(mask)
     with pytest.raises(ValueError, match="expected a mask of shape"):
         mask_overlay.draw_motion(image[:100, :100], mask)
 

@@ -1,6 +1,7 @@
 """Smears in a file: the network's grid gives every pixel back, in little space; what is no such file."""
 
 import os
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,6 +136,19 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
     remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
     with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
         load_smears(path)
+
+
+def test_zeros_that_no_photograph_has_are_refused_before_they_take_memory(tmp_path: Path) -> None:
+    path, zeros = tmp_path / "a.smear.npz", np.zeros((1 << 13, 1 << 12, 4), np.float16)
+    place = {"shape": np.array([1 << 18, 1 << 17]), "stride": np.array(32)}
+    for write in (np.savez, np.savez_compressed):
+        write(path, smear_grid=zeros, **place)  # type: ignore[arg-type]
+        tracemalloc.start()
+        with pytest.raises(OutputError, match="is no whole"):
+            load_smears(path)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < zeros.nbytes / 10
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from playwright.sync_api import Browser, Page
 
 from blur2view.pipeline import FileEstimate
@@ -77,13 +75,6 @@ def toggle(page: Page, *layers: str) -> None:
     for layer in layers:
         page.locator(f"[data-layer={layer}]").click()
     settle(page)
-
-
-def stage_pixels(page: Page) -> NDArray[np.float64]:
-    """Return the stage as it is seen, without its buttons, (h, w, 3) of 0 to 255."""
-    page.evaluate("document.querySelector('.zoom').style.visibility = 'hidden'")
-    shot = page.locator("#stage").screenshot(animations="disabled")
-    return np.asarray(Image.open(BytesIO(shot)).convert("RGB"), float)
 
 
 def scale_of(page: Page) -> float:

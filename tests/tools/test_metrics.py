@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
-from tests.support.scenes import make_scene, rotation
+from tests.support.scenes import rotation
 from tools.metrics import (
     direction_error_deg,
     epe_s,
-    epipole_angle_deg,
-    inlier_share,
-    rho,
     rotation_error,
-    share_under,
     sparsification_area,
     sparsification_curve,
     translation_direction_error_deg,
@@ -37,24 +33,6 @@ def test_sparsification_by_hand_and_its_order() -> None:
     assert 0 < chance < sparsification_area(error, -error)
     with pytest.raises(ValueError, match="expected two arrays"):
         sparsification_curve(np.zeros(0), np.zeros(0))
-
-
-def test_rho_is_zero_for_the_true_F_and_relative_to_length() -> None:
-    scene = make_scene(np.random.default_rng(1), count=100)
-    assert rho(scene.F, scene.ends).max() < 1e-9
-    along_x = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    ends = np.array([[[0.0, 0], [10, 1]]])
-    assert np.allclose(rho(along_x, ends), np.sqrt(0.5) / np.sqrt(101))
-    assert inlier_share(scene.F, scene.ends) == 1 > inlier_share(along_x, scene.ends)
-    assert share_under([0.1, 0.2, 0.3], 0.2) == pytest.approx(1 / 3)
-
-
-def test_epipole_angle_is_zero_for_F_and_its_transpose() -> None:
-    one = make_scene(np.random.default_rng(3), count=50)
-    assert epipole_angle_deg(one.F, one.F, one.K) < 1e-5
-    assert epipole_angle_deg(-one.F.T, one.F, one.K) < 1e-5
-    sideways, forward = (np.array([[0, -z, 0], [z, 0, -x], [0, x, 0]]) for x, z in ((1.0, 0.0), (0.0, 1.0)))
-    assert np.isclose(epipole_angle_deg(sideways, forward, np.eye(3)), 90)
 
 
 def test_pose_errors_up_to_the_flip_of_time() -> None:

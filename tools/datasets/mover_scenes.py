@@ -1,39 +1,30 @@
-"""Rendered photographs in each of which something moves by itself: few scenes of the test split hold any.
+"""Photographs of one kind for `tools.evaluation.segmentation`: rendered scenes, or things.
 
 ``python -m tools.datasets.mover_scenes render/movers --scenes 12`` writes ``NNNN.png`` and ``NNNN.npz`` as
-`tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving.
-
-With ``--training PHOTOS`` they are what `tools.training.train_movers` learns from, with textures of the
-training split, of one ``--kind``: ``rendered`` with movers and ``still`` ones without, an eighth of either by
-a camera at rest; ``shaken`` photographs, in most of them a second surface that moves otherwise; ``standing``
-ones before which one moves; ``sharp`` photographs, reduced.
+`tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving: few scenes of
+the test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those
+of `tools.rendering.things` and need ``--photos``: a camera that follows a thing, crosses its way, or stands,
+and three in which nothing moves by itself.
 """
 
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tools.arguments import existing, parser_of
 from tools.datasets.testset import test_options, write_photographed
 from tools.rendering.render import Rendering, RenderOptions, render
-from tools.rendering.shaken import ShakeOptions, cell_centres, processed, sample_paths, shake
-from tools.rendering.textures import read_photograph, split_files
+from tools.rendering.shaken import ShakeOptions, processed
+from tools.rendering.things import KINDS, ThingOptions, photographed_things
+from tools.training.reader_data import load_photos
 
-FIRST_SEED = 6_000_000
+FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "things": 10_000_000}
+THINGS = [kind.__name__ for kind in KINDS]
 SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
-LARGEST_TRAINING = 0.45
-SOURCE_PX, SHARP_PX = 1600, (1024, 768)  # longer sides of surfaces, and of sharp photographs by turns
-SHAKE = ShakeOptions(size=(640, 480), short_share=0.0)
-SHAKEN = {
-    "shaken": replace(SHAKE, smear_px=(2.0, 60.0), mover_share=0.75, still_share=0.12),
-    "standing": replace(SHAKE, smear_px=(4.0, 50.0), mover_share=1.0, still_share=1.0),
-}
 
 
 def moving_share(scene: Rendering) -> float:
@@ -62,56 +53,20 @@ def write_rendered(
     raise SystemExit(f"only {done} of {scenes} scenes suit, of {TRIES * scenes} seeds")
 
 
-def write_shaken(out: Path, photos: Path, scenes: int, series: int, options: ShakeOptions) -> None:
-    """Write shaken photographs; the larger of two surfaces is what the camera sees stand still."""
-    files = split_files("train", photos)
+def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
+    """Write pictures of things of a kind."""
+    sources = load_photos([photos])
+    options = ThingOptions(kinds=tuple(float(name == kind) for name in THINGS))
     for index in range(scenes):
-        rng = np.random.default_rng([series, index])
-        sources = [_reduced(files[k], SOURCE_PX) for k in rng.integers(len(files), size=3)]
-        paths = sample_paths(deepcopy(rng), options)  # which shake draws first
-        shaken = shake(rng, sources, options)
-        displacement, valid = shaken.displacement, shaken.valid
-        picture = np.clip(processed(rng, shaken.linear, options)[0], 0, 255).astype(np.uint8)
-        cv2.imwrite(str(out / f"{index:04d}.png"), picture[..., ::-1])
-        ground = paths[0].smears(cell_centres(options.size))
-        static = np.isclose(displacement, ground, atol=1e-3).all(axis=-1)
-        static = static if static.mean() > 0.5 else ~static
-        truth = {"displacement": displacement, "valid": valid, "static": static, "F": np.zeros((0, 3))}
-        np.savez(out / f"{index:04d}.npz", **truth)  # type: ignore[arg-type]
-
-
-def write_sharp(out: Path, photos: Path) -> None:
-    """Write every second training photograph, reduced as web sites do, as JPEG."""
-    for index, path in enumerate(split_files("train", photos)[::2]):
-        small = _reduced(path, SHARP_PX[index % 2])
-        quality = [cv2.IMWRITE_JPEG_QUALITY, 92]
-        cv2.imwrite(str(out / f"{path.stem}.jpg"), small[..., ::-1], quality)
-
-
-def _reduced(path: Path, longest_px: int) -> NDArray[np.uint8]:
-    """Return an RGB photograph whose longer side has at most so many pixels."""
-    image = read_photograph(path)
-    scale = longest_px / max(image.shape[:2])
-    if scale < 1:
-        small = cv2.resize(
-            np.ascontiguousarray(image), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
-        )
-        image = np.asarray(small, np.uint8)
-    return np.ascontiguousarray(image)
-
-
-def write_training(out: Path, photos: Path, kind: str, scenes: int, seed: int) -> None:
-    """Write training photographs of one kind."""
-    options = replace(test_options(photos), sharp_share=0.12, split="train")
-    if kind == "rendered":
-        moving = replace(options, mover_share=1.0)
-        write_rendered(out, scenes, moving, seed, lambda s: SMALLEST <= moving_share(s) <= LARGEST_TRAINING)
-    elif kind == "still":
-        write_rendered(out, scenes, replace(options, mover_share=0.0), seed, lambda _: True)
-    elif kind == "sharp":
-        write_sharp(out, photos)
-    else:
-        write_shaken(out, photos, scenes, seed, SHAKEN[kind])
+        rng = np.random.default_rng([FIRST_SEED["things"], THINGS.index(kind), index])
+        things = photographed_things(rng, sources, options)
+        picture = np.clip(processed(rng, things.linear, ShakeOptions(size=options.size))[0], 0, 255)
+        path = out / f"{index:04d}.png"
+        cv2.imwrite(str(path), picture.astype(np.uint8)[..., ::-1])
+        static = things.moving <= 0.5
+        truth = {"displacement": things.displacement, "valid": np.ones_like(static), "static": static}
+        unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": np.zeros((0, 3)), "kind": kind}
+        np.savez(path.with_suffix(".npz"), **truth, **unknown)  # type: ignore[arg-type]
 
 
 def main() -> None:
@@ -119,18 +74,22 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--scenes", type=int, default=12)
-    parser.add_argument("--training", type=existing, metavar="PHOTOS", help="folder of photographs")
-    parser.add_argument("--kind", choices=("rendered", "still", "sharp", *SHAKEN), default="rendered")
-    parser.add_argument("--seed", type=int, default=60_000_000, help="of the first training scene")
+    parser.add_argument("--kind", choices=("movers", "still", *THINGS), default="movers")
+    parser.add_argument("--photos", type=existing, help="folder of photographs, of things")
     arguments = parser.parse_args()
+    kind, scenes, options = arguments.kind, arguments.scenes, test_options(None)
+    if (kind in THINGS) != (arguments.photos is not None):
+        parser.error("--photos belongs to kinds of things, and they need it")
     arguments.out.mkdir(parents=True, exist_ok=True)
     if any(arguments.out.iterdir()):
         raise SystemExit(f"{arguments.out} is not empty")
-    if arguments.training is not None:
-        write_training(arguments.out, arguments.training, arguments.kind, arguments.scenes, arguments.seed)
+    if kind in THINGS:
+        write_things(arguments.out, scenes, arguments.photos, kind)
+    elif kind == "movers":
+        write_rendered(arguments.out, scenes, replace(options, mover_share=1.0), FIRST_SEED[kind], suits)
     else:
-        options = replace(test_options(None), mover_share=1.0)
-        write_rendered(arguments.out, arguments.scenes, options, FIRST_SEED, suits)
+        still = replace(options, mover_share=0.0)
+        write_rendered(arguments.out, scenes, still, FIRST_SEED[kind], lambda _: True)
 
 
 if __name__ == "__main__":

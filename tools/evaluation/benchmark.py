@@ -2,19 +2,18 @@
 
     python -m tools.evaluation.benchmark --out tools/results/benchmark
 
-renders one 1280x720 scene, measures every step of ``blur2view estimate`` on the blurred photograph, the whole
-process from outside, and SIFT + matching + pycolmap's F on the two SHARP ends of the same exposure. Speeds of
-machines differ: read the ratios.
+renders one 1280x720 scene, measures every step of ``blur2view estimate`` on the blurred photograph, and SIFT,
+matching and pycolmap's F on the two SHARP ends of the same exposure; then whole processes from outside: what
+they do before they read a photograph, photographs of 1280x720 and of 12 and 24 megapixels, blurred and sharp,
+and ``blur2view triage`` of videos by one process. ``--against COMMIT`` measures an earlier commit's processes
+beside ours, in turn. Speeds of machines differ: read the ratios.
 """
 
 import os
 import platform
-import resource
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
 from io import StringIO
@@ -35,10 +34,21 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from tools.arguments import parser_of, target
 from tools.datasets.testset import test_options, write_scene
+from tools.evaluation.processes_timed import (
+    FRAMES,
+    ROOT,
+    STEPS,
+    VIDEOS,
+    checkout,
+    in_turn,
+    write_large,
+    write_video,
+)
+from tools.evaluation.processes_timed import Run as Timed
 from tools.pages import publish, table
 
+Row = tuple[str, ...]
 SIZE = (1280, 720)
-LARGE = (6000, 4000)
 SCENE = 3  # index in the test split of the scene that is timed
 
 
@@ -96,22 +106,60 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     }
 
 
-def whole_process(photo: Path, folder: Path) -> tuple[float, float]:
-    """Return wall seconds and peak memory (MiB) of one ``blur2view estimate`` process."""
-    arguments = [sys.executable, "-m", "blur2view", "estimate", str(photo), "-o", str(folder), "--overwrite"]
-    start = time.perf_counter()
-    subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
-    seconds = time.perf_counter() - start
-    return seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+def before_reading(roots: Sequence[Path], repeats: int) -> list[Row]:
+    """Return rows of what a process takes before it reads a photograph, step by step."""
+    rows, earlier = list[Row](), 0.0
+    for name, code in STEPS.items():
+        now = in_turn(roots, ["-c", code], repeats)[0].wall_s
+        rows.append((name, f"{now:.3f}", f"{now - earlier:.3f}"))
+        earlier = now
+    return rows
 
 
-def page(times: dict[str, float], process: tuple[float, float], rival: float, repeats: int) -> str:
-    """Return markdown of the figures, each beside its ratio to the classical alternative."""
-    named = {**times, "whole process, all files": process[0], "classical: two sharp frames": rival}
+def whole_processes(
+    roots: Sequence[Path], pictures: Mapping[str, Path], folder: Path, repeats: int
+) -> tuple[list[Row], float]:
+    """Return rows of whole processes of photographs, over the first one of this tree, which is given, too."""
+    rows, first = list[Row](), 0.0
+    for name, path in pictures.items():
+        arguments: list[str | Path] = ["-m", "blur2view", "estimate", path, "-o", folder, "--overwrite"]
+        runs = in_turn(roots, arguments, repeats)
+        first = first or runs[0].wall_s
+        rows.append(row_of(name, runs, f"{runs[0].wall_s / first:.2f}"))
+    return rows, first
+
+
+def triage_rows(roots: Sequence[Path], blurred: Path, sharp: Path, folder: Path, repeats: int) -> list[Row]:
+    """Return rows of the triage of videos by one process, in frames a second."""
+    rows = []
+    for name, size in VIDEOS.items():
+        video = write_video(folder / f"{name}.avi", blurred, sharp, size)
+        runs = in_turn(roots, ["-m", "blur2view", "triage", video, "--jobs", "1"], repeats)
+        rows.append(
+            row_of(f"triage, video of {name}", runs, f"{FRAMES / runs[0].wall_s:.1f} frames a second")
+        )
+    return rows
+
+
+def row_of(name: str, runs: Sequence[Timed], word: str) -> Row:
+    """Return a row: seconds of wall and processor, MiB, a word, and the same ratios to another tree's run."""
+    own = runs[0]
+    cells = name, f"{own.wall_s:.2f}", f"{own.cpu_s:.2f}", f"{own.memory_mib:.0f}", word
+    if len(runs) == 1:
+        return cells
+    return *cells, *(
+        f"{getattr(own, key) / getattr(runs[1], key):.2f}" for key in ("wall_s", "cpu_s", "memory_mib")
+    )
+
+
+def page(times: dict[str, float], rival: float, repeats: int) -> str:
+    """Return markdown of the steps, each beside its ratio to the classical alternative."""
+    named = {**times, "classical: two sharp frames": rival}
     rows = [(name, f"{seconds:.3f}", f"{seconds / rival:.2f}") for name, seconds in named.items()]
-    words = f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph."
-    lines = table("step | seconds | over the classical alternative", rows)
-    return "\n".join([words, "", *lines, "", f"Peak memory of the whole process: {process[1]:.0f} MiB.", ""])
+    words = (
+        f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph, in process and warm."
+    )
+    return "\n".join([words, "", *table("step | seconds | over the classical alternative", rows), ""])
 
 
 def machine() -> str:
@@ -126,22 +174,37 @@ def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--against", metavar="COMMIT", help="measure an earlier commit, too, in turn")
     parser.add_argument("--out", type=target, help="write OUT.md")
     arguments = parser.parse_args()
+    few = max(3, arguments.repeats // 3)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        roots = [ROOT]
+        if arguments.against:
+            roots.append(checkout(arguments.against, folder / "earlier"))
         write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
         photo = folder / f"{SCENE:04d}.png"
         ends = [folder / f"{SCENE:04d}_{end}.png" for end in ("open", "close")]
-        process = [whole_process(photo, folder / "out") for _ in range(3)]
+        (folder / "out").mkdir()
         times = stages(photo, folder / "out", arguments.repeats)
         rival = timed(lambda: classical(*ends), arguments.repeats)
-        picture = np.asarray(cv2.imread(str(photo)))
-        cv2.imwrite(str(folder / "large.jpg"), cv2.resize(picture, LARGE))
-        large = whole_process(folder / "large.jpg", folder / "out")
-    wall = median(seconds for seconds, _ in process)
-    text = page(times, (wall, process[-1][1]), rival, arguments.repeats)
-    text += f"\nA photograph of {LARGE[0]}x{LARGE[1]}: {large[0]:.1f} s, {large[1]:.0f} MiB, whole process.\n"
+        pictures = {f"{SIZE[0]}x{SIZE[1]}": photo, **write_large(folder, photo, ends[0])}
+        shell = before_reading(roots[:1], few)
+        whole, first = whole_processes(roots, pictures, folder / "out", few)
+        videos = triage_rows(roots, photo, ends[0], folder, few)
+    ratio = first / times["decode to F"]
+    head = "process | seconds | of processors | MiB | over the first, or rate"
+    if arguments.against:
+        head += f" | wall over {arguments.against} | processors | memory"
+    lines = [
+        page(times, rival, arguments.repeats),
+        f"The whole process takes {ratio:.1f} times as long as from decoding to F.\n",
+        *table("before a photograph is read | seconds | more than the step before", shell),
+        "",
+        *table(head, [*whole, *videos]),
+    ]
+    text = "\n".join([*lines, ""])
     publish(text, arguments.out and arguments.out.with_suffix(".md"))
 
 

@@ -21,11 +21,11 @@ from scipy.ndimage import distance_transform_edt
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
+from blur2view.movers.camera_motion import Cells
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.mask_overlay import draw_motion
-from blur2view.segmentation.camera_motion import Cells
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.smears.field import smear_ends, upsample_grid
 from tools.arguments import existing, parser_of, target

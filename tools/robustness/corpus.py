@@ -18,21 +18,24 @@ from PIL.PngImagePlugin import PngInfo
 
 from blur2view.networks.model_file import shipped_file
 from tools.robustness.mutations import Rng
+from tools.robustness.traps import trapped_path
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = (sys.executable, "-m", "blur2view")
+TRAPS = "traps"  # beside the folder of a call, see `tools.robustness.traps`
 GOOD, OTHER, SIZE = "good.jpg", "other.jpg", (240, 180)
 FORMATS = {  # that Pillow writes, and modes of each
     "JPEG": "RGB L CMYK", "PNG": "RGB RGBA L LA P 1 I;16", "TIFF": "RGB RGBA L CMYK 1 I;16 F I",
     "WEBP": "RGB RGBA", "BMP": "RGB L P", "HEIF": "RGB", "GIF": "P", "PPM": "RGB L", "TGA": "RGB RGBA",
-    "ICO": "RGBA", "JPEG2000": "RGB L", "PCX": "RGB", "SGI": "RGB", "DDS": "RGBA",
+    "ICO": "RGBA", "JPEG2000": "RGB L", "PCX": "RGB", "EPS": "RGB L CMYK",
 }  # fmt: skip
 ODD_SIZES = ((1, 1), (15, 400), (16, 16), (17, 900), (2000, 16), (64, 65), (31, 33))
 
 
 def start(folder: Path, words: list[str], **streams: Any) -> Popen[Any]:
     """Start a call in a folder, in a group of processes of its own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home"}
+    path = trapped_path(folder.parent / TRAPS)
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home", "PATH": path}
     streams = {"stdout": DEVNULL, "stderr": PIPE} | streams
     return Popen([*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams)
 
@@ -88,7 +91,7 @@ def make_corpus(folder: Path, seed: int) -> None:
     for name in ("model", "views"):
         pycolmap.Reconstruction(folder / name).write_text(folder / f"{name}_text")
     shutil.copy(shipped_file("smear.onnx"), folder)
-    (folder / "linked.db.manifest.jsonl").unlink()
+    (folder / ".linked.db.manifest.jsonl").unlink()
 
 
 def _write_pictures(folder: Path, rng: Rng) -> None:

@@ -8,7 +8,8 @@ what an earlier call left. Each call is a fresh interpreter.
 
 A call is polite if it ends by itself within 20 seconds of processor time, 180 of any, and 2 GiB, with exit
 code 0, 1 or 2; prints nothing but its own lines, one for each failure; leaves nothing but whole results where
-it was asked to; does all that it does not refuse; runs nothing that a file says; and changes no byte of its
+it was asked to; does all that it does not refuse; starts no other program (traps of their names lie first on
+PATH) and runs nothing that a file says; and changes no byte of its
 inputs, of a database that it links to no row of the user's. Ctrl-C ends with the table of what is done.
 """
 
@@ -29,9 +30,10 @@ import numpy as np
 
 from tools.arguments import parser_of, target
 from tools.pages import publish, table
-from tools.robustness.corpus import GOOD, OTHER, make_corpus, start
+from tools.robustness.corpus import GOOD, OTHER, TRAPS, make_corpus, start
 from tools.robustness.mutations import Rng, damage, drawn
 from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints, rows, snapshot
+from tools.robustness.traps import set_traps, trapped
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
 MORE = 4  # damaged photographs in a call
@@ -79,7 +81,7 @@ KINDS = {
         "place linked.db {} frames --fraction 0.4 -o out", "to-transforms {} --images frames -o out/a.json",
         "to-transforms {} --dialect nerfstudio --exposure 0.02 --images frames -o out/a.json"]),
     "results": Kind(
-        0.1, "*manifest.jsonl out/**/* extracted/* table.csv keep.txt page.html new.db",
+        0.1, ".*manifest.jsonl out/**/* extracted/* table.csv keep.txt page.html new.db",
         [words for words in COMMANDS if "--json" not in words],
         [f"{way} {GOOD} {OTHER}" for way in ("--resume", "--overwrite")], photographs=2),
     "full disks": Kind(0.02, more=[GOOD]),
@@ -147,6 +149,7 @@ def run_call(words: list[str], folder: Path, kind: str = "results", largest: int
             words=words, folder=folder, before=before, code=child.returncode, printed=printed.read(),
             said=said.read(), seconds=usage.ru_utime + usage.ru_stime, peak_gib=usage.ru_maxrss / 2**20,
             photographs=KINDS[kind].photographs, lost=len(kept - rows(database)) if kept else 0,
+            ran=trapped(folder.parent / TRAPS),
             whole=largest is None and kind != "results",
         )  # fmt: skip
 
@@ -159,6 +162,7 @@ def try_all(cases: Sequence[int], seed: int) -> list[Tried]:
     tried: list[Tried] = []
     with tempfile.TemporaryDirectory() as name, contextlib.suppress(KeyboardInterrupt):
         corpus, folder = Path(name) / "corpus", Path(name) / "case"
+        set_traps(Path(name) / TRAPS)
         make_corpus(corpus, seed)
         for number in cases:
             rng = np.random.default_rng([seed, number])

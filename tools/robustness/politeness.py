@@ -16,6 +16,7 @@ MOST_S, MOST_GIB = 20.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 OUTPUTS = {"-o", "--db", "--csv", "--keep", "--extract"}  # options that name what a call may write
+MANIFEST = ".manifest.jsonl"  # the end of a hidden file beside results
 AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
 # of a list
 UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call", "beside the list")
@@ -26,7 +27,8 @@ class Call:
     """A call of the command line and what came of it; one that had to be ended has a ``code`` below 0.
 
     ``photographs`` is how many it names, the first of them good, None if nobody knows. ``before`` is a
-    snapshot of its folder, ``lost`` counts rows of a database that are gone. ``whole`` is False where results
+    snapshot of its folder, ``lost`` counts rows of a database that are gone, ``ran`` are other programs that
+    it started. ``whole`` is False where results
     may be missing: the disk was full, or an earlier call left others. ``seconds`` are of a processor.
     """
 
@@ -40,6 +42,7 @@ class Call:
     peak_gib: float
     photographs: int | None = 1
     lost: int = 0
+    ran: tuple[str, ...] = ()
     whole: bool = True
 
     @property
@@ -51,6 +54,7 @@ class Call:
 def complaints(call: Call) -> list[str]:
     """Return everything that is wrong with a call, an empty list if nothing is."""
     found = [] if call.code in (0, 1, 2) else [f"exit code {call.code}"]
+    found += [f"starts {name}" for name in call.ran]
     if call.seconds > MOST_S or call.peak_gib > MOST_GIB:
         found.append(f"takes {call.seconds:.0f} s of a processor, {call.peak_gib:.2f} GiB")
     found += [*_streams(call), *_files(call)]
@@ -108,7 +112,8 @@ def _files(call: Call) -> Iterator[str]:
     for name in new:
         path, last = call.folder / name, name.rpartition("/")[2]
         hidden = last.startswith(".") and not last.startswith("..")  # which a photograph may be
-        if hidden or last.endswith((".tmp", "-journal")) or not name.startswith(outputs):
+        hidden, named = hidden and not last.endswith(MANIFEST), name.removeprefix(".")
+        if hidden or last.endswith((".tmp", "-journal")) or not named.startswith(outputs):
             yield f"{'changes' if name in call.before else 'leaves'} {name}"
         elif "--link" in call.words:
             if not linked:

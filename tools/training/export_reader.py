@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from blur2view.errors import ModelError
 from blur2view.networks.brightness import BRIGHT
 from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
-from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra
+from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import existing, parser_of, target
 from tools.rendering.render import RenderOptions, render
@@ -143,7 +143,7 @@ def difference(model: Path, network: Reader, grey: Tensor) -> float:
     with torch.no_grad():
         expected = network.octave(network.windows(*Spectra()(grey)), coarser)
     session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
-    cepstra, scales = polar_cepstra(power_spectra(grey[0, 0].numpy()))
+    cepstra, scales = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy())))
     inputs = grey.numpy(), cepstra[None], scales[None], coarser.numpy()
     actual = session.run(None, dict(zip(INPUTS, inputs, strict=True)))
     pairs = zip(actual[:3], expected[:3], strict=True)

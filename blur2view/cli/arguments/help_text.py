@@ -13,9 +13,10 @@ EXIT_CODES = """
 1: something failed: one line on stderr each, other photographs are done all the same
 2: wrong usage
 130: interrupted by Ctrl-C: what is done is kept, --resume goes on
+141: what read the output wants no more of it, as head does; the rest is not done
 """
 MANIFEST = """
-<command>.manifest.jsonl: the manifest of a call of several photographs, JSON lines: what --resume goes on
+.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
     with
 """
 Rows = str | type[Document] | Mapping[str, str]

@@ -26,7 +26,7 @@ GROUPS = {
     INPUT: None,
     OUTPUT: None,
     VIEWS: None,
-    MANY: "A manifest beside the results, JSON lines, says what is done. Ctrl-C, a kill or a power cut loses "
+    MANY: "A hidden manifest beside the results says what is done. Ctrl-C, a kill or a power cut loses "
     "only the photographs in hand.",
     CAMERA: "Known intrinsics give the essential matrix E and the pose. Without these options the focal "
     "length of EXIF, where there is one, is a hint, and nothing is called calibrated. What is stated here is "

@@ -13,6 +13,7 @@ from blur2view.cli.terminal import printable
 from blur2view.errors import CameraError
 
 MESSAGES = {
+    r"^argument -(\w)/--\w+: ignored explicit argument '(\w+)'": r"-\1\2 has one dash; did you mean --\1\2?",
     "^argument ": "",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
@@ -32,7 +33,7 @@ class CommandParser(argparse.ArgumentParser):
     """
 
     def __init__(self, *, command: str = "", **settings: Any) -> None:
-        super().__init__(formatter_class=Layout, **settings)
+        super().__init__(formatter_class=Layout, allow_abbrev=False, **settings)
         self.command = command
         self.kind: type[Options] | None = None
 
@@ -73,7 +74,9 @@ class CommandParser(argparse.ArgumentParser):
         if self.kind is None:
             return super().format_help()
         formatter = self._get_formatter()
-        formatter.add_usage(None, [action for action in self._actions if not action.option_strings], [])
+        others = argparse.Action([], "", metavar="[OPTIONS]")
+        needed = [action for action in self._actions if action.required]
+        formatter.add_usage(None, [others, *needed], [])
         formatter.add_text(self.description)
         formatter.start_section("options")
         for action in sorted(self._actions, key=lambda action: action.dest.startswith("help")):

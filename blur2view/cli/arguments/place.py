@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from blur2view.cli.arguments.help_text import Rows
 from blur2view.cli.arguments.option import INPUT, Options, option
-from blur2view.cli.arguments.values import positive_float
+from blur2view.cli.arguments.values import share
 
 WRITTEN = """
 DIR: the model with the views, in COLMAP's binary format, and project.ini, which names the database and the
@@ -31,8 +31,8 @@ class PlaceOptions(Options):
     photographs: Path = option(MISSING, "FRAMES", group=INPUT)
     """folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some out, no
     two are taken for neighbours"""
-    fraction: float | None = option(None, "F", group=INPUT, convert=positive_float, rare=True)
-    "exposure time over frame interval, if it is known (default: measured from the smears)"
+    fraction: float | None = option(None, "F", group=INPUT, convert=share, rare=True)
+    "exposure time over frame interval, at most 1, if it is known (default: measured from the smears)"
     output: Path = option(MISSING, "DIR", names="-o --output")
     "where the model goes"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.option import option, refused
 from blur2view.cli.arguments.shared import PhotographOptions
 
 CONTROLS = """
@@ -47,6 +47,8 @@ class ReportOptions(ReportSettings, PhotographOptions):
     output: Path = option(Path("report.html"), "HTML", names="-o --output")
     "the page (default: %(default)s); one of an earlier call is replaced, unless all fail"
     overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
+    resume: bool = refused()
+    "a page is drawn anew, from the photographs"
 
     tables: ClassVar[dict[str, Rows]] = {"on the page": CONTROLS, "terms of the page": TERMS}
     examples = (

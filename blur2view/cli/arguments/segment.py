@@ -7,11 +7,13 @@ from typing import ClassVar
 from blur2view.cli.arguments.help_text import MANIFEST, Rows
 from blur2view.cli.arguments.option import option, refused
 from blur2view.cli.arguments.shared import FolderOptions
+from blur2view.cli.arguments.values import probability
+from blur2view.movers.parts import THRESHOLD
 from blur2view.results.masks import MaskDocument, MasksDocument
 
 FILES = """
-<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (smooth, or its smear is not read, or it
-    may as well move as stand still)
+<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
+    or its smear is not read)
 <stem>.moving.png: probability of moving, times 255
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
 masks/...: with --masks: the mask under the name and with the greys that the program reads
@@ -23,6 +25,9 @@ masks/...: with --masks: the mask under the name and with the greys that the pro
 class SegmentSettings:
     """Those on which the files of a photograph depend."""
 
+    threshold: float = option(THRESHOLD, "P", convert=probability)
+    """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
+    what moves, and marks more of what stands still"""
     masks: str | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"))
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
     pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there"""
@@ -37,9 +42,8 @@ class SegmentOptions(SegmentSettings, FolderOptions):
     Segment what moves by itself from what the camera's motion explains. The camera's motion is one smooth
     field through the smears and, where there is one, F. How far a smear departs from both, how sure it is of
     itself, and where the photograph is blurred otherwise than the camera's motion blurs it, is weighed by a
-    small network trained on rendered photographs; outlines follow the photograph's edges. Smears are read in
-    windows of 96 pixels: what is small, or moves much faster than the camera, is mostly not seen, nor is an
-    object that moves along the camera's epipolar lines, which looks like one at another depth.
+    second network; outlines follow the photograph's edges. An object that moves along the camera's epipolar
+    lines looks like one at another depth.
     """
 
     command = "segment"

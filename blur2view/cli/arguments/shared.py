@@ -30,13 +30,13 @@ class PhotographOptions(Options):
 
     images: list[str] = option(MISSING, "INPUT", group=INPUT)
     """photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard input; JPEG,
-    PNG, TIFF, WebP and what else Pillow decodes, of 8 or 16 bits, with the extras heic and raw also HEIC and
-    RAW. Frames of a video are named VIDEO/000120 by their number. A list names one of these on each line, as
-    seen from here or else from the list's folder (blank lines are passed over, and those that begin with #
-    and name no file). What is named twice is done once"""
+    PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8 or 16 bits, with the extras heic and raw
+    also HEIC and RAW. Frames of a video are named VIDEO/000120 by their number. A list names one of these on
+    each line, as seen from here or else from the list's folder (blank lines are passed over, and those that
+    begin with # and name no file). What is named twice is done once"""
     recursive: bool = option(False, group=INPUT)
     "folders stand for their subfolders, too"
-    every: int = option(1, "N", group=INPUT)
+    every: int = option(1, "N", group=INPUT, convert=values.frames)
     "of a video take one frame in N (default: all)"
     first: float = option(0, "FRAME", group=INPUT, names="--from", convert=values.frame_or_seconds, rare=True)
     "the first frame of a video: a number from 0, or a time as 12.5s"
@@ -102,6 +102,9 @@ class PhotographOptions(Options):
     take up to half as much again (default: %(default)s, enough for 32 megapixels, with masks for 24)"""
     model: str | None = option(None, "ONNX", group=ESTIMATION, rare=True)
     "a smear network, written by tools/training/export_reader.py (default: the shipped one)"
+    provider: str | None = option(None, "NAME", group=ESTIMATION, rare=True)
+    """let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has, for example
+    onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "run", self._run())

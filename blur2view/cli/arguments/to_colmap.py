@@ -17,7 +17,8 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
     as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
     Where the translation is undecided (no parallax is proven, and known intrinsics leave its direction open)
     the matches are there, but no inliers of the two-view geometry: a mapper looks at no configuration, and
-    would make points from a rotation. blur2view.triangulate_exposure refuses such, too
+    would make points from a rotation. blur2view.triangulate_exposure refuses such, too. With --link the
+    inliers are written all the same: the depth of your points comes from your other photographs
 --link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
     d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
     px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run through all
@@ -27,9 +28,6 @@ a fresh database: appears whole or not at all. Equal cameras are shared. Photogr
     project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
     sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
     COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
---format matches: text for colmap feature_importer and matches_importer --match_type inliers; the docstring of
-    blur2view.colmap.text_formats has both commands
---format hloc: features.h5, matches.h5 and pairs.txt as hloc has them (pip install '.[hloc]')
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
@@ -71,9 +69,9 @@ class ToColmapOptions(ToColmapSettings, PhotographOptions):
     json: bool = option(False)
     "print one JSON document instead of the summaries, see below"
     sequence: bool | None = option(None, group=VIEWS)
-    """the photographs are a video in this order, so that neighbours show which view came first; with
-    --no-sequence nothing is concluded from neighbours (default: from those in one folder whose names differ
-    by one in their number)"""
+    """the photographs are a video in this order, whatever they are called: neighbours show which view came
+    first. Without it those do that lie in one folder and whose names differ by one in their number, which is
+    as good where no frame is left out; with --no-sequence nothing is concluded from neighbours"""
     timings: bool = True
     exposure: float | None = None
     readout: float | None = refused()

@@ -7,7 +7,7 @@ from typing import ClassVar
 from blur2view.cli.arguments.help_text import Rows
 from blur2view.cli.arguments.option import option
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.arguments.values import Amount, amount, best, radius
+from blur2view.cli.arguments.values import Amount, best, radius, smear
 from blur2view.results.table import Row
 
 MAX_SMEAR = Amount(number=3.0)
@@ -47,9 +47,9 @@ class TriageOptions(PhotographOptions):
     """The options of ``blur2view triage``.
 
     Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
-    of all, and a list, or a folder, of those to use for structure from motion: the sharp ones, the sharpest
-    ones, or the sharpest of every few neighbours. Unlike the variance of the Laplacian this does not confuse
-    a lack of texture with blur.
+    of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
+    explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
+    dark to show blur, which the variance of the Laplacian would confuse.
     """
 
     command = "triage"
@@ -57,7 +57,7 @@ class TriageOptions(PhotographOptions):
     "write the list of photographs to keep, see below"
     extract: Path | None = option(None, "DIR")
     "write the photographs to keep into a folder, frames of videos as PNG, see below"
-    max_smear: Amount = option(MAX_SMEAR, "PX", convert=amount)
+    max_smear: Amount = option(MAX_SMEAR, "PX", convert=smear)
     """the longest median of a sharp photograph, in pixels, or as 0.3%% of the picture's diagonal (default:
     %(default)s, up to which half of its SIFT features are still matched)"""
     max_defocus: float = option(MAX_DEFOCUS, "PX", convert=radius)

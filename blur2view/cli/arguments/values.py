@@ -2,11 +2,13 @@
 
 import math
 from argparse import ArgumentTypeError
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below is asked about
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
+RATE = 30  # frames a second, of an example
 FILM_MM = 36.0  # width of 35-mm film
 
 
@@ -35,6 +37,15 @@ def positive(text: str) -> int:
     return int(text)
 
 
+def frames(text: str) -> int:
+    """Return a number of frames, 1 or more."""
+    amount, unit = number_and_unit(text, "ms", "s")
+    with suppress(ValueError):
+        if unit and (count := round(RATE * float(amount) / (1000 if unit == "ms" else 1))) >= 1:
+            raise ArgumentTypeError(f"counts frames; {text} are {count} in a video of {RATE} a second")
+    return positive(text)
+
+
 def seed(text: str) -> int:
     """Return a number of 0 or more."""
     if int(text) < 0:
@@ -42,10 +53,17 @@ def seed(text: str) -> int:
     return int(text)
 
 
-def positive_float(text: str) -> float:
-    """Return a positive and finite number."""
-    if not 0 < float(text) < math.inf:
-        raise ArgumentTypeError(f"must be positive and finite, got {text}")
+def share(text: str) -> float:
+    """Return a number above 0 and at most 1."""
+    if not 0 < float(text) <= 1:
+        raise ArgumentTypeError(f"must be above 0 and at most 1, got {text}")
+    return float(text)
+
+
+def probability(text: str) -> float:
+    """Return a number above 0 and below 1."""
+    if not 0 < float(text) < 1:
+        raise ArgumentTypeError(f"must be above 0 and below 1, got {text}")
     return float(text)
 
 
@@ -118,6 +136,11 @@ def amount(text: str) -> Amount:
     if not 0 <= value < math.inf:
         raise ArgumentTypeError(f"expected a number as 3 or a percentage as 50%, got {text}")
     return Amount(number=value, percent=text.endswith("%"))
+
+
+def smear(text: str) -> Amount:
+    """Return a length in pixels, or a percentage."""
+    return amount(text.removesuffix("px"))
 
 
 def best(text: str) -> Amount:

@@ -6,20 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tools.benchmarks.triage import (
-    LENGTHS_PX,
-    Ordered,
-    features_left,
-    laplacian_variance,
-    limit_of,
-    matched_share,
-    order_of,
-    report,
-)
-
-
-def pictures(true: list[float], ours: list[float], laplacian: list[float]) -> list[Ordered]:
-    return list(zip(true, ours, laplacian, strict=True))
+from tools.benchmarks.triage import LENGTHS_PX, features_left, laplacian_variance, limit_of, matched_share
 
 
 def texture(seed: int = 0, size: int = 360) -> np.ndarray:
@@ -44,12 +31,3 @@ def test_features_get_lost_by_blur_and_the_limit_leaves_half(tmp_path: Path) -> 
     assert left[0] == 1 and left[-1] < 0.5 < left[1]
     limit = limit_of(left)
     assert left[LENGTHS_PX.index(limit)] >= 0.5 > left[LENGTHS_PX.index(limit) + 1]
-
-
-def test_report_has_a_row_of_rank_correlations_for_every_set_and_of_features_for_every_folder() -> None:
-    ours, laplacian = order_of(pictures([1, 5, 20, 40], [2, 3, 9, 100], [9, 90, 30, 60]))
-    assert ours == pytest.approx(1) and laplacian == pytest.approx(-0.4)
-    some = pictures([0, 5, 20], [1, 6, 19], [90, 30, 60])
-    text = report({"rendered": some, "all": some * 2}, {"KODAK": np.linspace(1, 0, len(LENGTHS_PX))})
-    assert "| rendered | 3 | 1.000 | 0.500 |" in text and "| all | 6 | 1.000 | 0.500 |" in text
-    assert "| KODAK | 1.00 |" in text and "| 5 px |" in text

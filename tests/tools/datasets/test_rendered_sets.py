@@ -1,26 +1,16 @@
 """Rendered sets on disk: what is written is what was rendered, again and again, and goes on where it was."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from blur2view.errors import Blur2ViewError
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import smear_ends
 from tools.datasets import testset
 from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, off_plane
-from tools.datasets.shards import (
-    Scenes,
-    decode_linear,
-    encode_linear,
-    load_shards,
-    training_record,
-    write_shards,
-)
-from tools.datasets.testset import read_test_set
+from tools.datasets.shards import Scenes, training_record, write_shards
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -53,15 +43,6 @@ def test_scenes_read_back_are_those_rendered(folder: Path) -> None:
         assert image is not None and image.shape == (128, 160, 3)
 
 
-def test_pictures_show_open_middle_and_close(folder: Path) -> None:
-    names = sorted(path.name for path in folder.glob("*.png"))
-    assert names == [f"{k:04d}{suffix}.png" for k in INDICES for suffix in ("", "_close", "_open")]
-    pictures = {name: np.asarray(cv2.imread(str(folder / name))) for name in names}
-    sharp, blurred = (cv2.Laplacian(pictures[f"0000{s}.png"], cv2.CV_64F).var() for s in ("_open", ""))
-    assert sharp > 2 * blurred
-    assert np.abs(pictures["0000_open.png"].astype(int) - pictures["0000_close.png"]).mean() > 5
-
-
 def test_same_scene_gives_same_files_and_a_finished_one_is_kept(folder: Path, tmp_path: Path) -> None:
     testset.write_scene(0, tmp_path, OPTIONS)
     for path in tmp_path.iterdir():
@@ -85,17 +66,6 @@ def test_each_kind_is_what_it_says(kind: str) -> None:
         assert share < 0.01 if kind != "general" else share >= LEAST_PARALLAX
 
 
-@pytest.mark.slow
-def test_command_writes_what_the_test_set_reads(tmp_path: Path, call_tool: Callable[[str], None]) -> None:
-    call_tool(f"datasets.motion_kinds {tmp_path} --scenes 1 --size 96 72 --jobs 1")
-    for kind in KINDS:
-        (scene,) = read_test_set(tmp_path / kind)
-        assert scene.image_path.exists() and scene.name == "20000"
-        again = motion_scene(kind, 20_000, None, (96, 72))  # the same seed, the same scene
-        np.testing.assert_array_equal(scene.displacement, again.displacement)
-        assert (scene.F is None) == (again.F is None)
-
-
 TINY = RenderOptions(size=(64, 48), mover_share=1.0)
 
 
@@ -105,38 +75,6 @@ def scenes_of(count: int, level: int) -> Scenes:
         displacement=np.full((count, 2, 3, 2), level, np.float16),
         labels=np.full((count, 2, 3), level, np.uint8),
     )
-
-
-def test_radiance_is_stored_finely_in_the_dark_and_up_to_four() -> None:
-    linear = np.concatenate([np.linspace(0, 0.01, 50), np.linspace(0.01, 4, 500)]).astype(np.float32)
-    coded = encode_linear(linear)
-    assert coded.dtype == np.uint16
-    half_a_step = np.sqrt(4 * linear) / 65535
-    assert (np.abs(decode_linear(coded) - linear) <= 1.01 * half_a_step + 1e-6 * linear + 1e-9).all()
-    np.testing.assert_allclose(decode_linear(encode_linear(np.array([-1.0, 9.0]))), [0, 4], rtol=1e-6)
-
-
-def test_record_holds_the_rendering() -> None:
-    record, scene = training_record(5, TINY), render(5, TINY)
-    np.testing.assert_allclose(record.displacement[0], scene.displacement, rtol=1e-3, atol=1e-4)
-    np.testing.assert_array_equal(record.labels[0] & 1, scene.valid)
-    np.testing.assert_array_equal(record.labels[0] >> 1, scene.static)
-    np.testing.assert_allclose(decode_linear(record.linear[0]), np.minimum(scene.linear, 4), atol=1e-4)
-
-
-def test_shards_are_joined_in_order_of_their_names(tmp_path: Path) -> None:
-    with pytest.raises(Blur2ViewError, match="python -m tools.datasets.shards"):
-        load_shards(tmp_path)
-    for start, (count, level) in {7: (1, 9), 0: (3, 1), 3: (2, 5)}.items():
-        scenes_of(count, level).save(tmp_path / f"train_{start:08d}.npz")
-    (tmp_path / "train_00000009.tmp.npz").write_bytes(b"half written")
-    merged = load_shards(tmp_path)
-    assert len(merged) == 6
-    for array in (merged.linear, merged.displacement, merged.labels):
-        np.testing.assert_array_equal(array[:, 0, 0].reshape(6, -1)[:, 0], [1, 1, 1, 5, 5, 9])
-    joined = Scenes.join([scenes_of(3, 1), scenes_of(2, 5)])
-    np.testing.assert_array_equal(joined.linear, merged.linear[:5])
-    assert joined.displacement.dtype == np.float16
 
 
 @pytest.mark.slow

@@ -29,18 +29,6 @@ def test_same_seed_same_smears_and_cells_differ_in_their_factor_alone() -> None:
     np.testing.assert_array_equal(one.outlier, noisier.outlier)
 
 
-def test_neighbours_share_their_order_in_smooth_depth_alone() -> None:
-    agreement = {}
-    for kind in get_args(Kind):
-        smears = synthetic_smears(1, SyntheticOptions(kind=kind, motion="rotating", **CLEAN))
-        d = smears.true_ends[:, 1] - smears.true_ends[:, 0]
-        middle = smears.true_ends.mean(axis=1)
-        distance = np.linalg.norm(middle[:, None] - middle, axis=-1) + 1e9 * np.eye(len(d))
-        difference = np.linalg.norm(d - d[distance.argmin(axis=1)], axis=1)
-        agreement[kind] = np.median(difference / np.linalg.norm(d, axis=1))
-    assert agreement["smooth"] < 0.1 < agreement["scattered"]
-
-
 def scaled_errors(report: synthetic.Report, **options: Any) -> tuple[float, float]:
     """Root mean square and 99 % quantile over the median of the errors over what is told."""
     smears = synthetic_smears(4, SyntheticOptions(report=report, outliers=0.0, count=4000, **options))
@@ -61,24 +49,3 @@ def test_reports_are_true_wrong_on_the_whole_or_wrong_one_by_one() -> None:
     truthful = {r: SyntheticOptions(report=r, noise_px=2.0).truthful for r in get_args(synthetic.Report)}
     assert [report for report, told in truthful.items() if told] == ["equal", "varied"]
     assert SyntheticOptions(report="constant", noise_px=1.0).truthful
-
-
-def test_random_outliers_and_a_second_motion_have_their_share() -> None:
-    random = synthetic_smears(5, SyntheticOptions(outliers=0.4, noise_px=0.0))
-    residual = sampson(random.F, *np.moveaxis(random.ordered, 1, 0))
-    assert 0.35 < random.outlier.mean() < 0.45
-    assert residual[~random.outlier].max() < 1e-9 < 0.1 < np.median(residual[random.outlier])
-    moving = synthetic_smears(5, SyntheticOptions(second_motion=0.3, **CLEAN))
-    assert moving.outlier.mean() == pytest.approx(0.3, abs=1e-3)
-    inside = moving.true_ends[moving.outlier].mean(axis=1)
-    assert np.linalg.norm(inside - inside.mean(axis=0), axis=1).max() < 300
-    assert np.median(sampson(moving.F, *np.moveaxis(moving.ordered, 1, 0))[moving.outlier]) > 0.1
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"count": 0}, {"length_px": 0.0}, {"noise_px": -1.0}, {"outliers": 1.5}, {"second_motion": -0.1}],
-)  # fmt: skip
-def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="need|shares"):
-        SyntheticOptions(**wrong)

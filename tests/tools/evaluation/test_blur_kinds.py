@@ -1,24 +1,17 @@
 """Photographs blurred in every way that has a name: their truth, and the figures of what is said of them."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.errors import ImageError
-from blur2view.smears.blur import BlurKind
 from tools.datasets import blurred_photographs as made
 from tools.datasets.blurred_photographs import Picture
 from tools.evaluation import blur_kinds
 from tools.evaluation.blur_kinds import Named, Seen
-from tools.evaluation.even_blur import GAMMA
-from tools.evaluation.sharp_or_not import BASELINES, auc, best_accuracy
 
 STRIDE = 32
 
@@ -82,14 +75,6 @@ def test_an_aperture_has_the_second_moment_of_its_disc_along_every_axis(radius_p
     assert moments == pytest.approx([moment, moment, 0], rel=0.01, abs=0.05)
 
 
-def test_blur_mixes_light_not_coded_values() -> None:
-    light = np.zeros((32, 32, 3), np.float32)
-    light[:, ::2] = 1
-    even = made.blurred(light, np.full((1, 8), 1 / 8, np.float32))
-    coded = made.recorded(np.random.default_rng(0), even)
-    assert coded.mean() == pytest.approx(0.5 ** (1 / GAMMA), abs=0.005)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_what_stands_still_is_untouched_and_what_moves_is_part_of_the_picture(
     photographs: Path, seed: int
@@ -104,82 +89,6 @@ def test_what_stands_still_is_untouched_and_what_moves_is_part_of_the_picture(
     assert scene.min() >= 0 and scene.max() <= 1.001
 
 
-def test_an_outline_has_its_share_and_a_soft_rim() -> None:
-    for seed in range(20):
-        cover = made.outline(np.random.default_rng(seed), (224, 320))
-        assert made.MOVER_SHARE[0] <= cover.mean() <= made.MOVER_SHARE[1]
-        assert 0.01 < ((cover > 0.1) & (cover < 0.9)).sum() / (cover > 0).sum() < 0.6
-
-
-@pytest.mark.slow
-def test_all_kinds_and_sizes_are_made_and_every_file_is_read(photographs: Path) -> None:
-    found = pictures(photographs, polygons=True)
-    names = [one.name for one in found]
-    assert names[0] == "sharp" and names.count("camera at rest") == 2
-    assert {"out of focus 8 px", "camera moved 25 px", "out of focus and moved 4 px and 12 px"} < set(names)
-    assert {"sharp, 1/16", "camera moved 12 px, 12 bits"} < set(names)
-    assert all(5 <= one.blades <= 9 for one in found if one.kind == BlurKind.OUT_OF_FOCUS)
-    assert {blur_kinds.is_unusable(one) for one in found if one.kind == BlurKind.OUT_OF_FOCUS_AND_MOVED} == {
-        True
-    }
-    for one in found:
-        image = blur2view.read_image(Path(f"a{one.suffix}"), content=one.file)
-        assert image.shape == (224, 320, 3)
-
-
-@pytest.mark.slow
-def test_dim_pictures_hold_the_same_values_divided_and_deep_ones_few_of_16_bits(photographs: Path) -> None:
-    by_name = {one.name: pixels_of(one) for one in pictures(photographs)}
-    for blur in ("sharp", "camera moved 12 px"):
-        plain = by_name[blur].astype(float)
-        for gain in made.GAINS:
-            assert np.abs(by_name[f"{blur}, 1/{gain}"] - plain / gain).max() <= 0.5
-        for bits in made.BITS:
-            deep = by_name[f"{blur}, {bits} bits"]
-            assert deep.dtype == np.uint16 and 2 ** (bits - 1) < deep.max() < 2**bits
-            assert np.abs(deep / (2**bits - 1) - plain / 255).mean() < 0.02
-
-
-@pytest.mark.slow
-def test_the_same_seed_makes_the_same_bytes_and_another_does_not(photographs: Path) -> None:
-    one, same, other = ([picture.file for picture in pictures(photographs, seed)] for seed in (3, 3, 4))
-    assert one == same and not set(one) & set(other)
-
-
-def test_a_large_photograph_is_reduced_in_light_and_one_too_small_is_refused(tmp_path: Path) -> None:
-    stripes = np.zeros((1000, 1300, 3), np.uint8)
-    stripes[:, ::2] = 255
-    assert cv2.imwrite(str(tmp_path / "large.png"), stripes)
-    assert cv2.imwrite(str(tmp_path / "small.png"), stripes[:200])
-    light = made.radiance_of(tmp_path / "large.png")
-    assert light.shape == (480, 640, 3) and light.mean() == pytest.approx(0.5, abs=0.01)
-    with pytest.raises(ImageError, match=r"small\.png.*too small"):
-        made.radiance_of(tmp_path / "small.png")
-
-
-def test_auc_counts_pairs_and_ties_half() -> None:
-    assert auc([1, 2], [3, 4]) == 1 and auc([3, 4], [1, 2]) == 0
-    assert auc([1, 2, 3], [2, 3, 4]) == pytest.approx((1 + 1 + 1 + 0.5 + 1 + 1 + 0 + 0.5 + 1) / 9)
-    with pytest.raises(ValueError, match="both classes"):
-        auc([], [1])
-
-
-def test_the_best_threshold_of_a_hand_made_case() -> None:
-    assert best_accuracy([1, 2], [3, 4]) == (1, 1)
-    # from 4 on: three of four sharp ones and two of three; from 2 on: one and all three
-    assert best_accuracy([1, 2, 3, 5], [2, 4, 6]) == pytest.approx((5 / 7, (3 / 4 + 2 / 3) / 2))
-    # calling all blurred is right for most pictures and for no sharp one
-    accuracy, mean = best_accuracy([1, 1], [0, 1, 1, 1, 1, 1, 1, 1, 1, 1])
-    assert accuracy == pytest.approx(10 / 12) and mean == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize("name", BASELINES)
-def test_every_baseline_grows_with_blur(name: str, photographs: Path) -> None:
-    light = made.radiance_of(sorted(photographs.iterdir())[0])
-    values = [BASELINES[name](made.blurred(light, made.aperture(r)) ** (1 / GAMMA)) for r in (1, 2, 4)]
-    assert values == sorted(values) and values[0] < values[2]
-
-
 @pytest.mark.slow
 def test_whoever_knows_the_truth_has_no_error(photographs: Path) -> None:
     rows = told(photographs)
@@ -191,47 +100,6 @@ def test_whoever_knows_the_truth_has_no_error(photographs: Path) -> None:
     assert f"| {blur_kinds.OURS} | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 |" in text
     assert "| camera moved 12 px, 1/8 | 1 | 1.000 | 1.00 | 0 | 0 | 0 | 1 | 0 | 0 | 0 |" in text
     assert "| 2 | 1.000 | 0.0000 | 0.0000 |" in text and "nan" not in text
-
-
-@pytest.mark.slow
-def test_what_is_wrong_is_counted(photographs: Path) -> None:
-    def change(picture: Picture, said: Named) -> Named:
-        if picture.coding == "1/16":
-            return replace(said, smear_px=25.0)
-        if picture.coding == "1/8":
-            return replace(said, kind=BlurKind.CANNOT_TELL, smear_px=0.0)
-        return replace(said, kind=BlurKind.CAMERA_MOVED, defocus_px=0.8 * said.defocus_px, sure=~said.sure)
-
-    text = blur_kinds.page(told(photographs, change))
-    assert "| out of focus, from 3 px | 6 | 0 | 0 | 6 | 0 | 0 | 0 |" in text
-    assert "| discs, from 3 px | 6 | 0.800 | 0.200 | 0.000 |" in text
-    assert "| camera moved 12 px, 1/16 | 1 | 2.083 | 0.00 | 1 | 0 | 0 | 1 | 0 | 0 | 0 |" in text
-    assert "| sharp, 1/16 | 1 | - | - | 1 | 1 | 0 | 0 | 0 | 0 | 0 |" in text
-    assert "| camera moved 12 px, 1/8 | 1 | - | - | 0 | 0 | 0 | 0 | 0 | 0 | 1 |" in text
-    assert "| 2 | 0.000 | 1.0000 | 1.0000 |" in text
-
-
-def test_a_still_cell_has_no_pixel_that_moves_and_its_window_may() -> None:
-    moving, sure = np.zeros((96, 160), np.float32), np.zeros((3, 5), bool)
-    moving[40:50, 70:80] = 0.5  # inside the cell (1, 2)
-    sure[1, 2] = sure[1, 1] = True
-    picture = Picture(
-        file=b"", suffix=".jpg", kind=BlurKind.CAMERA_AT_REST, moving=np.zeros((96, 160), np.float32)
-    )
-    said = replace(said_of(replace(picture, file=cv2.imencode(".png", moving)[1].tobytes())), sure=sure)
-    assert blur_kinds.still_sure(moving, replace(said, window_px=96)) == pytest.approx((1 / 14, 0 / 6))
-    sure[0, 0] = True
-    assert blur_kinds.still_sure(moving, replace(said, window_px=96)) == pytest.approx((2 / 14, 1 / 6))
-    assert blur_kinds.still_sure(np.ones_like(moving), said) == (0, 0)
-
-
-@pytest.mark.slow
-def test_every_other_photograph_has_polygons_and_no_seed_is_shared(photographs: Path) -> None:
-    paths = sorted(photographs.iterdir())
-    look = partial(blur_kinds.of_photograph, paths=paths, namer=None, seed=0, composites=0)
-    first, second = ([one.picture.blades > 0 for one in look(k)] for k in (0, 1))
-    assert not any(first) and sum(second) == len(made.RADII_PX) + len(made.BOTH_PX)
-    assert [one.blur for one in look(0)] == [one.blur for one in look(0)]
 
 
 @pytest.mark.slow

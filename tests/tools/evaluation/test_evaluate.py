@@ -8,19 +8,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from PIL import Image
 
 from blur2view.geometry.sampson import sampson
 from blur2view.smears.field import SmearField
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.selection import select_matches
 from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate
-from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
-from tools.evaluation.smear_plot import COLOURS, save
+from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -55,20 +51,6 @@ def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
 
 def figures_of(scene: TestScene, factor: float) -> SmearFigures:
     return evaluate_smears(*pooled([(scene, field_of(scene, factor))]))
-
-
-def test_block_errors_are_in_sigmas_of_the_direction(scene: TestScene) -> None:
-    field, turn = field_of(scene), 0.02
-    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
-    turned = field.displacement @ np.array([[c, s], [-s, c]])
-    wrong = replace(field, displacement=turned, sigma_rad=np.full(SIZE[::-1], 0.01, np.float32))
-    assert evaluate_smears(*pooled([(scene, wrong)])).block_error_sigmas == pytest.approx(2, rel=0.05)
-
-
-def test_truth_at_matches_is_that_of_their_cells(scene: TestScene) -> None:
-    matches = select_matches(true_grid(scene))
-    truth, d = evaluate.truth_at_matches(scene, matches), matches.displacement
-    np.testing.assert_allclose(np.sign((truth * d).sum(axis=1))[:, None] * truth, d, atol=1e-4)
 
 
 def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestScene) -> None:
@@ -123,24 +105,3 @@ def test_command_writes_both_tables(
     assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
     with pytest.raises(SystemExit, match="no scenes"):
         call_tool(f"evaluation.evaluate {tmp_path}/tables")
-
-
-def test_sigma_is_compared_with_the_errors_it_stands_for(scene: TestScene) -> None:
-    figures = figures_of(scene, 1.1)
-    sigma = field_of(scene).sigma_px[1::4, 1::4][scene.valid]
-    error = 0.1 * np.linalg.norm(scene.displacement[scene.valid], axis=1)
-    assert [b.sigma_px for b in figures.bins] == sorted(b.sigma_px for b in figures.bins)
-    assert np.mean([b.sigma_px**2 for b in figures.bins]) == pytest.approx((sigma**2).mean(), rel=0.01)
-    assert np.mean([b.error_px**2 for b in figures.bins]) == pytest.approx((error**2).mean(), rel=0.01)
-    assert np.mean([b.within for b in figures.bins]) == pytest.approx((error <= sigma).mean(), abs=0.01)
-    assert len(smear_tables(figures)) == 11 + 2 + 3 + len(figures.octaves) + 3 + len(figures.bins)
-
-
-def test_plots_are_light_and_the_same_again(tmp_path: Path) -> None:
-    for name in "ab":
-        figure = Figure(figsize=(3, 3))
-        figure.subplots().imshow(np.random.default_rng(0).random((600, 600)))
-        save(figure, tmp_path / f"{name}.png")
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    with Image.open(tmp_path / "a.png") as plot:
-        assert len(plot.convert("RGB").getcolors(1 << 20) or []) <= COLOURS

@@ -1,7 +1,5 @@
 """The evaluation of motion masks: its figures on cases whose answer is known."""
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,21 +8,11 @@ import pytest
 
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.mask import MotionMask
-from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, estimate_of, photo, sideways, with_mover
-from tools.datasets import mover_scenes, testset
+from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, estimate_of, sideways, with_mover
+from tools.datasets import mover_scenes
 from tools.datasets.mover_scenes import LARGEST, moving_share
 from tools.datasets.testset import TestScene, read_test_set
-from tools.evaluation.segmentation import (
-    Judged,
-    average_precision,
-    calibration_lines,
-    clear_movers,
-    judge,
-    overlap,
-    panel,
-    split_rows,
-    squared_residual,
-)
+from tools.evaluation.segmentation import average_precision, judge, overlap, squared_residual
 from tools.rendering.render import RenderOptions
 
 
@@ -81,38 +69,6 @@ def test_perfect_smears_are_judged_nearly_perfect() -> None:
     assert figures.recall > 0.9  # the mover is 160 px wide, its smear 24 px long
     np.testing.assert_allclose(figures.share, 40 * 48 / 19200)
     assert figures.counts[0].sum() == 19200 and figures.counts[1].sum() == 40 * 48
-
-
-def test_movers_narrower_than_twice_their_smear_do_not_count_as_clear() -> None:
-    assert clear_movers(scene()).sum() == 40 * 48
-    for displacement in (5 * scene().displacement, sideways()[1::4, 1::4]):
-        assert not clear_movers(replace(scene(), displacement=displacement)).any()
-
-
-def test_table_panel_and_calibration_hold_the_scene() -> None:
-    found = estimate_of(with_mover(), F=SIDEWAYS)
-    mask = masked(found)
-    figures = judge(scene(), found, mask)
-    one = Judged(scene=scene(), image=photo(with_mover()), mask=mask, figures=figures)
-    rows = split_rows("test", [one])
-    assert rows[0][:3] == ("test, movers of 1 % or more", "1", f"{figures.iou:.3f}")
-    assert rows[1][2:] == ("-",) * 8  # no scene without movers
-    assert panel([one]).shape == (HEIGHT // 2, 3 * WIDTH // 2, 3)
-    head, _, pixels, moving = calibration_lines([figures])
-    assert head.startswith("| probability | 0.0-0.1 |")
-    assert pixels.count("0.") == 10 and moving.startswith("| of these, moving | 0.0")
-
-
-@pytest.mark.slow
-def test_without_movers_the_table_is_written_and_no_panel(
-    tmp_path: Path, call_tool: Callable[[str], None]
-) -> None:
-    (tmp_path / "calm").mkdir()
-    options = replace(testset.test_options(None, (160, 128)), mover_share=0.0)
-    testset.write_scene(0, tmp_path / "calm", options)
-    call_tool(f"evaluation.segmentation {tmp_path}/calm --real {tmp_path}/no --out {tmp_path}/out")
-    assert {path.name for path in tmp_path.iterdir()} == {"calm", "out.md"}
-    assert "calm, no movers" in (tmp_path / "out.md").read_text()
 
 
 @pytest.mark.slow

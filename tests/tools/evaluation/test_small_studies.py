@@ -6,16 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.results.table import Row, table_text
 from blur2view.smears.field import SmearField
-from tests.support.scenes import make_scene, rotation
+from tests.support.scenes import make_scene
 from tests.support.walks import Walk
-from tools.evaluation import benchmark, placed, pose_coverage, rates
-from tools.evaluation.gyroscope import figures_of, page, pairs_of
-from tools.evaluation.smear_figures import lean_deg
-from tools.metrics import pose_auc, pose_error_deg, pose_of
+from tools.evaluation import benchmark, placed, rates
+from tools.evaluation.gyroscope import figures_of, pairs_of
+from tools.evaluation.processes_timed import Run, checkout, in_turn
+from tools.metrics import pose_error_deg, pose_of
 
 
 def field_of(displacement: tuple[float, float], sigma_rad: np.ndarray) -> SmearField:
@@ -40,44 +39,18 @@ def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
     assert (figures.length_ratio, figures.length_spread) == pytest.approx((1.2, 0), abs=1e-6)
 
 
-def test_the_surer_half_is_judged_apart() -> None:
-    field = field_of((20, 0), np.repeat(np.array([[0.1] * 24 + [0.5] * 24], np.float32), 32, 0))
-    smear = np.zeros((8, 12, 2), np.float32)
-    smear[:, :6], smear[:, 6:] = (20, 0), (0, 20)
-    figures = figures_of(*pairs_of(field, {"smear": smear}))
-    assert figures.direction_deg_top50 == pytest.approx(0, abs=1e-5)
-    assert figures.direction_deg == pytest.approx(45)
-    assert "| median | 20.0 |" in page({"one": figures, "other": figures})[-1]
-
-
-def test_flow_counts_where_it_is_valid_and_long() -> None:
-    flow, valid = np.full((8, 12, 2), (6, 0), np.float16), np.ones((8, 12), bool)
-    flow[0], valid[:, 0] = (1, 0), False
-    field = field_of((6, 0), np.full((32, 48), 0.1, np.float32))
-    read, true, _ = pairs_of(field, {"flow": flow, "valid": valid})
-    assert len(read) == len(true) == 7 * 11
-
-
-@pytest.mark.parametrize("axis", [0, 90, 180, 270])
-@pytest.mark.parametrize("apart", [20, -20])
-def test_a_lean_towards_the_axes_is_positive_on_both_sides(axis: int, apart: int) -> None:
-    def smear(degrees: float) -> np.ndarray:
-        return np.array([[np.cos(np.radians(degrees)), np.sin(np.radians(degrees))]])
-
-    assert lean_deg(smear(axis + 0.9 * apart), smear(axis + apart)) == pytest.approx(2)
-    assert lean_deg(-smear(axis + 1.2 * apart), smear(axis + apart)) == pytest.approx(-4)
-
-
 def test_motions_placed_in_a_model_are_compared_after_one_scale(tmp_path: Path) -> None:
-    names = [f"{name}{end}" for name in ("a.jpg", "b.jpg") for end in ("#open", "#close")]
+    names = [f"{name}{end}" for name in ("a.jpg", "left/a.jpg") for end in ("#open", "#close")]
+    names.append("without its other end.jpg#open")
     turn, move = np.array([0.01, -0.02, 0.005]), np.array([0.1, 0.02, 0.05])
     walk = Walk(names=names, size=(96, 64), focal=90.0, turn=turn, move=move)
     points = np.random.default_rng(0).uniform([-1, -1, 4], [1, 1, 6], (9, 3))
-    walk.write(points, tmp_path / "walk.db", {tmp_path / "model": range(4)})
+    walk.write(points, tmp_path / "walk.db", {tmp_path / "model": range(5)})
     found = placed.placed_motions(tmp_path / "model")
     np.testing.assert_allclose(found["a"], [turn, move], rtol=0.05)
-    across = np.cross(found["b"][1], turn)
-    for name, t in (("a", found["a"][1]), ("b", across), ("c", move)):
+    across = np.cross(found["left/a"][1], turn)
+    (tmp_path / "left").mkdir()
+    for name, t in (("a", found["a"][1]), ("left/a", across), ("c", move)):
         np.savez(tmp_path / f"{name}.npz", R=rotation_matrix(2 * turn), t=t)
     row = placed.page(found, placed.measured_motions(tmp_path)).splitlines()[2]
     assert row == "| 2 | 0.000 | 45.0 | 50% |"
@@ -99,17 +72,6 @@ def test_reversed_rates_point_the_other_way(tmp_path: Path) -> None:
     assert "| 41 | 100.0% | 1.000 | 1.000 | 1.000 |" in rates.page(true, true)
 
 
-def test_a_study_of_coverage_repeats_keeps_its_truth_and_has_a_row_for_each_case() -> None:
-    for case in pose_coverage.CASES[::3]:
-        (scene, one), (_, two) = (pose_coverage.observed(3, case) for _ in range(2))
-        np.testing.assert_array_equal(one.ends, two.ends)
-        assert len(one) == len(scene.true_ends)
-    case = pose_coverage.CASES[0]
-    found = pose_coverage.outcome(case, 0)
-    assert found is not None and found[3] < 0.5
-    assert f"| {case.name} | 1 |" in pose_coverage.markdown({case: [found, None]})
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_true_F_and_its_transpose_of_any_sign_have_no_error(seed: int) -> None:
     scene = make_scene(np.random.default_rng(seed), count=200)
@@ -118,22 +80,6 @@ def test_true_F_and_its_transpose_of_any_sign_have_no_error(seed: int) -> None:
     pose = pose_of(scene.F, scene.K, np.stack(scene.ordered, axis=1))
     np.testing.assert_allclose(pose.rotation, scene.R, atol=1e-6)
     np.testing.assert_allclose(pose.translation, scene.t / np.linalg.norm(scene.t), atol=1e-6)
-
-
-def test_error_is_the_larger_of_rotation_and_translation() -> None:
-    scene = make_scene(np.random.default_rng(6), count=200)
-    axis = np.cross(scene.t, [1.0, 0, 0])
-    tilt = rotation(np.radians(7) * axis / np.linalg.norm(axis))
-    other = fundamental_from_pose(scene.K, scene.R, tilt @ scene.t)
-    assert pose_error_deg(other, scene.K, scene.R, scene.t, scene.ends) == pytest.approx(7, abs=0.01)
-    turned = fundamental_from_pose(scene.K, rotation(np.radians([0, 0, 3.0])) @ scene.R, scene.t)
-    assert pose_error_deg(turned, scene.K, scene.R, scene.t, scene.ends) == pytest.approx(3, abs=0.01)
-
-
-def test_auc_is_one_without_errors_zero_beyond_the_bound_and_half_between() -> None:
-    assert pose_auc(np.zeros(3), 10) == 1 and pose_auc(np.full(3, 11.0), 10) == 0
-    assert pose_auc(np.full(3, 5.0), 10) == pytest.approx(0.5)
-    assert pose_auc(np.zeros(0), 10) == 0
 
 
 @pytest.mark.slow
@@ -150,6 +96,23 @@ def test_every_stage_runs_and_leaves_its_files(tmp_path: Path) -> None:
 def test_the_first_call_is_extra_and_the_table_gives_ratios_memory_and_machine() -> None:
     calls: list[int] = []
     assert benchmark.timed(lambda: calls.append(1), 3) >= 0 and len(calls) == 4
-    text = benchmark.page({"decode": 0.5}, (1.0, 345.6), 0.25, repeats=9)
-    assert "| decode | 0.500 | 2.00 |" in text and "346 MiB" in text
+    text = benchmark.page({"decode": 0.5}, 0.25, repeats=9)
+    assert "| decode | 0.500 | 2.00 |" in text
     assert "cores; medians of 9 runs; one 1280x720 photograph" in text
+    ours, theirs = (Run(wall_s=s, cpu_s=2 * s, memory_mib=100 * s) for s in (1.0, 4.0))
+    assert benchmark.row_of("a", [ours], "1.00") == ("a", "1.00", "2.00", "100", "1.00")
+    assert benchmark.row_of("a", [ours, theirs], "1.00")[5:] == ("0.25", "0.25", "0.25")
+
+
+def test_processes_of_two_trees_take_turns_and_a_failure_ends_the_benchmark(tmp_path: Path) -> None:
+    said = tmp_path / "said"
+    code = f"import os; open({str(said)!r}, 'a').write(os.environ['PYTHONPATH'][-1])"
+    trees = [tmp_path / name for name in "ab"]
+    for tree in trees:
+        tree.mkdir()
+    runs = in_turn(trees, ["-c", code], repeats=2)
+    assert said.read_text() == "abab" and len(runs) == 2 and runs[0].memory_mib > 1
+    with pytest.raises(SystemExit, match="ends with 3"):
+        in_turn(trees, ["-c", "raise SystemExit(3)"], repeats=1)
+    with pytest.raises(SystemExit, match="no-commit: is no commit"):
+        checkout("no-commit", tmp_path / "c")

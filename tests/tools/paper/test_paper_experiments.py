@@ -17,9 +17,9 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.paper import PaperOptions, paper_of_matches
 from tools.pages import Record
 from tools.paper import experiments, paper_report
-from tools.paper.experiments import BETAS, all_true_ends, averaged, cost, estimates, rows_of
+from tools.paper.experiments import BETAS, all_true_ends, cost, estimates, rows_of
 from tools.paper.paper_report import AUTOMATIC
-from tools.paper.paper_variants import ALPHA_STUDY, MEASURES, SIX
+from tools.paper.paper_variants import ALPHA_STUDY, SIX
 
 SIZE = (160, 128)
 RESULTS = Path(__file__).resolve().parents[3] / "tools/results"
@@ -73,23 +73,8 @@ def test_table_2_is_resumed(
     assert [one | {"seconds": 0} for one in again] == [one | {"seconds": 0} for one in whole]
 
 
-def test_table_1_is_the_mean_and_the_deviation_over_seeds() -> None:
-    runs = [{variant.name: dict.fromkeys(MEASURES, 1.0 + 2 * seed) for variant in SIX} for seed in range(2)]
-    document = averaged(SIX, [{"seed": seed, "runs": one} for seed, one in enumerate(runs)], 10)
-    assert set(document) == {variant.name for variant in SIX}
-    one = document[SIX[0].name]
-    assert one["seeds"] == 2 and one["mean"]["epe_s_left"] == 2 and one["deviation"]["epe_s_left"] == 1
-    (line,) = paper_report.variant_table(document, SIX[:1])[2:]
-    assert line.startswith("| stem_local_nomap_0.01 | local, without map | 0.01 | 10 | 2 | 2.000 ± 1.000 |")
-
-
 def test_stored_text_is_that_of_the_stored_figures() -> None:
     assert (RESULTS / "paper.md").read_text() == paper_report.report(RESULTS)
     for name, variants in (("table1", SIX), ("alpha", ALPHA_STUDY)):
         document = json.loads((RESULTS / f"paper_{name}.json").read_text())
         assert set(document) == {variant.name for variant in variants}
-
-
-def test_a_report_without_its_figures_says_which_are_missing(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="paper_table1.json is missing"):
-        paper_report.report(tmp_path)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tools.rendering.defocus import KINDS, defocused, point_spread
+from tools.rendering.defocus import KINDS, point_spread
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -16,12 +16,3 @@ def test_spread_is_that_of_a_disc(kind: str, radius: float) -> None:
         assert kernel.sum() == pytest.approx(1, abs=1e-4) and kernel.min() >= 0
         spread = np.sqrt((kernel * (x**2 + y**2)).sum() * 2)  # of a disc its radius
         assert spread == pytest.approx(radius, rel=0.2 if kind == "ring" else 0.06)
-
-
-def test_alpha_and_colours_are_spread_alike_and_light_is_kept() -> None:
-    layer = np.zeros((64, 64, 4), np.float32)
-    layer[24:40, 24:40] = 1
-    blurred = defocused(np.random.default_rng(0), layer, 5.0)
-    np.testing.assert_allclose(blurred[..., 0], blurred[..., 3])
-    assert blurred.sum() == pytest.approx(layer.sum(), rel=1e-3) and 0 < blurred[20, 32, 3] < 1
-    assert defocused(np.random.default_rng(0), layer, 0.0) is layer

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.sampson import sampson
-from tests.tools.rendering.planes import SIZE, card, facing, wall
+from tests.tools.rendering.planes import SIZE, facing, wall
 from tools.rendering.exposure import Exposure, grid_points
 from tools.rendering.motion import Trajectory
-from tools.rendering.render import Rendering, RenderOptions, expose, render, sample_length
+from tools.rendering.render import Rendering, RenderOptions, expose, render
 from tools.rendering.scene import Layer
 
 STRAIGHT_SEEDS = (2, 6, 4, 7, 11, 12, 15, 23)
@@ -114,15 +114,6 @@ def dot_scene(camera: Trajectory) -> Rendering:
     return exposed([wall(facing(1.0, texture, 200.0))], camera, 2.0)
 
 
-@pytest.mark.parametrize("alpha", [1.0, 0.5])
-def test_card_covers_what_is_behind_it_as_far_as_it_is_opaque(alpha: float) -> None:
-    layers = [wall(facing(1.0, 0.9)), card(facing(0.5, 0.1), (50.0, 40.0, 60.0, 44.0), alpha)]
-    scene = exposed(layers, Trajectory(), 1.5)
-    for picture in (scene.linear, scene.open_image):
-        np.testing.assert_allclose(picture[60:64, 70:90], alpha * 0.1 + (1 - alpha) * 0.9, atol=1e-4)
-        np.testing.assert_allclose(picture[60:64, :40], 0.9, atol=1e-4)
-
-
 def moments(picture: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Sum, centroid (2,) and covariance (2, 2) of a picture's light."""
     light = picture[..., 0].astype(float)
@@ -148,48 +139,3 @@ def test_dot_is_smeared_along_its_displacement_and_as_far() -> None:
     np.testing.assert_allclose(moments(scene.close_image)[1] - start, d, atol=0.02)
     # a uniform line has the covariance d d^T / 12, added to the dot's own; interpolation softens a little
     np.testing.assert_allclose(blurred - sharp, np.outer(d, d) / 12, atol=0.3)
-
-
-def test_light_is_averaged_over_time_not_over_the_path() -> None:
-    # with s = tau + a tau^2 the mean of s over the exposure is a / 12: light gathers where the camera is slow
-    acceleration = 0.6
-    still, scene = dot_scene(sideways().scaled(0.0)), dot_scene(sideways(acceleration))
-    shift = moments(scene.linear)[1] - moments(still.linear)[1]
-    np.testing.assert_allclose(shift, np.array([24.0, 10.0]) * acceleration / 12, atol=0.02)
-    np.testing.assert_allclose(scene.displacement[10, 10], [24, 10], atol=1e-4)
-    np.testing.assert_allclose(scene.middle_offset[10, 10], np.array([24, 10]) * acceleration / 4, atol=1e-4)
-
-
-@pytest.mark.slow
-def test_scene_reaches_its_smear_length() -> None:
-    options = RenderOptions(size=SIZE, smear_px=(10.0, 10.0), sharp_share=0.0, mover_share=0.0)
-    medians = [np.median(np.linalg.norm(render(s, options).displacement, axis=-1)) for s in range(6)]
-    assert np.median(medians) == pytest.approx(10, rel=0.25)
-
-
-def test_lengths_follow_the_options() -> None:
-    rng = np.random.default_rng(0)
-    options = RenderOptions(smear_px=(4.0, 60.0), sharp_share=0.2)
-    lengths = np.array([sample_length(rng, options) for _ in range(2000)])
-    assert (lengths < 1).mean() == pytest.approx(0.2, abs=0.03)
-    blurred = lengths[lengths >= 1]
-    assert blurred.min() >= 4 and blurred.max() <= 60
-    assert np.median(blurred) == pytest.approx(np.sqrt(4 * 60), rel=0.1)
-
-
-@pytest.mark.parametrize("wrong", [{"size": (161, 128)}, {"size": (0, 4)}, {"smear_px": (5.0, 2.0)}])
-def test_impossible_options_are_refused(wrong: dict[str, tuple[int, int]]) -> None:
-    with pytest.raises(ValueError, match="got"):
-        RenderOptions(**wrong)  # type: ignore[arg-type]
-
-
-@pytest.mark.slow
-def test_objects_move_before_a_still_camera_in_sharp_scenes() -> None:
-    options = RenderOptions(size=SIZE, sharp_share=1.0, mover_share=1.0, smear_px=(6.0, 16.0))
-    moving, still = [], []
-    for seed in (3, 7, 8, 20, 23):
-        scene = render(seed, options)
-        length = np.linalg.norm(scene.displacement, axis=-1)
-        still.append(np.median(length[scene.static]))
-        moving += [np.median(length[~scene.static])] if (~scene.static).any() else []
-    assert max(still) < 1.5 and len(moving) >= 3 and np.median(moving) > 3

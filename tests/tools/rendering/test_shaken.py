@@ -1,6 +1,5 @@
 """Shaken pictures: what is still stays, an even motion is a box, and the truth says what was drawn."""
 
-from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -8,8 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tools.rendering import shaken
-from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, cell_centres, processed, shake
+from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, shake
 
 STILL = ShakeOptions(size=(96, 64), still_share=1.0, mover_share=0.0, rest_share=0.0, focus_share=0.0)
 
@@ -46,87 +44,3 @@ def test_even_motion_is_a_box_along_it(length: int, axis: int) -> None:
     expected = cv2.filter2D(layer, -1, box / box.size)[32:-32, 32:-32]
     np.testing.assert_allclose(covered, 1, atol=1e-5)
     assert np.abs(picture - expected).max() < 0.01 * layer.max()
-
-
-def test_bent_and_accelerated_paths_have_the_same_ends() -> None:
-    even = straight([10.0, 4.0], [[0.02, 0.01], [-0.03, 0.0]])
-    bent = Path(shift=even.shift, linear=even.linear, bend=np.array([3.0, -2.0]), acceleration=0.4)
-    for tau in (-0.5, 0.5):
-        for one, other in zip(even.inverse(tau), bent.inverse(tau), strict=True):
-            np.testing.assert_allclose(one, other)
-    ends = [np.linalg.inv(m) @ (np.array([5.0, 7.0]) - o) for m, o in map(even.inverse, (-0.5, 0.5))]
-    np.testing.assert_allclose(ends[1] - ends[0], even.smears(np.array([5.0, 7.0])), atol=1e-9)
-
-
-def test_smear_at_the_centre_has_the_length_that_was_drawn() -> None:
-    centres = cell_centres((96, 64))
-    np.testing.assert_array_equal(centres[0, 0], [1.5 - 47.5, 1.5 - 31.5])
-    np.testing.assert_allclose(centres.mean((0, 1)), 0, atol=1e-12)
-    moving = replace(STILL, smear_px=(20.0, 20.001), short_share=0.0, still_share=0.0)
-    for seed in range(5):
-        made = shake(np.random.default_rng(seed), [photo()], moving)
-        centre = made.displacement[7:9, 11:13].mean((0, 1))  # the four cells about the middle
-        assert np.hypot(*centre) == pytest.approx(20, rel=1e-3)
-
-
-def test_two_layers_are_labelled_by_what_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    paths = [straight([0.0, 0.0]), straight([0.0, 12.0])]
-    outline = np.zeros((64, 96), np.float32)
-    outline[:, 48:] = 1
-    monkeypatch.setattr(shaken, "sample_paths", lambda *_: paths)
-    monkeypatch.setattr(shaken, "blob", lambda *_: outline)
-    sources = [np.full((300, 400, 3), 255, np.uint8)]
-    made = shake(np.random.default_rng(0), sources, STILL)
-    linear, displacement, valid = made.linear, made.displacement, made.valid
-    np.testing.assert_array_equal(displacement[8, :12], np.zeros((12, 2)))
-    np.testing.assert_array_equal(displacement[8, 12:], np.tile([0.0, 12.0], (12, 1)))
-    assert valid[8].all() and not valid[0, 12:].any()  # above, the second layer comes and goes
-    np.testing.assert_allclose(linear, 1, atol=1e-5)  # white before white
-
-
-def test_a_mover_is_seen_where_no_other_is_before_it() -> None:
-    movers = np.zeros((2, 64, 96, 4), np.float32)
-    movers[0, :, 24:72], movers[1, :, 48:] = [0.5, 0.5, 0.5, 1], 1
-    layers = [np.zeros((64, 96, 3), np.float32), *movers]
-    linear, seen = averaged(layers, [straight([0.0, 0.0])] * 3, (96, 64), 1)
-    places = [8, 32, 60, 90]
-    np.testing.assert_allclose([s[32, places] for s in seen], [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1]])
-    np.testing.assert_allclose(linear[32, places, 0], [0, 0.5, 1, 1])
-
-
-def test_a_third_of_the_pictures_stands_still_and_half_of_the_others_moves_little() -> None:
-    rng, options = np.random.default_rng(0), ShakeOptions(mover_share=0.0, rest_share=0.0)
-    lengths = np.array([np.hypot(*shaken.sample_paths(rng, options)[0].shift) for _ in range(600)])
-    assert np.mean(lengths == 0) == pytest.approx(0.33, abs=0.05)
-    assert np.mean(lengths[lengths > 0] < 14) > 0.6
-
-
-def test_processed_pictures_are_pictures() -> None:
-    linear = DECODE[photo((64, 96))]
-    for share in ("reduced_share", "upscaled_share", "denoised_share", "twice_share"):
-        options = replace(ShakeOptions(size=(96, 64), reduced_share=0.0), **{share: 1.0})  # type: ignore[arg-type]
-        for seed in range(4):
-            image, spread = processed(np.random.default_rng(seed), linear, options)
-            assert (
-                0 <= spread < 8
-                and image.shape == (64, 96, 3)
-                and image.min() >= 0
-                and 30 < image.max() <= 255
-            )
-
-
-def test_before_a_camera_at_rest_only_what_is_cut_out_moves() -> None:
-    options = replace(STILL, rest_share=1.0, smear_px=(10.0, 20.0))
-    for seed in range(6):
-        made = shake(np.random.default_rng(seed), [photo()], options)
-        length = np.hypot(*np.moveaxis(made.displacement, -1, 0))
-        assert (length == 0).mean() > 0.2 and length.max() > 5
-
-
-def test_layers_out_of_focus_have_their_radius_and_one_is_sharp() -> None:
-    options = replace(STILL, focus_share=1.0, layered_share=1.0, radius_px=(5.0, 5.001))
-    radii = [shake(np.random.default_rng(seed), [photo()], options).radius_px for seed in range(12)]
-    assert all(((r == 0) | ((r > 2.4) & (r < 5.01))).all() for r in radii)
-    assert any((r == 0).any() and (r > 0).any() for r in radii)
-    whole = replace(options, layered_share=0.0)
-    assert (shake(np.random.default_rng(0), [photo()], whole).radius_px > 4.99).all()

@@ -89,22 +89,6 @@ def test_before_a_still_camera_the_moving_card_alone_is_not_static() -> None:
     assert not found.displacement[found.static].any()
 
 
-def test_object_turns_about_its_pivot_and_moves_with_its_path() -> None:
-    turn, pivot = path((0, 0, 1.0), (0.02, 0, 0)), np.array([0.1, 0.2, 2.0])
-    exposure, layer = Exposure(camera=path(), K=K, size=SIZE), wall(facing(2.0), own_path=turn, pivot=pivot)
-    seen = (K @ pivot)[:2] / 2.0
-    middle, beside = exposure.moved(np.stack([seen, seen + [10, 0]]), layer, 0.5)
-    np.testing.assert_allclose(middle, seen + [0.01 * 160 / 2, 0])
-    np.testing.assert_allclose(beside - middle, 10 * np.array([np.cos(0.5), np.sin(0.5)]))
-
-
-def test_cells_have_their_centres_where_the_network_puts_them() -> None:
-    points = grid_points(SIZE)
-    assert points.shape == (32, 40, 2)
-    np.testing.assert_array_equal([points[0, 0], points[3, 2]], [[1.5, 1.5], [9.5, 13.5]])
-    np.testing.assert_array_equal(grid_points(SIZE, ring=1)[1:-1, 1:-1], points)
-
-
 def test_pose_takes_points_from_the_open_to_the_close_camera() -> None:
     camera = replace(path((0.2, -0.1, 0.3), (0.3, 0.2, -0.1)), rotation_bend=np.array([0.8, 0.5, 0]))
     point = np.array([0.4, -0.3, 2.0])

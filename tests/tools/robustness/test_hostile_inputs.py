@@ -1,6 +1,5 @@
 """The judge of calls finds what is wrong with one, and hostile inputs are the same every time."""
 
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +9,9 @@ import pytest
 
 from tools.robustness import corpus, hostile_inputs
 from tools.robustness.corpus import make_corpus
-from tools.robustness.hostile_inputs import KINDS, make_case, page, run_call, try_all
+from tools.robustness.hostile_inputs import KINDS, page, run_call, try_all
 from tools.robustness.mutations import SHARES, mutated
-from tools.robustness.politeness import Call, complaints, rows, snapshot
+from tools.robustness.politeness import Call, complaints
 
 
 @pytest.fixture
@@ -43,12 +42,8 @@ def call(tmp_path: Path) -> Call:
         ({"peak_gib": 2.5}, "2.50 GiB"),
         ({"seconds": 33.0}, "takes 33 s of a processor"),
         ({"said": b"Traceback (most recent call last):\n  x\nValueError: 3\n"}, "ValueError: 3"),
-        ({"said": b"libpng warning: iCCP\nblur2view: bad.jpg: x; y\n"}, "foreign line: libpng"),
         ({"said": b"blur2view: \x1b[31m.jpg: x; y\n"}, "control characters"),
-        ({"said": b"blur2view: bad.jpg: x; y"}, "is not whole"),
         ({"said": b""}, "exit code 1 with 0 lines"),
-        ({"said": b"blur2view: a\n" * 3}, "3 lines about 2 photographs"),
-        ({"said": b"blur2view: a; b\n", "code": 2}, "its usage error is none"),
         ({"photographs": 3}, "1 photographs done, 2 expected"),
         ({"before": {"project.db": b""}}, "removes project.db"),
         ({"lost": 3}, "3 rows of the user's are gone"),
@@ -63,10 +58,8 @@ def test_what_is_wrong_is_found(call: Call, change: dict[str, object], words: st
     ("name", "content", "words"),
     [
         ("out/.a.json.12.tmp", b"", "leaves out/.a.json.12.tmp"),
-        ("RAN", b"", "leaves RAN"),
         ("out/a.json", b"{", "a.json is damaged"),
         ("out/a.png", b"\x89PNG", "a.png is cut"),
-        ("out/page.html", b"<html>", "page.html is cut"),
         ("out/a.smear.npz", b"PK", "a.smear.npz is damaged"),
         ("out/new.db", b"SQLite format 3", "new.db is damaged"),
         ("out/b.json", b"{}", "leaves out/b without .png, .smear.npz"),
@@ -92,33 +85,6 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs") / "corpus"
     make_corpus(folder, 3)
     return folder
-
-
-@pytest.mark.slow
-def test_equal_seeds_give_equal_inputs(
-    inputs: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    make_corpus(tmp_path / "again", 3)
-    databases = sorted(path.name for path in inputs.glob("*.db"))
-    assert snapshot(tmp_path / "again").keys() == snapshot(inputs).keys()
-    assert all(rows(inputs / name) == rows(tmp_path / "again" / name) != set() for name in databases)
-
-    def results(words: list[str], folder: Path) -> Call:
-        (folder / "page.html").write_text(" ".join(words))
-        return replace(call, code=0)
-
-    monkeypatch.setattr(hostile_inputs, "run_call", results)
-    kinds = set()
-    for number in range(150):
-        one, two = (
-            (make_case(inputs, tmp_path / name, np.random.default_rng(number)), snapshot(tmp_path / name))
-            for name in ("one", "two")
-        )
-        assert one == two
-        kinds.add(one[0][0])
-        shutil.rmtree(tmp_path / "one")
-        shutil.rmtree(tmp_path / "two")
-    assert kinds >= set(KINDS) - {"full disks"}  # which are rare
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import torch
 from blur2view.errors import ModelError
 from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network
-from tools.training import export_reader
 from tools.training.export_reader import difference, export, sample_picture
 from tools.training.reader import Reader, ReaderOptions
 from tools.training.train_reader import exported_weights, load_average
@@ -54,14 +53,3 @@ def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
     onnx.save(colour_code_network(), tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="holds no weights"):
         exported_weights(tmp_path / "other.onnx")
-
-
-def test_file_that_differs_from_torch_replaces_nothing(
-    checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target = tmp_path / "smear.onnx"
-    target.write_bytes(b"before")
-    monkeypatch.setattr(export_reader, "difference", lambda *_: float("nan"))
-    with pytest.raises(ModelError, match="differs from torch by nan, so it does not replace"):
-        export(checkpoint, target)
-    assert target.read_bytes() == b"before"

@@ -6,19 +6,7 @@ import torch
 
 from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
-from tools.training.reader import (
-    HIDDEN_WEIGHT,
-    Circular,
-    Context,
-    Gathering,
-    Reader,
-    ReaderOptions,
-    box_sum,
-    kind_target,
-    loss_of,
-    radius_target,
-    target_of,
-)
+from tools.training.reader import Reader, ReaderOptions, target_of
 from tools.training.spectra import SCALARS
 
 SMALL = ReaderOptions(window=8, region=12)
@@ -54,46 +42,6 @@ def test_without_the_lattice_directions_are_treated_alike(network: Reader, shift
                 torch.testing.assert_close(one, same, atol=1e-4, rtol=1e-4)
 
 
-@pytest.mark.parametrize("reach", [1, 2])
-def test_sums_over_boxes_are_those_of_a_loop(reach: int) -> None:
-    x = torch.randn(2, 4, 5, 3, 2)
-    expected = torch.zeros_like(x)
-    for i in range(4):
-        for j in range(5):
-            rows, columns = (slice(max(0, k - reach), k + reach + 1) for k in (i, j))
-            expected[:, i, j] = x[:, rows, columns].sum((1, 2))
-    torch.testing.assert_close(box_sum(x, reach), expected, atol=1e-5, rtol=1e-5)
-
-
-def test_gathered_means_of_equal_cells_are_the_cells() -> None:
-    torch.manual_seed(0)
-    x = torch.randn(1, 1, 1, DIRECTIONS, 6).expand(2, 4, 5, -1, -1)
-    y = Gathering(6, (1, 2))(x)
-    assert y.shape == (2, 4, 5, DIRECTIONS, 18)
-    torch.testing.assert_close(y[..., :6], x)
-    torch.testing.assert_close(y[..., 6:], torch.cat([x, x], -1), atol=0.05, rtol=0.05)
-
-
-def test_context_says_nothing_before_it_is_trained_and_then_what_is_far() -> None:
-    torch.manual_seed(0)
-    context, x = Context(6, 3, (2, 4)), torch.randn(1, 4, 12, DIRECTIONS, 6)
-    torch.testing.assert_close(context(x), x)
-    torch.nn.init.ones_(context.share)
-    changed = x.clone()
-    changed[:, :, -1] += 1
-    moved = (context(changed) - context(x)).abs().amax((0, 1, 3, 4))
-    assert (moved[:7] == 0).all() and (moved[7:] > 0).all()
-
-
-@pytest.mark.parametrize(("inputs", "outputs", "reach"), [(3, 7, 2), (7, 3, 1), (5, 5, 1)])
-def test_circular_layer_by_gathering_is_the_same(inputs: int, outputs: int, reach: int) -> None:
-    torch.manual_seed(0)
-    layer = Circular(inputs, outputs, reach)
-    torch.nn.init.normal_(layer.bias)
-    x = torch.randn(2, 3, 2, DIRECTIONS, inputs)
-    torch.testing.assert_close(layer.by_gathering(x), layer(x), atol=1e-5, rtol=1e-5)
-
-
 @pytest.mark.parametrize("k", [0, 7, 31])
 @pytest.mark.parametrize("j", [4, 9, 18])
 def test_target_is_a_distribution_with_its_maximum_at_the_truth(k: int, j: int) -> None:
@@ -108,48 +56,3 @@ def test_target_is_a_distribution_with_its_maximum_at_the_truth(k: int, j: int) 
     assert np.abs(np.angle(np.exp(1j * (np.arctan2(y, x) - 2 * angle)))) < 0.02
     backwards, _ = target_of(-d.expand(16, 2), torch.ones(16), BINS)
     torch.testing.assert_close(backwards, target[0, 0], atol=1e-4, rtol=1e-3)
-
-
-def test_still_cells_have_no_direction_and_hidden_samples_count_less() -> None:
-    target, weight = target_of(torch.zeros(16, 2), torch.zeros(16), BINS)
-    torch.testing.assert_close(target, target[:1].expand(DIRECTIONS, -1))
-    assert target[0].argmax() == 0 and weight == pytest.approx(HIDDEN_WEIGHT)
-
-
-def test_loss_is_least_at_the_target() -> None:
-    torch.manual_seed(0)
-    d = torch.randn(1, 2, 2, 16, 2) * 10
-    target, weight = target_of(d, torch.ones(1, 2, 2, 16), BINS)
-    best = torch.log(target + 1e-9)
-    least = loss_of(best, target, weight)
-    for _ in range(5):
-        assert loss_of(best + 0.3 * torch.randn_like(best), target, weight) > least
-    torch.testing.assert_close(loss_of(best + 5, target, weight), least)
-
-
-def test_what_all_directions_say_changes_nothing_before_it_is_trained() -> None:
-    network, (octave, *_) = Reader(SMALL).eval(), some_octaves()
-    with torch.no_grad():
-        assert not network.isotropic(*octave).any()
-        torch.nn.init.ones_(network.isotropic.mixed.weight)
-        assert network.isotropic(*octave).shape == (1, 4, 5, 1, 12) and network.isotropic(*octave).any()
-
-
-@pytest.mark.parametrize(("radius", "place"), [(0.1, 0), (0.7, 1), (2.8, 9), (500.0, 19)])
-def test_target_of_a_radius_has_its_maximum_there(radius: float, place: int) -> None:
-    target = radius_target(torch.full((3, 16), radius), BINS)
-    assert target.shape == (3, BINS) and (target.argmax(-1) == place).all()
-    torch.testing.assert_close(target.sum(-1), torch.ones(3))
-
-
-@pytest.mark.parametrize(
-    ("length", "radius", "shows", "kind"),
-    [(0, 1, 1, 0), (0, 5, 1, 1), (3, 5, 1, 1), (9, 1, 1, 2), (9, 5, 1, 3), (0, 1, 0, 4), (9, 5, 0, 4)],
-)
-def test_target_of_a_kind_is_what_is_true_where_it_shows(
-    length: float, radius: float, shows: float, kind: int
-) -> None:
-    d = torch.zeros(16, 2)
-    d[:, 1] = length
-    target = kind_target(d, torch.full((16,), float(radius)), torch.tensor(float(shows)))
-    assert target.argmax() == kind and target[kind] == 1

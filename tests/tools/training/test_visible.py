@@ -18,10 +18,3 @@ def test_texture_shows_and_what_is_even_or_noise_does_not() -> None:
     noise = np.random.default_rng(1).normal(0, 0.02, picture.shape).astype(np.float32)
     shows = shows_blur(picture + noise, 0.5 + noise, np.full((8, 10), 2.0))
     assert shows[:, 7:].all() and not shows[:, :3].any()
-
-
-def test_a_long_smear_shows_in_coarse_texture_alone() -> None:
-    noise = np.random.default_rng(1).normal(0, 1e-3, (256, 320)).astype(np.float32)
-    coarse, long = texture(9.0), np.full((8, 10), 32.0)
-    assert shows_blur(coarse + noise, 0.5 + noise, long).all()
-    assert not shows_blur(coarse + noise, 0.5 + noise, np.full((8, 10), 2.0)).any()

@@ -76,6 +76,15 @@ class Cells:
         """Standard deviations (h, w) with the errors that no cell states."""
         return np.hypot(self.sigma_px, FLOOR_PX + FLOOR_SHARE * self.length_px)
 
+    def apart_px(self, motion: Array) -> Array:
+        """Return how far smears of either sign are from a motion (h, w, 2), (h, w), pixels."""
+        signed = (np.linalg.norm(self.displacement - sign * motion, axis=-1) for sign in (1, -1))
+        return np.asarray(np.minimum(*signed))
+
+    def departure(self, motion: Array) -> Array:
+        """Return the same in standard deviations."""
+        return self.apart_px(motion) / self.error_px
+
 
 def camera_field(cells: Cells, weight: Array, rng: np.random.Generator) -> Array:
     """Return the displacement (h, w, 2) that the camera's motion gives every cell, pixels.

@@ -1,0 +1,1 @@
+"""The evidence for what moves by itself, and the network that weighs it."""

@@ -1,0 +1,44 @@
+"""No file that a user names makes another program run."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.support.many_photographs import SAMPLE, command, environment
+from tools.robustness.traps import set_traps, trapped_path
+
+POSTSCRIPT = """%!PS-Adobe-3.0 EPSF-3.0
+%%BoundingBox: 0 0 80 64
+%%EndComments
+0 0 80 64 rectfill
+showpage
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="programs are found by their names on PATH")
+def test_a_photograph_that_is_a_program_starts_none(tmp_path: Path) -> None:
+    mark, names = set_traps(tmp_path / "bin"), ("a.jpg", "b.eps", "c.avi", "d.dng", "e.pdf")
+    for name in names:
+        (tmp_path / name).write_text(POSTSCRIPT)
+    call = subprocess.run(
+        command("estimate", "--jobs", "1", *names),
+        cwd=tmp_path,
+        env=environment() | {"PATH": trapped_path(tmp_path / "bin")},
+        capture_output=True,
+        text=True,
+    )
+    assert call.returncode == 1 and len(call.stderr.splitlines()) == len(names), call.stderr
+    assert "a.jpg: is not a readable image; convert it to JPEG, PNG or TIFF" in call.stderr
+    assert not mark.exists()
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
+def test_an_estimate_executes_nothing_but_python(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    words = ["strace", "-f", "-e", "trace=execve", "-o", str(log), *command("estimate", SAMPLE)]
+    subprocess.run(words, cwd=tmp_path, env=environment(), check=True, capture_output=True)
+    started = [line.split('"')[1] for line in log.read_text().splitlines() if "execve(" in line]
+    assert len(started) == 1 and Path(started[0]).name.startswith("python")

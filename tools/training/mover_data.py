@@ -1,0 +1,124 @@
+"""Make the examples that the mover network learns from: pictures with known movers, read and measured.
+
+``python -m tools.training.mover_data OUT --photos FOLDER --shards 100`` writes numbered shards of 16 pictures
+of 640x480: things before photographs (`tools.rendering.things`) and, a share of them, rendered scenes. Every
+picture goes through the camera, the smear network and the fit of its geometry, as a user's does. Shard k
+depends on k and the sources only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from blur2view.movers.camera_motion import Cells, camera_field
+from blur2view.movers.inputs import Picture, of_cells, of_places
+from blur2view.movers.probability import at_cells
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import estimate
+from tools.arguments import existing
+from tools.rendering.render import RenderOptions, render
+from tools.rendering.shaken import ShakeOptions, processed
+from tools.rendering.things import ThingOptions, Things, photographed_things
+from tools.training.reader_data import load_photos
+
+Array = NDArray[Any]
+
+PICTURES = 16
+"""In a shard."""
+RENDERED_SHARE = 0.33
+OPTIONS = ThingOptions()
+CAMERA = ShakeOptions(size=OPTIONS.size, reduced_share=0.15)
+READ_PX, READ_SHARE = 2.0, 0.25
+"""Error of a smear that is still read right: constant, and of its length."""
+CAMERA_SHARE = 0.5
+"""Share of pictures whose camera's motion is fitted with the movers left out, as in a second round."""
+
+
+def rendered(rng: np.random.Generator, photos: Path) -> Things:
+    """Return a rendered scene, two thirds of them with movers, with textures of photographs of a folder."""
+    options = RenderOptions(size=OPTIONS.size, mover_share=0.67, photos=photos)
+    scene = render(int(rng.integers(2**31)), options)
+    known = scene.valid & np.isfinite(scene.displacement).all(axis=-1)
+    return Things(
+        linear=scene.linear,
+        moving=np.where(known, ~scene.static, -1).astype(np.float32),
+        displacement=np.where(known[..., None], scene.displacement, 0).astype(np.float32),
+        kind="rendered",
+    )
+
+
+def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) -> dict[str, Array]:
+    """Return what a picture shows: ``places``, ``cells``, and the shares of places that move and are read."""
+    image, _ = processed(rng, things.linear, CAMERA)
+    image = np.asarray(np.clip(np.round(image), 0, 255) / 255, np.float32)
+    found = estimate(image, network=network)
+    cells, F = Cells.of(found.grid), found.geometry.F
+    shape = found.grid.cells.shape[0], found.grid.cells.shape[1]
+    weight = np.ones(shape)
+    if rng.random() < CAMERA_SHARE:
+        weight -= at_cells(np.clip(things.moving, 0, 1), shape)
+    motion = np.zeros_like(cells.displacement)
+    if found.blur.kind.of_camera:
+        motion = camera_field(cells, weight, np.random.default_rng(0))
+    picture = Picture(image, shape, found.grid.stride)
+    side = found.grid.stride // 4
+    seen = np.kron(cells.displacement, np.ones((side, side, 1)))
+    error = np.minimum(*(np.linalg.norm(seen - sign * things.displacement, axis=-1) for sign in (1, -1)))
+    read = error < READ_PX + READ_SHARE * np.linalg.norm(things.displacement, axis=-1)
+    return {
+        "places": of_places(picture, cells, motion).astype(np.float16),
+        "cells": of_cells(cells, found.grid, motion, F).astype(np.float16),
+        "moving": things.moving.astype(np.float16),
+        "read": read,
+        "kind": np.array(things.kind),
+    }
+
+
+def make_shard(number: int, folder: Path, photos: list[Array], network: SmearNetwork) -> dict[str, Array]:
+    """Return the examples of one shard, stacked."""
+    rng = np.random.default_rng([43, number])
+    rows = []
+    for _ in range(PICTURES):
+        of_scenes = rng.random() < RENDERED_SHARE
+        things = rendered(rng, folder) if of_scenes else photographed_things(rng, photos, OPTIONS)
+        rows.append(example_of(rng, things, network))
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+
+
+def main() -> None:
+    """Command line."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=existing, required=True, help="folder of sharp photographs")
+    parser.add_argument("--shards", type=int, default=100, help="(default: %(default)s)")
+    parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    photos = load_photos([arguments.photos])
+    network = SmearNetwork(threads=1)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for number in range(arguments.first, arguments.first + arguments.shards):
+        path = arguments.out / f"{number:06d}.npz"
+        if path.exists():
+            continue
+        began = time.perf_counter()
+        temporary = path.with_suffix(".part")
+        with temporary.open("wb") as file:
+            shard: dict[str, Any] = make_shard(number, arguments.photos, photos, network)
+            np.savez_compressed(file, **shard)
+        temporary.replace(path)
+        print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
