@@ -155,12 +155,10 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
     if geometry.F is None:
         return None
     ends = np.stack([views.points_open, views.points_close], axis=1)
-    matches = SmearMatches(
-        ends=ends,
-        sigma_px=np.maximum(views.sigma_px, LEAST_SIGMA_PX),
-        across_px=views.across_px,
-        shared=views.shared,
-    )
+    sigma_px = np.maximum(views.sigma_px, LEAST_SIGMA_PX)
+    matches = SmearMatches(ends=ends, sigma_px=sigma_px, shared=views.shared)
+    if views.across_px is not None:
+        matches = replace(matches, across_px=views.across_px)
     order = motion_order(geometry, matches, views.camera, views.size)
     if order.pose is None or not order.pose.translation.any():
         return None

@@ -156,7 +156,8 @@ class Likelihood:
     @cached_property
     def chance(self) -> Array:
         """Density (N,) of an outlier's residual over an inlier's at zero, times the odds of being one."""
-        return c.OUTLIER_ODDS * np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1)
+        density = np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1)
+        return np.asarray(c.OUTLIER_ODDS * density)
 
     def residuals(self, F: Array, decided: bool = False, prior: Array | float = 0.5) -> OrderedResiduals:
         """Return residuals under F (3, 3) in both orders, of which ``prior`` are the probabilities before."""

@@ -19,7 +19,7 @@ from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust import calibration as c
 from blur2view.robust.field_fit import SLOW, FieldFit, fit_field
-from blur2view.robust.homography import Homographies, PlaneH, RollingH, RotationH, entries_of
+from blur2view.robust.homography import PlaneH, RollingH, RotationH, entries_of
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view.consensus import within_errors
@@ -55,7 +55,7 @@ class Choice:
     sentence: str
     fit: Fit
     reports_F: bool = False
-    homography: FieldFit[Homographies] | None = None
+    homography: FieldFit[Any] | None = None
     table: ModelTable = field(default_factory=ModelTable)
 
     @property
@@ -93,14 +93,12 @@ def choose(
     return named(table, fields, fit, has_consensus)
 
 
-def fields_of(
-    sample: Likelihood, plane: FieldFit[PlaneH], rolling: bool
-) -> dict[MotionModel, FieldFit[Homographies]]:
+def fields_of(sample: Likelihood, plane: FieldFit[PlaneH], rolling: bool) -> dict[MotionModel, FieldFit[Any]]:
     """Return every displacement field, fitted; without a camera there are no rotations."""
     still = FieldFit(
         likelihood=sample, family=PlaneH(entries=np.zeros(8)), slow=np.zeros(SLOW), basis=plane.basis
     )
-    fields: dict[MotionModel, FieldFit[Homographies]] = {MotionModel.STILL: still}
+    fields: dict[MotionModel, FieldFit[Any]] = {MotionModel.STILL: still}
     if sample.has_camera:
         start = RotationH.from_generator(plane.family.generator(), sample.prior)
         rotation = fit_field(start, sample)
@@ -134,7 +132,7 @@ def better_through_plane(
     return other if gain_of(plane, other) - gain_of(plane, fit) > c.BETTER_GAIN else fit
 
 
-def table_of(fields: dict[MotionModel, FieldFit[Homographies]], gain: float | None) -> ModelTable:
+def table_of(fields: dict[MotionModel, FieldFit[Any]], gain: float | None) -> ModelTable:
     """Return the table of the fields and, where F has a ``gain`` over the plane, of parallax."""
     plane = fields[MotionModel.PLANE]
     log_likelihood = {model: fit.log_posterior for model, fit in fields.items()}
@@ -171,7 +169,7 @@ def probabilities(
 
 
 def named(
-    table: ModelTable, fields: dict[MotionModel, FieldFit[Homographies]], fit: Fit, has_consensus: bool
+    table: ModelTable, fields: dict[MotionModel, FieldFit[Any]], fit: Fit, has_consensus: bool
 ) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
     parallax = table.probability(MotionModel.PARALLAX) or 0.0

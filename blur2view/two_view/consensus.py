@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,6 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.robust import calibration as c
 from blur2view.robust.calibration import MIN_LENGTH_PX, MIN_MATCHES
 from blur2view.robust.field_fit import FieldFit
-from blur2view.robust.homography import Homographies
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.refinement import refine
 from blur2view.robust.residuals import RefineOptions
@@ -101,9 +101,7 @@ class Inliers:
         return f"{self.share:.0%} of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
 
 
-def inliers_of(
-    model: Array | FieldFit[Homographies], likelihood: Likelihood, options: EstimatorOptions
-) -> Inliers:
+def inliers_of(model: Array | FieldFit[Any], likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
     """Return the inliers of F (3, 3), of the matches' pixels, or of a displacement field.
 
     See `EstimatorOptions.tolerance_px`; chance is measured on the same smears in random directions.
