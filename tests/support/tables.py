@@ -5,8 +5,8 @@ from pathlib import Path
 
 COLUMNS = [
     "name", "verdict", "parallax", "parallax_probability", "blur", "smear_px", "smear_sigma_px",
-    "smear_percent", "defocus_px", "defocus_sigma_px", "width_px", "direction_deg", "sharpness", "rotation_deg", "frame", "timestamp_s",
-    "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz",
+    "smear_percent", "defocus_px", "defocus_sigma_px", "width_px", "direction_deg", "sharpness",
+    "rotation_deg", "frame", "timestamp_s", "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz",
     "rate_unit", "time_confidence", "inliers", "elapsed_s", "use", "error", "meaning",
 ]  # fmt: skip
 
