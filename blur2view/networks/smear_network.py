@@ -158,6 +158,7 @@ class SmearNetwork:
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
         pixels = float(np.prod(shape))
+        detail = Detail(detail)  # a word will do
         if detail is Detail.PIXELS or (detail is Detail.GEOMETRY and pixels <= self.max_pixels):
             return 0
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
@@ -226,7 +227,7 @@ def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
 def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits, or raise its ValueError."""
     if isinstance(image, Image.Image):
-        deep, mode = image.mode.startswith("I;16"), "RGBA" if image.has_transparency_data else "RGB"
+        deep, mode = image.mode[0] in "IF", "RGBA" if image.has_transparency_data else "RGB"
         image = np.asarray(image if deep else image.convert(mode))
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
