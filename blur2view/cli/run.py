@@ -16,15 +16,13 @@ from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
-from blur2view.photographs.image import read_content
 from blur2view.photographs.inputs import colmap_names
-from blur2view.photographs.video import EndOfVideo, frame_of
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, Payload, Target, Work, neighbours_of
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.processes import Engine, processes
-from blur2view.runs.run import outcomes
+from blur2view.runs.run import any_left, outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Paths = Iterable[Path | None]
@@ -150,7 +148,7 @@ def run_over(
                 done.append((job.path, outcome))
                 failed += outcome.result is None
                 bar.show(len(done), len(jobs))
-                if outcome.stop or (failed == options.max_failures and _left(jobs[job.index + 1 :])):
+                if outcome.stop or (failed == options.max_failures and any_left(jobs[job.index + 1 :])):
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -164,20 +162,6 @@ def run_over(
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     _print_end(run, len(jobs), manifest, total=options.prints and line is None)
     return run
-
-
-def _left(jobs: Sequence[Job[Any]]) -> bool:
-    """Return whether there are photographs among the jobs: a video may have fewer frames than it says."""
-    for job in jobs:
-        try:
-            if frame_of(job.path) is not None:
-                read_content(job.path, beside=True)
-        except EndOfVideo:
-            continue
-        except Blur2ViewError:  # a photograph that fails
-            pass
-        return True
-    return False
 
 
 def _engine(options: PhotographOptions, count: int) -> Engine:

@@ -89,6 +89,20 @@ def _left(
             waiting[job.index] = job, failed(error)
 
 
+def any_left(jobs: Iterable[Job[Target]]) -> bool:
+    """Return whether there are photographs among the jobs: a video may have fewer frames than it says."""
+    for job in jobs:
+        try:
+            if frame_of(job.path) is not None:
+                read_content(job.path, beside=True)
+        except EndOfVideo:
+            continue
+        except Blur2ViewError:  # a photograph that fails
+            pass
+        return True
+    return False
+
+
 def _read_frame(job: Job[Target], video: Path, number: int) -> Job[Target]:
     """Return the job of a frame with what is read of its video, in order: before it, itself, after it."""
     before = with_contents(one for one in job.neighbours if one.steps < 0)
