@@ -17,3 +17,10 @@ BACKDROP = np.float32(0.5)
 def over_backdrop(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return pixels (H, W, C + 1) in [0, 1], of which the last is alpha, as (H, W, C) over the backdrop."""
     return np.asarray(BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:], np.float32)
+
+
+def require(name: str, value: object, kind: type, remedy: str) -> None:
+    """Raise ValueError unless an argument is of a kind of ours."""
+    if not isinstance(value, kind):
+        got = f"{type(value).__name__} {value!r:.99}"
+        raise ValueError(f"{name} must be a blur2view.{kind.__name__}, {remedy}, got {got}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, require
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues, disagreement, read_exif
 from blur2view.camera.intrinsics import Intrinsics
@@ -118,23 +118,13 @@ class Estimate:
                 f"the exposure time must be positive seconds, as 0.04 or 1 / 25, at most {LONG_S:g}, got "
                 f"{exposure_s!r}; of a longer one divide the angular velocity of 1 second"
             )
-        return angular_velocity(self.geometry, exposure_s)
-
-
-def angular_velocity(geometry: TwoViewGeometry, exposure_s: float) -> AngularVelocity | None:
-    """Return the angular velocity of a geometry's pose; None without a pose."""
-    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
-    if pose is None or covariance is None:
-        return None
-    return AngularVelocity(
-        mean=pose.rotation_vector / exposure_s, covariance=covariance.matrix[:3, :3] / exposure_s**2
-    )
+        return self.geometry.angular_velocity(exposure_s)
 
 
 def estimate(
     image: "AnyArray | Image.Image | str | os.PathLike[str]",
     *,
-    network: SmearNetwork | None = None,
+    network: SmearNetwork | str | os.PathLike[str] | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | int | None = None,
@@ -148,9 +138,9 @@ def estimate(
     ----------
     image : ndarray of shape (H, W, 3), (H, W, 4) or (H, W), picture of Pillow, or path
         The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
-        :func:`blur2view.read_image`. Of a path the file is read, and without ``camera`` the focal length of
-        its EXIF is a hint, as for ``blur2view estimate``.
-    network : SmearNetwork, optional
+        :func:`blur2view.read_image`; one of Pillow is not turned upright. Of a path the file is read, and
+        without ``camera`` the focal length of its EXIF is a hint, as for ``blur2view estimate``.
+    network : SmearNetwork or path, optional
         The shipped one by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
         Which smears become matches; the robust estimator.
@@ -175,17 +165,16 @@ def estimate(
         If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
         be used.
     """
-    if not isinstance(camera, Camera | None):
-        raise ValueError(
-            "camera must be a blur2view.Camera, as of Camera.from_focal(focal_px, (width, height)) or "
-            f"Camera.from_opencv(K, dist, (width, height)), got {type(camera).__name__} {camera!r:.99}"
-        )
+    if camera is not None:
+        of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
+        require("camera", camera, Camera, of)
     if isinstance(image, str | os.PathLike):
         path, content = Path(image), read_content(Path(image))
         image = read_pixels(path, content=content)
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
     image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
-    network = network or SmearNetwork()
+    if network is None or isinstance(network, str | os.PathLike):
+        network = SmearNetwork(network)
     clock = [time.perf_counter()]
     grid = network.predict(image, detail=detail)
     moving = None

@@ -13,9 +13,11 @@ from blur2view.camera.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.stored import plain
 from blur2view.segmentation.mask import segment
+from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 
 CAMERA = Camera.from_focal(300.0, (WIDTH, HEIGHT))
@@ -79,6 +81,8 @@ def test_photograph_may_be_a_path_a_picture_of_pillow_grey_or_transparent(
     np.testing.assert_allclose(rgb_of(half), 0.5 + 0.2 * (rgb_of(levels) - 0.5), atol=1e-6)
     np.testing.assert_array_equal(rgb_of(Image.fromarray(half)), rgb_of(half))
     np.testing.assert_array_equal(rgb_of(levels[..., :1]), rgb_of(levels[..., 0]))
+    deep = levels[..., 0].astype(np.uint16) * 257
+    np.testing.assert_array_equal(rgb_of(Image.fromarray(deep)), rgb_of(deep))
     with pytest.raises(ImageError, match="no such file"):
         estimate("absent.jpg", network=network)
 
@@ -119,8 +123,22 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwor
     for wrong in (0, -1, np.inf, np.nan, 40, "1/30"):
         with pytest.raises(ValueError, match="exposure time must be positive"):
             found.angular_velocity(wrong)
-    with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
-        Camera.from_focal(800, PICTURE.shape)
+
+
+def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
+    size: Any
+    for size in (PICTURE.shape, 960, PICTURE):
+        with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
+            Camera.from_focal(800, size)
+    with pytest.raises(ValueError, match="focal length must be 0.1 to 1e"):
+        Camera.from_focal("800", (960, 540))  # type: ignore[arg-type]
+    for wrong in (None, PICTURE):
+        with pytest.raises(
+            ValueError, match=r"matches must be a blur2view.SmearMatches, as of select_matches"
+        ):
+            estimate_two_view(wrong)  # type: ignore[arg-type]
+    with pytest.raises(ImageError, match="none.mp4: no such file"):
+        read_video("none.mp4")
 
 
 @pytest.mark.slow

@@ -51,29 +51,21 @@ def append_line(path: Path, document: object) -> None:
         stream.write(json.dumps(document) + "\n")
 
 
-def begun(path: Path, head: dict[str, Any]) -> list[Any]:
-    """Return the finished documents of a file whose first line is a head, or begin one.
-
-    SystemExit if the head is another: results of two versions or settings must not be mixed.
-    """
-    lines = finished_lines(path)
-    if not lines:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        append_line(path, head)
-    elif lines[0] != head:
-        raise SystemExit(f"{path} was begun with {lines[0]}, not {head}: remove it or give another --log")
-    return lines[1:]
-
-
 def sweep(
     path: Path, head: Record, keys: Iterable[Record], work: Callable[[Record], Record], each: Each = map
 ) -> list[Record]:
-    """Return the records of a file begun with a head, after adding those of the keys that have none.
+    """Return the records of a file that starts with a head, after adding those of the keys that have none.
 
     ``work`` makes a key's record, which must hold the key's items. Every record is written when it is
-    finished, so that a killed run goes on.
+    finished, so that a killed run goes on. SystemExit if the head is another: results of two versions or
+    settings must not be mixed.
     """
-    records = begun(path, head)
+    first, *records = finished_lines(path) or [None]
+    if first is None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        append_line(path, head)
+    elif first != head:
+        raise SystemExit(f"{path} was begun with {first}, not {head}: remove it or give another --log")
     pending = [key for key in keys if not any(key.items() <= record.items() for record in records)]
     for count, record in enumerate(each(work, pending) if pending else (), 1):
         append_line(path, record)

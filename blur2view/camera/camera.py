@@ -80,11 +80,9 @@ class Camera:
 
         ``image_size`` is width and height, ``source`` where the focal length, in pixels, is from.
         """
-        if not possible_focal(focal_px):
-            raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px}")
-        if len(image_size) != 2:
-            raise ValueError(f"image_size must be (width, height), as image.shape[1::-1], got {image_size}")
-        width, height = image_size
+        if not np.issubdtype(type(focal_px), np.number) or not possible_focal(focal_px):
+            raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px!r}")
+        width, height = _sides(image_size)
         centre = np.array([(width - 1) / 2, (height - 1) / 2])
         K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])
         params = (float(focal_px), *to_colmap(centre).tolist())
@@ -113,13 +111,14 @@ class Camera:
         given = np.zeros(0) if dist is None else np.asarray(dist, float).ravel()
         if len(given) not in OPENCV_ORDERS or given[8:].any():
             raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {given.tolist()}")
-        pinhole = cls(K=K, width=size[0], height=size[1], source="opencv")  # which checks K
+        width, height = _sides(size)
+        pinhole = cls(K=K, width=width, height=height, source="opencv")  # which checks K
         coefficients = np.zeros(8)
         coefficients[: len(given[:8])] = given[:8]
         count = 8 if coefficients[4:].any() else 4 if coefficients.any() else 0
         numbers = np.diag(pinhole.K)[:2], to_colmap(K[:2, 2]), coefficients[:count]
         params = tuple(np.concatenate(numbers).tolist())
-        return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], *size, params), "opencv")
+        return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], width, height, params), "opencv")
 
     @classmethod
     def from_string(cls, text: str) -> Camera:
@@ -200,3 +199,11 @@ class Camera:
             return replace(camera, log_focal_sigma=self.log_focal_sigma)
         K = rescaled_matrix(self.K, scale)
         return replace(self, K=K, width=width, height=height, model="PINHOLE", params=(), source=source)
+
+
+def _sides(image_size: tuple[int, int]) -> tuple[int, int]:
+    """Return width and height; ValueError of what is no pair, as the shape of an array."""
+    if np.shape(image_size) != (2,):
+        got = " ".join(f"{image_size!r:.99}".split())
+        raise ValueError(f"the size must be (width, height), as image.shape[1::-1], got {got}")
+    return image_size

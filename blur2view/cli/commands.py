@@ -114,10 +114,10 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
 
 
 def check_option(parser: CommandParser, word: str, *, known: bool) -> None:
-    """End the program where a word is no option of the command; argparse takes -output for -o utput."""
+    """End the program where a word is no option of the command; argparse takes -out for -o ut."""
     command, names = parser.command, parser.names
-    if f"-{word}" in names:
-        parser.error(f"{word} has one dash; did you mean -{word}?")
+    if len(word) > 2 and (meant := [name for name in sorted(names) if name.startswith(f"-{word}")]):
+        parser.error(f"{word} has one dash; did you mean {meant[0]}?")
     if known:
         return
     if why := refusals(options_of(command)).get(word):

@@ -15,16 +15,9 @@ from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain,
 from blur2view.cli.work import settings_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import (
-    ResultFiles,
-    below_shared_folder,
-    check_file,
-    is_there,
-    writable_folders,
-    write_text,
-)
+from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
 from blur2view.photographs.image import read_content
-from blur2view.photographs.inputs import Inputs
+from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.video import EndOfVideo, frame_of
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
@@ -280,20 +273,6 @@ def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError
         )
         for index, (path, target) in enumerate(zip(neighbours, targets, strict=True))
     ]
-
-
-def colmap_names(inputs: Inputs) -> dict[Path, str]:
-    """Return the name of every photograph below the one folder that was given, or else that all share."""
-    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
-    shared = below_shared_folder(inputs.paths)
-    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
-    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
-    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
-    roots |= {path.parent for path in there if path not in below}
-    if len(roots) == 1:
-        (root,) = roots
-        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
-    return names
 
 
 def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths, option: str) -> None:

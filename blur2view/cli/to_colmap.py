@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.run import FAILED, End, colmap_names, manifest_of, open_manifest, run_over
+from blur2view.cli.run import FAILED, End, manifest_of, open_manifest, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
 from blur2view.colmap.connection import BESIDE
@@ -13,6 +13,7 @@ from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
+from blur2view.photographs.inputs import colmap_names
 from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
 

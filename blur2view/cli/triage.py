@@ -12,16 +12,7 @@ from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.run import (
-    End,
-    Finished,
-    colmap_names,
-    jobs_of,
-    manifest_of,
-    open_manifest,
-    refuse_shared,
-    run_over,
-)
+from blur2view.cli.run import End, Finished, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import Blur2ViewError, OutputError
@@ -30,6 +21,7 @@ from blur2view.networks.smear_network import Detail
 from blur2view.output_files import check_file, writable_folders, write_text
 from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
+from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
 from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
 from blur2view.results.verdicts import verdict_of

@@ -10,7 +10,6 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
-from blur2view.cli.run import colmap_names
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
 from blur2view.cli.work import EstimatingWork, result_of
@@ -24,6 +23,7 @@ from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.networks.smear_network import Detail
+from blur2view.photographs.inputs import colmap_names
 from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain, restore

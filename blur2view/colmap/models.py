@@ -18,6 +18,7 @@ from blur2view.input_files import open_regular, read_regular
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
 IMAGE_PATH, DATABASE_PATH = "image_path", "database_path"
 SIGN = "# by blur2view place\n"
+BEYOND = 1e30  # of any number in a model
 MAX_PROJECT = 1 << 20  # bytes
 
 
@@ -33,8 +34,8 @@ class FoundModel:
 def read_model(folder: Path) -> Any:
     """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none.
 
-    This is the only place that reads one: its images have names that are text, finite poses and cameras;
-    their points, which are many, are checked where they are looked up, by `seen_points`.
+    This is the only place that reads one: its images have names that are text, and cameras; numbers are
+    finite. Which points images see, which is much, is checked where it is looked up, by `seen_points`.
     """
     import pycolmap
 
@@ -54,6 +55,11 @@ def read_model(folder: Path) -> Any:
 def _check_model(folder: Path, model: Any) -> None:
     """Raise a DatabaseError where a model contradicts itself; pycolmap's own errors of what it holds pass."""
     remedy = "let COLMAP write the model again"
+    for camera in model.cameras.values():
+        if not _possible(camera.params):
+            raise DatabaseError(f"{folder}: camera {camera.camera_id} has parameters that none has; {remedy}")
+    if not _possible([point.xyz for point in model.points3D.values()]):
+        raise DatabaseError(f"{folder}: has points that are nowhere; {remedy}")
     for image in model.images.values():
         try:
             name = image.name
@@ -62,10 +68,15 @@ def _check_model(folder: Path, model: Any) -> None:
             raise DatabaseError(
                 f"{folder}: the name of image {image.image_id} is no UTF-8; {remedy}"
             ) from None
-        if image.has_pose and not np.isfinite(image.cam_from_world().matrix()).all():
-            raise DatabaseError(f"{folder}: the pose of image {name} is not finite; {remedy}")
+        if image.has_pose and not _possible(image.cam_from_world().matrix()):
+            raise DatabaseError(f"{folder}: image {name} has a pose that is nowhere; {remedy}")
         if image.camera_id not in model.cameras:
             raise DatabaseError(f"{folder}: image {name} has no camera; {remedy}")
+
+
+def _possible(values: Any) -> bool:
+    """Return whether numbers are finite, and what is computed from them."""
+    return bool((np.abs(np.asarray(values, float)) < BEYOND).all())  # False of NaN
 
 
 def seen_points(model: Any, image: Any, places: Iterable[int]) -> Array:

@@ -23,6 +23,8 @@ class MotionModel(StrEnum):
     """H of a pure rotation (3, and 3 of the camera held by a prior)."""
     ROLLING_ROTATION = "rotation, rolling shutter"
     """A rotation whose rate changes down the rows of a rolling shutter (3 more, held by a prior)."""
+    ROLLING_PLANE = "plane, rolling shutter"
+    """A plane, and a rotation that changes down the rows (3 more, held by a prior)."""
     PLANE = "plane"
     """Any H (8)."""
     PARALLAX = "parallax"

@@ -13,7 +13,7 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import colmap_two_view_geometry
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.model_table import ModelTable, MotionModel
-from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.pose import AngularVelocity, PoseCovariance, RigidTransform
 
 __all__ = ["Configuration", "MotionModel", "Parallax", "TimeDirection", "TwoViewGeometry"]
 
@@ -179,6 +179,15 @@ class TwoViewGeometry:
             cam2_from_cam1=None if pose is None else pose.inverse(),
             covariance=None if pose is None or covariance is None else covariance.inverse(pose),
             swapped=~self.swapped,
+        )
+
+    def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
+        """Return the rotation over the exposure time, with its covariance; None without a pose."""
+        pose, covariance = self.cam2_from_cam1, self.covariance
+        if pose is None or covariance is None:
+            return None
+        return AngularVelocity(
+            mean=pose.rotation_vector / exposure_s, covariance=covariance.matrix[:3, :3] / exposure_s**2
         )
 
     def to_pycolmap(self) -> Any:

@@ -227,7 +227,7 @@ def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
 def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits, or raise its ValueError."""
     if isinstance(image, Image.Image):
-        deep, mode = image.mode.startswith("I;16"), "RGBA" if image.has_transparency_data else "RGB"
+        deep, mode = image.mode[0] in "IF", "RGBA" if image.has_transparency_data else "RGB"
         image = np.asarray(image if deep else image.convert(mode))
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")

@@ -132,6 +132,8 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
         remedy = "check the path"
         if set(path.name) & set("*?["):
             remedy = "no name fits this pattern, or it stands in quotes"
+        if str(path).startswith("~"):
+            remedy = "write ~ without quotes"
         if path.is_symlink():
             remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
         raise ImageError(f"{path}: no such file; {remedy}") from None

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from blur2view.errors import ImageError
 from blur2view.input_files import read_regular, read_stream
-from blur2view.output_files import is_ours
+from blur2view.output_files import below_shared_folder, is_ours, is_there
 from blur2view.photographs.image import PHOTOGRAPH_SUFFIXES
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video
 
@@ -188,6 +188,20 @@ def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
         below = path.relative_to(folder)
         if len(below.parts) > 1:
             found.names[path] = below.with_suffix("")
+
+
+def colmap_names(inputs: Inputs) -> dict[Path, str]:
+    """Return the name of every photograph below the one folder that was given, or else that all share."""
+    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
+    shared = below_shared_folder(inputs.paths)
+    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
+    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
+    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
+    roots |= {path.parent for path in there if path not in below}
+    if len(roots) == 1:
+        (root,) = roots
+        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
+    return names
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:

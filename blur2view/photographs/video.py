@@ -209,6 +209,8 @@ def _reader(video: Path) -> _Reader:
 
 def _opened(video: Path) -> Any:
     """Return a video that is open, or raise ImageError; a frame too large is refused before it is decoded."""
+    if not video.exists():
+        raise ImageError(f"{video}: no such file; check the path")
     capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")

@@ -153,7 +153,7 @@ class EstimateDocument(Document):
             parallax=str(geometry.parallax),
             parallax_probability=geometry.parallax_probability,
             rotation_probability=geometry.rotation_probability,
-            plane_probability=geometry.table.probability(MotionModel.PLANE),
+            plane_probability=geometry.table.probability(MotionModel.PLANE, MotionModel.ROLLING_PLANE),
             models={
                 str(row.model): {
                     "parameters": row.parameters,

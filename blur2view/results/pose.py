@@ -97,9 +97,7 @@ def rate_of(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, An
 
     The angular velocity, or without an exposure time the rotation vector.
     """
-    from blur2view.pipeline import angular_velocity
-
-    velocity = angular_velocity(geometry, exposure_s or 1.0)
+    velocity = geometry.angular_velocity(exposure_s or 1.0)
     if velocity is None:
         return dict.fromkeys(RATES) | {"rate_unit": ""}
     rates = dict(zip(RATES, [*velocity.mean.tolist(), *velocity.sigma.tolist()], strict=True))

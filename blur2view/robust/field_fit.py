@@ -9,18 +9,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Generic
 
 import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.robust.calibration import FIELD_STEPS, FIELD_TOLERANCE, FREEDOM
-from blur2view.robust.homography import Homographies, velocity_basis
+from blur2view.robust.homography import H, velocity_basis
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.residuals import OrderedResiduals
 
-H = TypeVar("H", bound=Homographies)
 SLOW = 6  # parameters of the errors that vary slowly
 
 

@@ -11,7 +11,7 @@ for a known camera, of K = I.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,9 @@ class Homographies(Family, Protocol):
     def derivatives(self, basis: Array, points: Array) -> Array:
         """Return their derivatives (k, N, 2), to first order; ``basis`` is `velocity_basis` at the points."""
         return np.moveaxis(basis @ entries_of(self.tangent()).T, -1, 0)
+
+
+H = TypeVar("H", bound=Homographies)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,45 +119,47 @@ class RotationH(Homographies):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RollingRotationH(Homographies):
-    """A rotation whose rate changes down the rows, read one after the other: three parameters more.
+class RollingH(Homographies, Generic[H]):
+    """A homography with a rotation that changes down the rows, read one after the other.
 
-    At height y above the middle (normalised, downwards) the rotation is rotation + y change; the prior of
-    ``change`` holds it to what a hand does while a shutter rolls (`calibration.ROLLING_SPREAD`).
+    At height y above the middle (normalised, downwards) the points move by the rotation y change, besides;
+    the prior holds ``change`` to what a hand does while a shutter rolls (`calibration.ROLLING_SPREAD`).
     """
 
-    dimension: ClassVar[int] = 9
-    still: RotationH  # of the middle row
+    dimension: ClassVar[int] = 11  # at most: three more than those of the middle row
+    middle: H  # of the middle row
     change: Array  # (3,) radians per unit of y
+    spread: CameraPrior
 
     def generator(self) -> Array:
         """Return A of shape (3, 3) of the middle row."""
-        return self.still.generator()
+        return self.middle.generator()
 
     def tangent(self) -> Array:
-        """Return dA of shape (9, 3, 3), the last three per unit of y."""
-        of_rotation = self.still.tangent()
-        return np.concatenate([of_rotation, of_rotation[:3]])
+        """Return dA of shape (k, 3, 3), the last three per unit of y."""
+        return np.concatenate([self.middle.tangent(), GENERATORS])
 
     def displacement(self, points: Array) -> Array:
         """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
-        A, changing = self.generator(), np.tensordot(self.change, self.still.tangent()[:3], 1)
-        return chords(A, points) + points[:, 1:] * chords(changing, points)
+        changing = points[:, 1:] * chords(cross_matrix(self.change), points)
+        return self.middle.displacement(points) + changing
 
     def derivatives(self, basis: Array, points: Array) -> Array:
-        """Return their derivatives (9, N, 2), to first order."""
-        of_rotation = self.still.derivatives(basis, points)
-        return np.concatenate([of_rotation, points[:, 1:] * of_rotation[:3]])
+        """Return their derivatives (k, N, 2), to first order."""
+        changing = np.moveaxis(basis @ entries_of(GENERATORS).T, -1, 0)
+        return np.concatenate([self.middle.derivatives(basis, points), points[:, 1:] * changing])
 
-    def step(self, delta: Array) -> RollingRotationH:
+    def step(self, delta: Array) -> RollingH[H]:
         """Return the point with delta added to the parameters."""
-        return replace(self, still=self.still.step(delta[:6]), change=self.change + delta[6:])
+        return replace(self, middle=self.middle.step(delta[:-3]), change=self.change + delta[-3:])
 
     def prior(self) -> tuple[Array, Array]:
-        """Return residuals (9,), those of the rotation and the change, and their Jacobian."""
-        weight = np.append(self.still.spread.weight, self.still.spread.weight[:3] / ROLLING_SPREAD)
-        value, _ = self.still.prior()
-        return np.append(value, self.change * weight[6:]), np.diag(weight)
+        """Return residuals, those of the middle row and the change, and their Jacobian."""
+        value, jacobian = self.middle.prior()
+        weight, (rows, columns) = self.spread.weight[:3] / ROLLING_SPREAD, jacobian.shape
+        both = np.zeros((rows + 3, columns + 3))
+        both[:rows, :columns], both[rows:, columns:] = jacobian, np.diag(weight)
+        return np.append(value, self.change * weight), both
 
 
 def cayley(A: Array) -> Array:

@@ -8,7 +8,7 @@ tempered by that share. Two kinds of models are judged:
 - F says on which line a smear lies, not where: the error that counts is the Sampson distance (`residuals`,
   `costs`). Chance, a smear of any direction, is a component of its own.
 - a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
-  (`field_costs`), by Student's distribution, whose tails are the smears of no model. A field with parallax
+  (`field_costs`), by Student's distribution, and chance likewise. A field with parallax
   along the lines of F (`with_parallax`) allows larger errors along those lines, and is the link between the
   two: nested in it are the field alone and, far along the lines, F alone.
 """
@@ -206,6 +206,17 @@ class Likelihood:
         return self.sigma_fitted if alone else 1.0
 
     @cached_property
+    def field_sigma_px(self) -> Array:
+        """Standard deviations (N,) of the distance from a field as of a Sampson distance, pixels."""
+        return np.asarray(0.5**0.5 * self.sigma_scale * np.hypot(*self.matches.inlier_sigma_px))
+
+    @cached_property
+    def field_chance(self) -> Array:
+        """Density (N,) of a smear of any direction and no longer, over that of an inlier at best."""
+        along, across = (self.sigma_scale * sigma for sigma in self.matches.inlier_sigma_px)
+        return np.asarray(np.minimum(2 * along * across / (self.length_px**2 + TINY), 1))
+
+    @cached_property
     def whitening(self) -> Array:
         """Matrices (N, 2, 2) to components along and across the smear in standard deviations."""
         unit = self.displacement / np.maximum(np.hypot(*self.displacement.T), TINY)[:, None]
@@ -238,7 +249,11 @@ class Likelihood:
 
         ``slow`` (6,) are the errors all over the picture, in standard deviations.
         """
-        return np.asarray(-2 * np.log(_student(self._both(predicted, slow), np.ones(1))[0]))
+        density, chance = (
+            _student(self._both(predicted, slow), np.ones(1))[0],
+            c.OUTLIER_ODDS * self.field_chance,
+        )
+        return np.asarray(-2 * np.log((density + chance) / (1 + chance)))
 
     def with_parallax(self, predicted: Array, slow: Array, F: Array) -> float:
         """Return what parallax along the lines of F (3, 3) gains over the field alone, in log-likelihood.
@@ -253,8 +268,12 @@ class Likelihood:
         both = self._both(predicted, slow)
         turned = np.stack([(both * line).sum(axis=-1), (both * across).sum(axis=-1)], axis=-1)
         density = _student(turned, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
-        _, log_density = mixture(density.T)
-        return self.effective_share * float((log_density - np.log(density[0])).sum())
+        wide = (
+            _student(turned / c.WIDER, np.ones(1)) / c.WIDER**2
+        )  # errors worse than stated, in all directions
+        both = [np.vstack([d, wide, self.field_chance]).T for d in (density[:1], density)]
+        without, along_lines = (mixture(d)[1].sum() for d in both)
+        return self.effective_share * float(along_lines - without)
 
     def _both(self, predicted: Array, slow: Array) -> Array:
         """Return whitened residuals (2, N, 2) of a field, of the smears as they are and reversed."""

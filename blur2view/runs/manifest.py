@@ -61,6 +61,7 @@ class Manifest:
         self._done: dict[str, dict[str, Any]] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
+        self._known: set[str] = set()
         self._heads: dict[str, dict[str, Any]] = {}
         self._digests: dict[Path, str] = {}
         self._headed = self._damaged = False
@@ -156,10 +157,11 @@ class Manifest:
         return self._targets.get(self._name(target), "")
 
     def append(self, job: Job[Target], outcome: Outcome[Payload], work: Work[Target, Payload]) -> None:
-        """Append the line of a photograph that is done or failed; OutputError if it cannot be written."""
+        """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
         line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}
         if outcome.result is None:
-            self._write(line | {"error": outcome.error})
+            if line["image"] in self._known:
+                self._write(line | {"error": outcome.error})
             return
         result, folder = outcome.result, self.path.parent
         line |= {"sha256": outcome.digest, "source": self._source(job)}
@@ -212,6 +214,7 @@ class Manifest:
             self._targets[name(line["target"])] = restore(str, line["sha256"])
             return
         image = name(line["image"])
+        self._known.add(image)
         self._done.pop(image, None)  # failed since, or done otherwise
         if "outputs" in line:
             owner = image, restore(str, line["sha256"])

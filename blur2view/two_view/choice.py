@@ -19,7 +19,7 @@ from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust import calibration as c
 from blur2view.robust.field_fit import SLOW, FieldFit, fit_field
-from blur2view.robust.homography import Homographies, PlaneH, RollingRotationH, RotationH, entries_of
+from blur2view.robust.homography import Homographies, PlaneH, RollingH, RotationH, entries_of
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view.consensus import within_errors
@@ -32,11 +32,13 @@ HOMOGRAPHIES = {
     Configuration.PLANAR: MotionModel.PLANE,
     Configuration.PLANAR_OR_PANORAMIC: MotionModel.ROTATION_OR_PLANE,
 }
+ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
 PARAMETERS = {
     MotionModel.STILL: 0,
     MotionModel.ROTATION: 3,
     MotionModel.ROLLING_ROTATION: 6,
     MotionModel.PLANE: 8,
+    MotionModel.ROLLING_PLANE: 11,
     MotionModel.PARALLAX: 10,
 }
 
@@ -105,10 +107,14 @@ def fields_of(
         again = fit_field(PlaneH(entries=entries_of(rotation.family.generator())), sample)
         plane = max(plane, again, key=lambda fit: fit.log_posterior)
         fields[MotionModel.ROTATION] = rotation
-        if rolling:
-            start_rolling = RollingRotationH(still=rotation.family, change=np.zeros(3))
-            fields[MotionModel.ROLLING_ROTATION] = fit_field(start_rolling, sample)
-    return {**fields, MotionModel.PLANE: plane}
+    fields[MotionModel.PLANE] = plane
+    if rolling:
+        for still_model, model in ROLLING.items():
+            if still_model in fields:
+                middle = fields[still_model].family
+                family = RollingH(middle=middle, change=np.zeros(3), spread=sample.prior)
+                fields[model] = fit_field(family, sample)
+    return fields
 
 
 def gain_of(plane: FieldFit[Any], fit: Fit) -> float:
@@ -134,20 +140,34 @@ def table_of(fields: dict[MotionModel, FieldFit[Homographies]], gain: float | No
     log_likelihood = {model: fit.log_posterior for model, fit in fields.items()}
     if gain is not None:
         log_likelihood[MotionModel.PARALLAX] = log_likelihood[MotionModel.PLANE] + gain
+    likelihood = plane.likelihood
+    odds = probabilities(log_likelihood, likelihood)
     rows = tuple(
-        ModelRow(model=model, parameters=PARAMETERS[model], log_likelihood=value, probability=probability)
-        for (model, value), probability in zip(
-            log_likelihood.items(), probabilities(log_likelihood), strict=True
-        )
+        ModelRow(model=model, parameters=PARAMETERS[model], log_likelihood=value, probability=odds[model])
+        for model, value in log_likelihood.items()
     )
-    return ModelTable(rows=rows, effective_count=plane.likelihood.effective_count)
+    return ModelTable(rows=rows, effective_count=likelihood.effective_count)
 
 
-def probabilities(log_likelihood: dict[MotionModel, float]) -> list[float]:
-    """Return the models' probabilities: the calibrated step (`calibration.SLOPE`, `calibration.PENALTY`)."""
-    log_odds = np.array([c.SLOPE * value - c.PENALTY[model] for model, value in log_likelihood.items()])
-    odds = np.exp(log_odds - log_odds.max())
-    return [float(p) for p in odds / odds.sum()]
+def probabilities(
+    log_likelihood: dict[MotionModel, float], likelihood: Likelihood
+) -> dict[MotionModel, float]:
+    """Return the models' probabilities: the one calibrated step, the same for all photographs.
+
+    Fields that vary slowly compete with errors that do, too: of their log-likelihoods those of smears with
+    all correlation counted. Parallax does not look like such errors: of its gain a share PARALLAX_SLOPE. Each
+    model has a penalty, which grows with the number of smears by Schwarz's criterion.
+    """
+    count, plane = likelihood.claimed.effective_count, log_likelihood[MotionModel.PLANE]
+    slope = likelihood.claimed.effective_share / likelihood.effective_share
+    more = 0.5 * float(np.log(max(count / c.PENALTY_COUNT, 1.0)))
+    score = []
+    for model, value in log_likelihood.items():
+        gain = value - plane if model is MotionModel.PARALLAX else 0.0
+        fit = slope * (value - gain) + c.PARALLAX_SLOPE * gain
+        score.append(fit - c.PENALTY[model] - more * PARAMETERS[model])
+    odds = np.exp(np.array(score) - max(score))
+    return dict(zip(log_likelihood, (float(p) for p in odds / odds.sum()), strict=True))
 
 
 def named(
@@ -161,7 +181,8 @@ def named(
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
         )
     on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual.T) < c.ON_PLANE).mean())
-    enough = table.effective_count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
+    count = fields[MotionModel.PLANE].likelihood.claimed.effective_count
+    enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
     absent = enough and parallax < c.ABSENT_BELOW
     if not has_consensus and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit, table=table)
@@ -169,7 +190,8 @@ def named(
     comparison = "without an image size a rotation cannot be told from a plane"
     if MotionModel.ROTATION in fields:
         turns = [m for m in (MotionModel.ROTATION, MotionModel.ROLLING_ROTATION) if m in fields]
-        of_turn, of_plane = table.probability(*turns) or 0.0, table.probability(MotionModel.PLANE) or 0.0
+        flat = MotionModel.PLANE, MotionModel.ROLLING_PLANE
+        of_turn, of_plane = table.probability(*turns) or 0.0, table.probability(*flat) or 0.0
         comparison = f"of a rotation {of_turn:.2f}, of a plane {of_plane:.2f}"
         is_turn = of_turn >= of_plane
         config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR

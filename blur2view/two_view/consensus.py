@@ -108,7 +108,8 @@ def inliers_of(
 
     See `EstimatorOptions.tolerance_px`; chance is measured on the same smears in random directions.
     """
-    tolerance = options.tolerance_px(likelihood.length_px, likelihood.sigma_px)
+    sigma_px = likelihood.sigma_px if isinstance(model, np.ndarray) else likelihood.field_sigma_px
+    tolerance = options.tolerance_px(likelihood.length_px, sigma_px)
 
     def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
         if isinstance(model, FieldFit):

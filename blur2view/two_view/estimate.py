@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import require
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
@@ -63,6 +64,7 @@ def estimate_two_view(
     ValueError
         If the camera is for pictures of another size; if a shutter comes without known intrinsics.
     """
+    require("matches", matches, SmearMatches, "as of select_matches(network.predict(image))")
     if shutter is not None and (camera is None or not camera.known):
         raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()

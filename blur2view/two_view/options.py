@@ -33,8 +33,8 @@ class EstimatorOptions:
     def tolerance_px(self, length_px: Array, sigma_px: Array) -> Array:
         """Return the Sampson distances (N,), pixels, below which smears are inliers: the one definition.
 
-        A tenth of the smear's length, at most ``max_error_px``, but two of its own standard deviations
-        ``sigma_px`` at least: a bound in pixels alone is as large as short smears, and any F would fit them.
+        A tenth of the smear's length, at most ``max_error_px``, but two of its own standard deviations at
+        least: a bound in pixels alone is as large as short smears are, and any F would fit them.
         """
         return np.maximum(np.minimum(INLIER_SHARE * length_px, self.max_error_px), INLIER_SIGMAS * sigma_px)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.photographs.image import read_image
+from blur2view.photographs.image import read_pixels
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import write_photographs
 
@@ -43,7 +43,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     def noted(path: Path, **options: Any) -> Any:
         names.append(Path(path).name)
-        return read_image(path, **options)
+        return read_pixels(path, **options)
 
-    monkeypatch.setattr(pipeline, "read_image", noted)
+    monkeypatch.setattr(pipeline, "read_pixels", noted)
     return names

@@ -10,7 +10,7 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.output_files import write_files
-from blur2view.photographs.image import read_image
+from blur2view.photographs.image import read_pixels
 from blur2view.runs import job
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
@@ -67,15 +67,15 @@ def test_interrupt_keeps_what_is_done_and_says_how_to_go_on(
     def interrupt(path: Path, **options: Any) -> Any:
         if path.name == "003.png":
             raise KeyboardInterrupt
-        return read_image(path, **options)
+        return read_pixels(path, **options)
 
-    monkeypatch.setattr(pipeline, "read_image", interrupt)
+    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
     done = run(folder, "-o", tmp_path / "out")
     assert done == 130 and done.err == (
         "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
         "the same call with --resume goes on\n"
     )
-    monkeypatch.setattr(pipeline, "read_image", read_image)
+    monkeypatch.setattr(pipeline, "read_pixels", read_pixels)
     done = run(folder, "-o", tmp_path / "out", "--resume")
     assert done == 0 and "2 done, 3 done before" in done.out
 
@@ -86,9 +86,9 @@ def test_report_of_an_interrupted_run_holds_what_is_done(
     def interrupt(path: Path, **options: Any) -> Any:
         if path.name == "003.png":
             raise KeyboardInterrupt
-        return read_image(path, **options)
+        return read_pixels(path, **options)
 
-    monkeypatch.setattr(pipeline, "read_image", interrupt)
+    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
     assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
     assert "3 photographs, " in (tmp_path / "page.html").read_text()
 

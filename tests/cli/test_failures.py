@@ -40,7 +40,7 @@ def test_interrupt_is_no_traceback(run: Call, still: Path, monkeypatch: pytest.M
     def interrupt(path: Path, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "read_image", interrupt)
+    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
     done = run(still)
     assert done == 130 and done.err == "blur2view: interrupted\n"
 

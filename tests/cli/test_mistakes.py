@@ -57,6 +57,8 @@ MISTAKES = [
     ("estimate @utf16.txt", "it is UTF-16; save it as UTF-8"),
     ("estimate @a.png", "it is no text; a photograph itself is named by its file"),
     ("estimate @", "@: name a list behind @, as @list.txt"),
+    ("estimate a.png -out o", "-out has one dash; did you mean --output?"),
+    ("estimate '~/a.jpg'", "~/a.jpg: no such file; write ~ without quotes"),
     ("estimate '*.jpg'", "*.jpg: no such file; no name fits this pattern, or it stands in quotes"),
     ("estimate -verbose a.png", "-verbose has one dash; did you mean --verbose?"),
     ("triage a.png --extract .", ".: holds the photographs themselves; name an empty folder"),

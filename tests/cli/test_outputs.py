@@ -90,7 +90,7 @@ def test_refusal_comes_before_the_work(
     run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "moving.json").write_text("mine")
-    monkeypatch.setattr(pipeline, "read_image", lambda path: pytest.fail("read in vain"))
+    monkeypatch.setattr(pipeline, "read_pixels", lambda path: pytest.fail("read in vain"))
     assert run(moving, "-o", tmp_path) == 1
 
 
@@ -116,7 +116,7 @@ def test_folder_that_cannot_be_written_is_one_line(
 ) -> None:
     (tmp_path / "file").touch()
     done = run(still, "-o", tmp_path / "file" / below)
-    assert done == 1 and "results cannot be written there" in done.line and "-o" in done.line
+    assert done == 1 and "results cannot be written there" in done.line and "name another folder" in done.line
 
 
 def test_full_disk_leaves_no_half_written_file(
@@ -129,6 +129,8 @@ def test_full_disk_leaves_no_half_written_file(
     monkeypatch.setattr(Path, "write_bytes", full)
     done = run(still, "-o", tmp_path / "out")
     assert done == 1 and "No space left on device" in done.line
+    (bad := tmp_path / "bad.png").write_text("bad")
+    assert run(bad, "-o", tmp_path / "out") == 1
     assert not (tmp_path / "out").exists()  # nothing succeeded, so nothing is left behind
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.errors import ImageError
-from blur2view.photographs.image import read_image
+from blur2view.photographs.image import read_pixels
 from blur2view.runs.manifest import Manifest, Settings
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
@@ -248,16 +248,17 @@ def test_second_call_into_a_folder_is_refused_in_one_line_while_the_first_runs(a
 def test_a_video_whose_last_failure_is_its_end_is_not_stopped(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clip = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 3), 5)
+    clip = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 40), 41)
     (tmp_path / "bad.png").write_text("bad")
 
     def failing(path: Path, **options: Any) -> Any:
-        if path.name == "000002":
+        if path.name == "000039":
             raise ImageError(f"{path}: fails")
-        return read_image(path, **options)
+        return read_pixels(path, **options)
 
-    monkeypatch.setattr(pipeline, "read_image", failing)
-    done = call("triage", clip, "--max-failures", 1)
-    assert done == 1 and "stopped" not in done.err and "3 photographs" in done.out
-    done = call("triage", clip, tmp_path / "bad.png", "--max-failures", 1)
-    assert done == 1 and "stopped after 3 of 6 photographs" in done.err
+    monkeypatch.setattr(pipeline, "read_pixels", failing)
+    words = ("triage", clip, "--from", 38, "--max-failures", 1)
+    done = call(*words)
+    assert done == 1 and "stopped" not in done.err and "2 photographs" in done.out
+    done = call(*words, tmp_path / "bad.png")
+    assert done == 1 and "stopped after 2 of 4 photographs" in done.err

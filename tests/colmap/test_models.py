@@ -79,15 +79,19 @@ def test_what_waits_for_ever_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("at", "written", "why"),
-    [(8 + 64, b"\xff", "the name of image 1 is no UTF-8"), (0, b"\0\0\0\0\0\0\xf8\x7f", "not finite")],
+    ("name", "at", "written", "why"),
+    [
+        ("images.bin", 8 + 64, b"\xff", "the name of image 1 is no UTF-8"),
+        ("frames.bin", 8 + 8 + 32, struct.pack("<d", np.nan), "image a.jpg has a pose that is nowhere"),
+        ("cameras.bin", 8 + 24, struct.pack("<d", np.inf), "camera 1 has parameters that none has"),
+        ("points3D.bin", 8 + 8, struct.pack("<d", 1e300), "has points that are nowhere"),
+    ],
 )
 def test_an_image_that_contradicts_itself_is_refused_in_one_line(
-    model: Path, at: int, written: bytes, why: str
+    model: Path, name: str, at: int, written: bytes, why: str
 ) -> None:
-    file = model / ("images.bin" if at else "frames.bin")  # whose poses are the images'
-    data, at = bytearray(file.read_bytes()), at or 8 + 8 + 32
+    data = bytearray((model / name).read_bytes())
     data[at : at + len(written)] = written
-    file.write_bytes(data)
+    (model / name).write_bytes(data)
     with pytest.raises(DatabaseError, match=why):
         read_model(model)

@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.robust.field_fit import SLOW, FieldFit, fit_field
-from blur2view.robust.homography import PlaneH, RollingRotationH, RotationH, velocity_basis
+from blur2view.robust.homography import PlaneH, RollingH, RotationH, velocity_basis
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.parametrization import CameraPrior
 from blur2view.smears.noise import INDEPENDENT, SharedErrors
@@ -67,7 +67,7 @@ def test_its_jacobian_is_the_derivative_of_its_residuals(rolling: bool) -> None:
     scene = disturb(turning(1, count=40), np.random.default_rng(1), noise_px=0.5)
     likelihood = likelihood_of(scene, 1.5, SLOWLY)
     rotation = start(scene)
-    family = RollingRotationH(still=rotation, change=0.2 * rotation.rotation) if rolling else rotation
+    family = RollingH(middle=rotation, change=0.2 * rotation.rotation, spread=FIXED) if rolling else rotation
     basis = velocity_basis(likelihood.middle)
     fit = FieldFit(likelihood=likelihood, family=family, slow=np.full(SLOW, 0.1), basis=basis)
     _, gradient = fit.normal_equations()
@@ -99,7 +99,7 @@ def test_a_change_down_the_rows_is_a_rolling_shutter_and_not_a_plane() -> None:
         wrong = stretched(scene, 1 + 0.33 * (scene.ends.mean(axis=1)[:, 1] / 480 - 0.5))
         likelihood = likelihood_of(wrong, 0.3)
         rotation = fit_field(start(scene), likelihood)
-        rolling = fit_field(RollingRotationH(still=rotation.family, change=np.zeros(3)), likelihood)
+        rolling = fit_field(RollingH(middle=rotation.family, change=np.zeros(3), spread=FIXED), likelihood)
         assert rolling.log_posterior > rotation.log_posterior + 20
 
 

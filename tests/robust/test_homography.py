@@ -12,7 +12,7 @@ from blur2view.robust.field_fit import fit_field
 from blur2view.robust.homography import (
     Homographies,
     PlaneH,
-    RollingRotationH,
+    RollingH,
     RotationH,
     cayley,
     chords,
@@ -134,9 +134,9 @@ def test_distances_have_the_standard_deviation_of_a_sampson_distance() -> None:
 def test_a_rolling_rotation_is_a_rotation_whose_change_is_zero() -> None:
     still = RotationH(rotation=np.array([0.02, 0.03, -0.05]), principal=np.zeros(2), spread=SOFT)
     points = plane(6).likelihood.middle
-    rolling = RollingRotationH(still=still, change=np.zeros(3))
+    rolling = RollingH(middle=still, change=np.zeros(3), spread=SOFT)
     assert np.allclose(rolling.displacement(points), still.displacement(points))
-    turning = RollingRotationH(still=still, change=0.1 * still.rotation)
+    turning = RollingH(middle=still, change=0.1 * still.rotation, spread=SOFT)
     expected = still.displacement(points) * (1 + 0.1 * points[:, 1:])
     assert np.allclose(turning.displacement(points), expected, atol=1e-5)
 

@@ -6,11 +6,17 @@ import pytest
 from blur2view import Camera, Configuration, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, transfer
+from blur2view.geometry.model_table import MotionModel
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
+from blur2view.robust.likelihood import Likelihood
+from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.pose import in_order_of_rotation
+from tests.support.lens import distorted_points
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 from tools.metrics import rotation_error
+
+FLAT = {MotionModel.ROTATION, MotionModel.PLANE}
 
 
 def solve(scene: Scene, sigma_px: float = 0.05) -> TwoViewGeometry:
@@ -45,6 +51,34 @@ def test_a_large_rotation_is_exact_to_the_noise(angle_deg: float) -> None:
     assert pose.angle_deg == pytest.approx(angle_deg, abs=0.005)
 
 
+@pytest.mark.parametrize("turns", [True, False], ids=["rotation", "plane"])
+def test_homographies_are_fitted_on_rays_where_the_lens_distorts(turns: bool) -> None:
+    """k1 = -0.2 bends smears as no homography of the distorted pixels does (COLMAP's pull request 4617)."""
+    rng, K = np.random.default_rng(3), np.array([[500.0, 0, 319.5], [0, 500.0, 239.5], [0, 0, 1]])
+    lens = Camera.from_opencv(K, np.array([-0.2, 0.05, 0.0, 0.0]), IMAGE_SIZE)
+    assert lens.distorted
+    points = rng.uniform([20, 20], [620, 460], (600, 2))
+    rays = lens.rays(points)
+    R = rotation_matrix(np.array([0.02, -0.01, 0.03]))
+    moved = homogeneous(rays) @ R.T
+    if not turns:  # a tilted plane: 1 / depth is linear in the rays
+        moved += np.array([0.03, 0.01, -0.02]) * (1 - 0.4 * rays[:, :1])
+    far = distorted_points(lens._colmap, moved[:, :2] / moved[:, 2:])
+    ends = np.stack([points, far], axis=1) + rng.normal(0, 0.1, (600, 2, 2))
+    matches = SmearMatches(ends=ends, sigma_px=np.full(600, 0.25), image_size=IMAGE_SIZE)
+    pinhole = Camera.from_focal(500.0, IMAGE_SIZE)
+    straight, bent = (estimate_two_view(matches, camera=camera) for camera in (lens, pinhole))
+    assert straight.config is (Configuration.PANORAMIC if turns else Configuration.PLANAR)
+    assert straight.support > 0.95
+    if turns:
+        assert straight.cam2_from_cam1 is not None
+        pose = straight.cam2_from_cam1
+        errors = [rotation_error(flip.rotation @ R.T, np.eye(3))[0] for flip in (pose, pose.inverse())]
+        assert min(errors) < 0.02
+    rows = {g: max(r.log_likelihood for r in g.table.rows if r.model in FLAT) for g in (straight, bent)}
+    assert rows[straight] > rows[bent] + 50
+
+
 def transferred(K: Array, rays: Array) -> Array:
     pixels = rays @ K.T
     return pixels[:, :2] / pixels[:, 2:]
@@ -63,7 +97,10 @@ def test_smears_of_a_rotation_and_H_run_the_way_of_the_pose(rotation_share: floa
         rng = np.random.default_rng(seed)
         scene = make_scene(rng, count=300, length_px=12, rotation_share=rotation_share)
         scene = disturb(scene, rng, direction_deg=2.0, length_share=0.05)
-        geometry = solve(scene, 0.5)
+        matches = scene.matches(
+            0.8, shared=SharedErrors(effective_share=0.05, length=0.04, direction_rad=0.02)
+        )
+        geometry = estimate_two_view(matches, camera=scene.camera)
         pose, inliers = geometry.cam2_from_cam1, geometry.inlier_mask
         if pose is None or pose.translation.any():
             continue
@@ -98,7 +135,7 @@ def test_F_beside_a_rotation_is_brought_into_its_order(reverse: bool) -> None:
         swapped=none,
     )
     matches = SmearMatches(ends=scene.ends, sigma_px=np.ones(len(none)))
-    found = in_order_of_rotation(given, matches, scene.camera.rays(scene.ends))
+    found = in_order_of_rotation(given, Likelihood.of(matches, scene.camera))
     np.testing.assert_array_equal(found.F, scene.F.T if reverse else scene.F)
     ordered = np.where(found.swapped[:, None, None], scene.ends[:, ::-1], scene.ends)
     assert (along(pose, scene.K, ordered) > 0).mean() > 0.99

@@ -16,6 +16,7 @@ MOST_S, MOST_GIB = 20.0, 2.0
 ENDINGS = {"estimate": (".json", ".png", ".smear.npz"),
            "segment": (".mask.png", ".moving.png", ".motion.png", ".motion.json")}  # fmt: skip
 OUTPUTS = {"-o", "--db", "--csv", "--keep", "--extract"}  # options that name what a call may write
+MANIFEST = ".manifest.jsonl"  # the end of a hidden file beside results
 AGAIN = "done again"  # how a line ends that tells of a damaged manifest, which is no failure
 # of a list
 UNREAD = ("the list cannot be read", "names no photograph", "photographs in one call", "beside the list")
@@ -111,7 +112,8 @@ def _files(call: Call) -> Iterator[str]:
     for name in new:
         path, last = call.folder / name, name.rpartition("/")[2]
         hidden = last.startswith(".") and not last.startswith("..")  # which a photograph may be
-        if hidden or last.endswith((".tmp", "-journal")) or not name.startswith(outputs):
+        hidden, named = hidden and not last.endswith(MANIFEST), name.removeprefix(".")
+        if hidden or last.endswith((".tmp", "-journal")) or not named.startswith(outputs):
             yield f"{'changes' if name in call.before else 'leaves'} {name}"
         elif "--link" in call.words:
             if not linked:
