@@ -1,9 +1,9 @@
 """Whole ``blur2view`` processes timed from outside, of this source tree and of an earlier commit, in turn."""
 
+import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,16 @@ STEPS = {
     "the network, loaded": "import blur2view.cli.estimate; blur2view.SmearNetwork()",
 }
 """What a process does before it reads a photograph; each has those before it."""
+LAUNCHER = """
+import json, os, subprocess, sys, time
+start = time.perf_counter()
+process = subprocess.Popen([sys.executable, *sys.argv[1:]], stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(process.pid, 0)
+took = time.perf_counter() - start, used.ru_utime + used.ru_stime, used.ru_maxrss
+process.returncode = os.waitstatus_to_exitcode(status)
+print(json.dumps([process.returncode, *took]))
+"""
+"""Runs a process from a small one: the peak of a process's memory begins with that of what starts it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,17 +48,13 @@ class Run:
 def measured(root: Path, arguments: Sequence[str | Path]) -> Run:
     """Return what a Python process took that imports this package from a source tree."""
     environment = os.environ | {"PYTHONPATH": str(root)}
-    start = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, *map(str, arguments)], stdout=subprocess.DEVNULL, env=environment, cwd=root
-    )
-    _, status, used = os.wait4(process.pid, 0)
-    wall_s = time.perf_counter() - start
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise SystemExit(f"{root}: {' '.join(map(str, arguments))} ends with {process.returncode}")
+    words = [sys.executable, "-c", LAUNCHER, *map(str, arguments)]
+    done = subprocess.run(words, stdout=subprocess.PIPE, env=environment, cwd=root, check=True)
+    code, wall_s, cpu_s, memory = json.loads(done.stdout)
+    if code:
+        raise SystemExit(f"{root}: {' '.join(map(str, arguments))} ends with {code}")
     scale = 1 if sys.platform == "darwin" else 1024
-    return Run(wall_s=wall_s, cpu_s=used.ru_utime + used.ru_stime, memory_mib=used.ru_maxrss * scale / 2**20)
+    return Run(wall_s=wall_s, cpu_s=cpu_s, memory_mib=memory * scale / 2**20)
 
 
 def in_turn(roots: Sequence[Path], arguments: Sequence[str | Path], repeats: int) -> list[Run]:
