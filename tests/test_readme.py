@@ -77,7 +77,8 @@ def folder(tmp_path: Path) -> Path:
     for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         shutil.copy(SAMPLE, tmp_path / name)
-    shutil.copy(ROOT / "models/sample_mover.jpg", tmp_path / "models")
+    for name in ("sample_mover.jpg", "desk.jpg"):
+        shutil.copy(ROOT / "models" / name, tmp_path / "models")
     picture = np.asarray(cv2.imread(str(SAMPLE)))
     write_frames(tmp_path / "video.mp4", [picture] * 7)
     turn, move = np.array([0.002, 0.006, -0.001]), np.array([0.9, 0.1, 0.05])  # of the camera, a frame

@@ -41,7 +41,7 @@ def test_a_pure_turn_is_told_and_becomes_no_points(
         assert cli.main(words) == 0
         line, total = capsys.readouterr().out.splitlines()
         assert "translation undecided" in line
-        assert total.endswith("the translation of 1 is undecided, COLMAP makes no points from those")
+        assert total.endswith("the translation of 1 is undecided: COLMAP makes no points from those")
         assert points_of(path, tmp_path) == 0
         with pytest.raises(DatabaseError, match="the translation of .* is undecided"):
             triangulate_exposure(path, turn.name)
