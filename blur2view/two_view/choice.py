@@ -181,7 +181,9 @@ def named(
     on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual.T) < c.ON_PLANE).mean())
     count = fields[MotionModel.PLANE].likelihood.claimed.effective_count
     enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
-    absent = enough and parallax < c.ABSENT_BELOW
+    at_once = sum(table.probability(model) or 0.0 for model in fields if model not in ROLLING.values())
+    # where a shutter that reads row after row is what explains the smears, parallax may be there as well
+    absent = enough and parallax < c.ABSENT_BELOW * (parallax + at_once)
     if not has_consensus and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit, table=table)
     config, model = Configuration.PLANAR_OR_PANORAMIC, MotionModel.PLANE
