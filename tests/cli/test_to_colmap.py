@@ -156,7 +156,7 @@ def test_features_on_movers_are_left_unmatched_on_demand(
 ) -> None:
     picture, project = ROOT / "models" / "sample_mover.jpg", tmp_path / "project.db"
     with Image.open(picture) as opened:
-        make_project(project, ProjectOptions(images=1, features=400, size=opened.size, prior_focal=0))
+        make_project(project, ProjectOptions(images=1, features=400, size=opened.size, prior_focal=False))
     with closing(sqlite3.connect(project)) as database:
         database.execute(f"UPDATE images SET name = '{picture.name}'")
         database.commit()
