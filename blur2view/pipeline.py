@@ -19,7 +19,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.movers.parts import THRESHOLD
-from blur2view.movers.probability import at_cells, moving_probability
+from blur2view.movers.probability import moving_probability
 from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
 from blur2view.photographs.image import read_content, read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
@@ -183,8 +183,7 @@ def estimate(
     grid = network.predict(image, detail=detail)
     moving = None
     if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
-        part = moving_probability(image, grid).part
-        moving = at_cells((part >= THRESHOLD).astype(np.float32), grid.cells.shape)
+        moving = moving_probability(image, grid).share_of(grid, THRESHOLD)
     blur = blur_of(grid, image, moving)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)

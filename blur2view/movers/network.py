@@ -17,6 +17,7 @@ from blur2view.networks.model_file import open_session, patient, session_errors,
 Floats = NDArray[np.float32]
 
 SHIPPED = "movers.onnx"
+REMEDY = "install blur2view again, or export one with tools/training/export_movers.py"
 INPUTS, OUTPUT = ("places", "cells"), "log_odds"
 """Of float32: places (1, 15, 8 h, 8 w), cells (1, 19, h, w) and log_odds (1, 2, 8 h, 8 w)."""
 
@@ -37,11 +38,10 @@ class MoverNetwork:
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = shipped_file(SHIPPED) if path is None else path
-        self._session = open_session(self.path, usable_cores())
+        self._session = open_session(self.path, usable_cores(), remedy=REMEDY)
         names = tuple(node.name for node in self._session.get_inputs())
         if names != INPUTS:
-            remedy = "export one with tools/training/export_movers.py"
-            raise ModelError(f"{self.path}: is not a mover network; {remedy}")
+            raise ModelError(f"{self.path}: is not a mover network; {REMEDY}")
 
     def log_odds(self, places: Floats, cells: Floats) -> tuple[Floats, Floats]:
         """Return the log-odds (8 h, 8 w) that places move, and that their smears are read right.

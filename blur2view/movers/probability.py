@@ -46,6 +46,8 @@ class Moving:
         Side of a place, pixels of the photograph; together they cover it.
     camera_px : float
         Median displacement of the camera's motion, pixels.
+    with_lines : bool
+        Whether the smears were also measured against F, which the reduced photograph of a large one is not.
     """
 
     moving: Floats
@@ -55,6 +57,12 @@ class Moving:
     smooth: NDArray[np.bool_]
     place_px: int
     camera_px: float
+    with_lines: bool
+
+    def share_of(self, grid: SmearGrid, threshold: float) -> Array:
+        """Return the shares (h, w) of the cells of a grid that lie in parts that move."""
+        rows, columns = (-(-side * grid.stride // self.place_px) for side in grid.cells.shape[:2])
+        return at_cells((self.part[:rows, :columns] >= threshold).astype(np.float32), grid.cells.shape)
 
 
 def moving_probability(
@@ -73,7 +81,7 @@ def moving_probability(
     grid : SmearGrid
         Its smears.
     F : ndarray of shape (3, 3), optional
-        Of the camera's motion.
+        Of the camera's motion; not used where the photograph is reduced.
     camera : Camera, optional
         Whose distortion F is without.
     rng : numpy.random.Generator, optional
@@ -105,6 +113,7 @@ def moving_probability(
         smooth=smooth,
         place_px=PLACE_PX * factor,
         camera_px=factor * float(np.median(np.linalg.norm(motion, axis=-1))),
+        with_lines=F is not None,
     )
 
 

@@ -70,7 +70,7 @@ def shipped_file(name: str) -> Path:
     return installed if installed.exists() else package.parent / "models" / name
 
 
-def open_session(path: Path, threads: int, providers: Sequence[str] = ()) -> Any:
+def open_session(path: Path, threads: int, providers: Sequence[str] = (), remedy: str = REMEDY) -> Any:
     """Open an ONNX Runtime session or raise ModelError, which names the remedy.
 
     Nothing of the network is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of
@@ -79,7 +79,7 @@ def open_session(path: Path, threads: int, providers: Sequence[str] = ()) -> Any
     try:
         content = read_regular(path, MAX_FILE_BYTES)
     except OSError as error:
-        raise ModelError(f"{path}: cannot read the network ({error.strerror}); {REMEDY}") from None
+        raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
     onnxruntime = _onnxruntime()
     wanted = provider_names(providers)
     options = onnxruntime.SessionOptions()
@@ -99,7 +99,7 @@ def open_session(path: Path, threads: int, providers: Sequence[str] = ()) -> Any
             disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
         )
     except session_errors():
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {REMEDY}") from None
+        raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
     if idle := [name for name in wanted if name not in session.get_providers()]:
         raise ModelError(f"{_short(idle[0])} does not start: a library or a device is missing; leave it out")
     return session

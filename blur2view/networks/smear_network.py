@@ -241,6 +241,8 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     if image.shape[2:] == (4,):
         white = np.iinfo(image.dtype).max if integer else 1
         image = over_backdrop(np.asarray(image / np.float32(white), np.float32))
+    if not integer:
+        image = np.asarray(image, np.float32)
     return image[..., 0] if image.shape[2:] == (1,) else image
 
 

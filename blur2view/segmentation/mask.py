@@ -14,6 +14,7 @@ from blur2view.movers.camera_motion import Cells
 from blur2view.movers.inputs import off_lines_error_px, off_lines_px
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import moving_probability
+from blur2view.networks.smear_network import photograph_of
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.pixels import MovingRegion, moving_parts, moving_regions, parts_above, to_pixels
 
@@ -70,11 +71,11 @@ def segment(
     """Return which pixels move by themselves and which the camera's motion explains.
 
     The camera's motion is one smooth field through the smears (`movers.camera_motion`), none where the camera
-    did not move (`Estimate.blur`), and, where there is one, F. A network (`movers.network`) weighs what
-    departs from both, and where the picture is blurred otherwise than the camera's motion blurs it; the
-    camera's motion is then fitted again without what moves. Where parallax is proven, parts on the epipolar
-    lines are at another depth and stand still. Unobservable is what does not seem to move and is smooth, or
-    whose smear is not read.
+    did not move (`Estimate.blur`), and, where there is one and the photograph has at most 2.5 megapixels, F.
+    A network (`movers.network`) weighs what departs from both, and where the picture is blurred otherwise
+    than the camera's motion blurs it; the camera's motion is then fitted again without what moves. Where
+    parallax is proven, parts on the epipolar lines are at another depth and do not move. Unobservable is what
+    does not seem to move and is smooth, or whose smear is not read.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ def segment(
     ValueError
         If the image has another shape than the estimate, or the threshold is no such probability.
     """
-    grid, geometry = estimate.grid, estimate.geometry
+    image, grid, geometry = photograph_of(image), estimate.grid, estimate.geometry
     if image.shape[:2] != grid.shape:
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
     if not 0 < threshold < 1:
@@ -118,7 +119,7 @@ def segment(
         labels=labels,
         probability=probability,
         regions=moving_regions(parts, probability),
-        reason=_reason(labels, found.camera_px, with_lines=F is not None),
+        reason=_reason(labels, found.camera_px, with_lines=found.with_lines),
     )
 
 

@@ -157,6 +157,8 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float) -> BlurKind:
     if moved > MOVED * (moved + still):
         return BlurKind.OUT_OF_FOCUS_AND_MOVED if both > smeared else BlurKind.CAMERA_MOVED
     sharp, defocused = kinds.sum((0, 1))[:SMEARED]
+    if sharp + defocused == 0:  # all that tells its blur moves
+        return BlurKind.CAMERA_AT_REST if moving_share > MOVING_SHARE else BlurKind.CANNOT_TELL
     if sharp <= IN_FOCUS * (sharp + defocused):
         return BlurKind.OUT_OF_FOCUS
     return BlurKind.CAMERA_AT_REST if moving_share > MOVING_SHARE else BlurKind.SHARP

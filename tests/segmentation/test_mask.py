@@ -11,12 +11,14 @@ from PIL import Image
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.movers.parts import parts_of
+from blur2view.movers.probability import Moving, factor_of, reduced
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.results import mask_overlay
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.segmentation.pixels import moving_parts, moving_regions
+from tests.support.grids import grid_of
 from tests.support.motion_scenes import (
     BOX,
     HEIGHT,
@@ -159,6 +161,31 @@ def test_a_part_is_judged_by_its_peak_and_by_how_far_its_smears_depart() -> None
     assert part[10, 10] > 0.9 > part[10, 50] > 0.5 > part[50, 10] > 0  # sure; unsure; neither
     assert part[63, 63] == 0 == part[30, 30]  # too small, and none at all
     assert (part[:20, :20] == part[0, 0]).all()
+
+
+def test_smears_of_a_large_photograph_are_averaged_and_parts_stay_where_they_are() -> None:
+    smears = np.full((63, 94, 2), (8.0, 0.0))
+    grid = grid_of(smears, 1.0, stride=32, shape=(2010, 3000))
+    assert factor_of(grid) == 2
+    small = reduced(grid, 2, (1005, 1500))
+    assert small.cells.shape[:2] == (32, 47)
+    np.testing.assert_allclose(small.smears().displacement, np.full((32, 47, 2), (4.0, 0.0)), atol=1e-6)
+    np.testing.assert_allclose(small.smears().sigma_px, 0.5)
+    part = np.zeros((256, 376), np.float32)
+    part[248:252] = 0.9  # of pixels 1984 to 2015, which the last row of cells shows
+    zeros = np.zeros_like(part)
+    moving = Moving(
+        moving=zeros,
+        read=zeros,
+        part=part,
+        departure=zeros.astype(float),
+        smooth=zeros > 0,
+        place_px=8,
+        camera_px=0.0,
+        with_lines=False,
+    )
+    share = moving.share_of(grid, 0.5)
+    assert share[-1] == pytest.approx(1) and share[:-1] == pytest.approx(0)
 
 
 def test_pixels_move_that_probably_do_in_parts_that_move() -> None:

@@ -225,11 +225,10 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
     longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
     margin = int(0.75 * longest) + 24
     layers = [surface(rng, pick(rng, sources), width, height, margin, 8 if rng.random() < 0.3 else 1)]
-    budget = options.area[1]
     for k in range(len(things)):
         if k == 0 or things[k][0] is not things[k - 1][0] or rng.random() < 0.7:
             centre = np.array([rng.normal(0.5, 0.2), rng.normal(0.52, 0.18)]) * (width, height)
-        area = min(log_uniform(rng, options.area), budget)
+        area = log_uniform(rng, options.area)
         outline, colour = outlined(rng, options.size, area, centre, options)
         piece = surface(rng, pick(rng, sources), width, height, 0)
         piece = np.asarray(cv2.resize(piece, options.size)) if piece.shape[:2] != (height, width) else piece
@@ -253,7 +252,7 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
 def with_parts(
     rng: np.random.Generator, things: list[tuple[Motion, bool]], options: ThingOptions
 ) -> list[tuple[Motion, bool]]:
-    """Return things of which some have a part, a limb say, that moves in its own way."""
+    """Return things and, beside some, a further one that moves relative to it."""
     found = []
     for path, by_itself in things:
         found.append((path, by_itself))

@@ -3,7 +3,7 @@
 ``python -m tools.training.mover_data OUT --photos FOLDER --shards 100`` writes numbered shards of 16 pictures
 of 640x480: things before photographs (`tools.rendering.things`) and, a share of them, rendered scenes. Every
 picture goes through the camera, the smear network and the fit of its geometry, as a user's does. Shard k
-depends on k and the sources only.
+depends on k, the photographs, the smear network and the font of the silhouettes only.
 """
 
 from __future__ import annotations
