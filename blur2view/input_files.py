@@ -6,6 +6,7 @@ import json
 import os
 import stat
 from contextlib import ExitStack
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
 if TYPE_CHECKING:
@@ -65,8 +66,9 @@ def open_picture(content: bytes) -> "ImageFile":
     """
     from PIL import Image
 
+    known = [one for one in FORMATS if one != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
     extras = [one for one in BY_EXTRAS if one in Image.OPEN]
-    return Image.open(io.BytesIO(content), formats=[*FORMATS, *extras])
+    return Image.open(io.BytesIO(content), formats=[*known, *extras])
 
 
 def read_stream(stream: BinaryIO, most: int) -> bytes:

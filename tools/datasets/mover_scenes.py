@@ -18,8 +18,8 @@ from tools.arguments import existing, parser_of
 from tools.datasets.testset import test_options, write_photographed
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
+from tools.rendering.textures import load_photos
 from tools.rendering.things import KINDS, ThingOptions, photographed_things
-from tools.training.reader_data import load_photos
 
 FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "things": 10_000_000}
 THINGS = [kind.__name__ for kind in KINDS]

@@ -27,6 +27,7 @@ BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass"
 
 HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")  # those of them that only the test split uses
 
+LARGEST_PX = 3000  # photographs are halved until their longer side is at most this: few are sharper
 HELD_OUT_EVERY = 4  # every fourth photograph of an added folder (by sorted name) is held out of training
 
 
@@ -49,6 +50,17 @@ def read_photograph(path: Path) -> NDArray[np.uint8]:
     if bgr is None:
         raise ImageError(f"cannot decode {path}: remove it from the folder of texture photographs")
     return np.asarray(bgr[..., ::-1], np.uint8)
+
+
+def load_photos(folders: list[Path]) -> list[NDArray[np.uint8]]:
+    """Return the photographs of folders, by name, none of them scaled up."""
+    photos = []
+    for path in (path for folder in folders for path in sorted(folder.iterdir())):
+        image = read_photograph(path)
+        while max(image.shape[:2]) > LARGEST_PX:
+            image = np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+        photos.append(np.ascontiguousarray(image))
+    return photos
 
 
 @functools.lru_cache(maxsize=4)

@@ -26,8 +26,8 @@ from blur2view.pipeline import estimate
 from tools.arguments import existing
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
+from tools.rendering.textures import load_photos
 from tools.rendering.things import ThingOptions, Things, photographed_things
-from tools.training.reader_data import load_photos
 
 Array = NDArray[Any]
 

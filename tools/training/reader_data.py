@@ -33,6 +33,7 @@ from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform
 from tools.rendering.shaken import Shaken, ShakeOptions, processed, shake
+from tools.rendering.textures import load_photos
 from tools.training.spectra import Spectra, halved
 from tools.training.visible import shows_blur
 
@@ -56,8 +57,6 @@ SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
 """Smears from here on, and those that overflowed when stored, become hidden zeros."""
-LARGEST_PX = 3000
-"""Photographs are halved until their longer side is at most this: few are sharper."""
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 DIM_SHARE, DIMMEST = 0.15, 20.0
 """Share of pictures that were coded this many times darker at most, log-uniform, and so in fewer levels."""
@@ -84,17 +83,6 @@ class Sources:
     procedural_share: float = 0.1
     small_share: float = 0.35
     wide_share: float = 0.2
-
-
-def load_photos(folders: list[Path]) -> list[Array]:
-    """Return the photographs of folders, by name, none of them scaled up."""
-    photos = []
-    for path in (path for folder in folders for path in sorted(folder.iterdir())):
-        image = textures.read_photograph(path)
-        while max(image.shape[:2]) > LARGEST_PX:
-            image = np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
-        photos.append(np.ascontiguousarray(image))
-    return photos
 
 
 def procedural(rng: np.random.Generator, count: int) -> list[Array]:

@@ -15,9 +15,10 @@ from tools.arguments import existing
 from tools.datasets.shards import require_shards, write_shards
 from tools.processes import start_worker
 from tools.rendering.render import RenderOptions
+from tools.rendering.textures import load_photos
 from tools.training import reader_data
 from tools.training.export_reader import export
-from tools.training.reader_data import Sources, load_photos
+from tools.training.reader_data import Sources
 from tools.training.train_reader import ReaderTraining, train
 
 SHARD = 50
