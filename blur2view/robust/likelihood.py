@@ -220,15 +220,18 @@ class Likelihood:
     def slow_errors(self) -> Array:
         """Errors (6, N, 2) that vary slowly over the picture, of one deviation, in standard deviations.
 
-        Lengths and directions wrong by a share, everywhere alike or in proportion to x or y.
+        Lengths and directions wrong by a share of smooth lengths, everywhere or in proportion to x or y. Of
+        the measured ones such an error would shrink their scatter, too, and pay for itself.
         """
         half = 0.5 * float(np.ptp(self.middle, axis=0).max()) + TINY
         offset = (self.middle - np.median(self.middle, axis=0)) / half
         modes, shared = np.column_stack([np.ones(len(self)), offset]).T, self.matches.shared
-        errors = (
-            (shared.length + c.NO_ERROR) * self.displacement,
-            (shared.direction_rad + c.NO_ERROR) * self.displacement[:, ::-1] * [-1.0, 1.0],
-        )
+        length = np.maximum(own := np.hypot(*self.displacement.T), 0.1 * np.median(own) + TINY)
+        basis = np.column_stack([modes.T, offset**2, offset.prod(axis=1)]) / length[:, None]
+        smooth = basis @ np.linalg.lstsq(basis, np.ones(len(self)), rcond=None)[0]  # over the measured length
+        smear = np.clip(smooth, 0, None)[:, None] * self.displacement
+        across = (shared.direction_rad + c.NO_ERROR) * smear[:, ::-1] * [-1.0, 1.0]
+        errors = (shared.length + c.NO_ERROR) * smear, across
         return self.whiten(np.concatenate([modes[:, :, None] * error for error in errors]))
 
     def whiten(self, vectors: Array) -> Array:
@@ -240,10 +243,8 @@ class Likelihood:
 
         ``slow`` (6,) are the errors all over the picture, in standard deviations.
         """
-        density, chance = (
-            _student(self._both(predicted, slow), np.ones(1))[0],
-            c.OUTLIER_ODDS * self.field_chance,
-        )
+        density = _student(self._both(predicted, slow), np.ones(1))[0]
+        chance = c.OUTLIER_ODDS * self.field_chance
         return np.asarray(-2 * np.log((density + chance) / (1 + chance)))
 
     def with_parallax(self, predicted: Array, slow: Array, F: Array) -> float:
