@@ -55,7 +55,7 @@ def described(moving: Floats, departure: Array) -> tuple[NDArray[np.int32], Arra
     _, part, stats, _ = cv2.connectedComponentsWithStats(likely, connectivity=4)
     large = (stats[:, cv2.CC_STAT_AREA] >= LEAST_PLACES) & (stats[:, cv2.CC_STAT_AREA] <= MOST * moving.size)
     large[0] = False
-    part = np.where(large, np.cumsum(large), 0)[part]
+    part = np.where(large, np.cumsum(large), 0).astype(np.int32)[part]
     area = stats[large, cv2.CC_STAT_AREA]
     mean = np.bincount(part.ravel(), departure.ravel(), large.sum() + 1)[1:] / area
     peak = np.zeros(len(area) + 1)

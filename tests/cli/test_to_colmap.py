@@ -54,7 +54,7 @@ def run(tiny_model: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 def project(tmp_path: Path) -> Path:
     """Return a project that knows both pictures."""
     path = tmp_path / "project.db"
-    make_project(path, ProjectOptions(images=2, features=400, size=SIZE, prior_focal=False))
+    make_project(path, ProjectOptions(images=2, features=400, size=SIZE))
     with closing(sqlite3.connect(path)) as database:
         database.execute(
             "UPDATE images SET name = CASE image_id WHEN 1 THEN 'moving.png' ELSE 'still.png' END"
