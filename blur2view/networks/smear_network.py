@@ -40,10 +40,10 @@ class Detail(StrEnum):
     GEOMETRY = "geometry"
     """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
     RANKING = "ranking"
-    """The order of photographs by their blur: of all but small ones a few hundred windows."""
+    """The order of photographs by their blur: some fifty to two hundred windows."""
 
 
-LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 120}
+LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
