@@ -6,9 +6,11 @@ renders one 1280x720 scene, measures every step of ``blur2view estimate`` on the
 matching and pycolmap's F on the two SHARP ends of the same exposure; then whole processes from outside: what
 they do before they read a photograph, photographs of 1280x720 and of 12 and 24 megapixels, blurred and sharp,
 and ``blur2view triage`` of videos by one process. ``--against COMMIT`` measures an earlier commit's processes
-beside ours, in turn. Speeds of machines differ: read the ratios.
+beside ours, in turn. Speeds of machines differ: read the ratios. A frame of a stream is timed from the
+picture in memory to the angular velocity, with its order in time.
 """
 
+import itertools
 import os
 import platform
 import tempfile
@@ -32,19 +34,19 @@ from blur2view.results.estimate import EstimateDocument
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
-from tools.arguments import parser_of, target
+from tools.arguments import Target, run
 from tools.datasets.testset import test_options, write_scene
 from tools.evaluation.processes_timed import (
     FRAMES,
     ROOT,
     STEPS,
     VIDEOS,
+    Taken,
     checkout,
     in_turn,
     write_large,
     write_video,
 )
-from tools.evaluation.processes_timed import Run as Timed
 from tools.pages import publish, table
 
 Row = tuple[str, ...]
@@ -82,11 +84,13 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     from blur2view.cli.commands import main as command
 
     network = blur2view.SmearNetwork()
-    run = Run(select=SelectOptions(), options=EstimatorOptions(), seed=0)
-    one = estimate_file(photo, network, run)
+    one = estimate_file(photo, network, Run(select=SelectOptions(), options=EstimatorOptions(), seed=0))
     image, found = one.image, one.estimate
     grid, matches = found.grid, found.matches
     files = ResultFiles(folder=folder, stem="stages", endings=ESTIMATE)
+    camera = blur2view.Camera.from_focal(0.9 * image.shape[1], image.shape[1::-1])
+    frames = (np.roll(image, 3 * k, axis=1) for k in itertools.count())
+    stream = blur2view.estimate_frames(frames, ordered=True, network=network, camera=camera)
 
     def whole() -> None:
         with redirect_stdout(StringIO()):
@@ -102,6 +106,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         ),
         "motion mask": timed(lambda: blur2view.segment(found, image), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
+        "frame of a stream": timed(lambda: next(stream).angular_velocity(0.02), repeats),
         "command with all files, warm": timed(whole, max(3, repeats // 3)),
     }
 
@@ -110,7 +115,7 @@ def before_reading(roots: Sequence[Path], repeats: int) -> list[Row]:
     """Return rows of what a process takes before it reads a photograph, step by step."""
     rows, earlier = list[Row](), 0.0
     for name, code in STEPS.items():
-        now = in_turn(roots, ["-c", code], repeats)[0].wall_s
+        now = in_turn(roots, ["-c", code], repeats)[0][0]
         rows.append((name, f"{now:.3f}", f"{now - earlier:.3f}"))
         earlier = now
     return rows
@@ -124,8 +129,8 @@ def whole_processes(
     for name, path in pictures.items():
         arguments: list[str | Path] = ["-m", "blur2view", "estimate", path, "-o", folder, "--overwrite"]
         runs = in_turn(roots, arguments, repeats)
-        first = first or runs[0].wall_s
-        rows.append(row_of(name, runs, f"{runs[0].wall_s / first:.2f}"))
+        first = first or runs[0][0]
+        rows.append(row_of(name, runs, f"{runs[0][0] / first:.2f}"))
     return rows, first
 
 
@@ -135,21 +140,15 @@ def triage_rows(roots: Sequence[Path], blurred: Path, sharp: Path, folder: Path,
     for name, size in VIDEOS.items():
         video = write_video(folder / f"{name}.avi", blurred, sharp, size)
         runs = in_turn(roots, ["-m", "blur2view", "triage", video, "--jobs", "1"], repeats)
-        rows.append(
-            row_of(f"triage, video of {name}", runs, f"{FRAMES / runs[0].wall_s:.1f} frames a second")
-        )
+        rows.append(row_of(f"triage, video of {name}", runs, f"{FRAMES / runs[0][0]:.1f} frames a second"))
     return rows
 
 
-def row_of(name: str, runs: Sequence[Timed], word: str) -> Row:
+def row_of(name: str, runs: Sequence[Taken], word: str) -> Row:
     """Return a row: seconds of wall and processor, MiB, a word, and the same ratios to another tree's run."""
-    own = runs[0]
-    cells = name, f"{own.wall_s:.2f}", f"{own.cpu_s:.2f}", f"{own.memory_mib:.0f}", word
-    if len(runs) == 1:
-        return cells
-    return *cells, *(
-        f"{getattr(own, key) / getattr(runs[1], key):.2f}" for key in ("wall_s", "cpu_s", "memory_mib")
-    )
+    wall_s, cpu_s, memory_mib = runs[0]
+    ratios = (f"{ratio:.2f}" for other in runs[1:] for ratio in runs[0] / other)
+    return name, f"{wall_s:.2f}", f"{cpu_s:.2f}", f"{memory_mib:.0f}", word, *ratios
 
 
 def page(times: dict[str, float], rival: float, repeats: int) -> str:
@@ -170,43 +169,37 @@ def machine() -> str:
     return f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores"
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--against", metavar="COMMIT", help="measure an earlier commit, too, in turn")
-    parser.add_argument("--out", type=target, help="write OUT.md")
-    arguments = parser.parse_args()
-    few = max(3, arguments.repeats // 3)
+def main(*, repeats: int = 9, against: str | None = None, out: Target | None = None) -> None:
+    """Measure, beside an earlier commit if wanted, and write OUT.md."""
+    few = max(3, repeats // 3)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         roots = [ROOT]
-        if arguments.against:
-            roots.append(checkout(arguments.against, folder / "earlier"))
+        if against:
+            roots.append(checkout(against, folder / "earlier"))
         write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
         photo = folder / f"{SCENE:04d}.png"
         ends = [folder / f"{SCENE:04d}_{end}.png" for end in ("open", "close")]
         (folder / "out").mkdir()
-        times = stages(photo, folder / "out", arguments.repeats)
-        rival = timed(lambda: classical(*ends), arguments.repeats)
+        times = stages(photo, folder / "out", repeats)
+        rival = timed(lambda: classical(*ends), repeats)
         pictures = {f"{SIZE[0]}x{SIZE[1]}": photo, **write_large(folder, photo, ends[0])}
         shell = before_reading(roots[:1], few)
         whole, first = whole_processes(roots, pictures, folder / "out", few)
         videos = triage_rows(roots, photo, ends[0], folder, few)
-    ratio = first / times["decode to F"]
     head = "process | seconds | of processors | MiB | over the first, or rate"
-    if arguments.against:
-        head += f" | wall over {arguments.against} | processors | memory"
+    if against:
+        head += f" | wall over {against} | processors | memory"
+    ratio = first / times["decode to F"]
     lines = [
-        page(times, rival, arguments.repeats),
+        page(times, rival, repeats),
         f"The whole process takes {ratio:.1f} times as long as from decoding to F.\n",
         *table("before a photograph is read | seconds | more than the step before", shell),
         "",
         *table(head, [*whole, *videos]),
     ]
-    text = "\n".join([*lines, ""])
-    publish(text, arguments.out and arguments.out.with_suffix(".md"))
+    publish("\n".join([*lines, ""]), out and out.with_suffix(".md"))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

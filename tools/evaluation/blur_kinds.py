@@ -22,11 +22,13 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.smears.blur import BlurKind
+from tools.arguments import Existing, run
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
-from tools.evaluation.even_blur import photograph_parser, photographs_of
-from tools.evaluation.sharp_or_not import BASELINES, auc, best_accuracy
+from tools.evaluation.even_blur import photographs_of
+from tools.evaluation.sharp_or_not import BASELINES
+from tools.metrics import auc, best_accuracy
 from tools.pages import publish, table
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
 
 UNUSABLE_RADIUS_PX, UNUSABLE_SMEAR_PX = 3, 6  # from which a picture counts as blurred; less is not judged
 RADIUS_ERROR, LENGTH_ERROR = 0.15, 0.10  # relative errors that still count as right
@@ -244,36 +246,33 @@ def page(rows: list[Seen]) -> str:
     return "\n".join(line for title, part in parts.items() for line in (f"## {title}", "", *part(rows), ""))
 
 
-def mapped(work: Callable[[int], list[Seen]], count: int, jobs: int) -> list[list[Seen]]:
-    """Return the results for all numbers below a count, by so many processes."""
-    if jobs == 1:
-        return [work(k) for k in range(count)]
-    with single_threaded_pool(jobs) as pool:
-        return pool.map(work, range(count), chunksize=1)
-
-
-def main() -> None:
-    """Command line."""
-    parser = photograph_parser(__doc__)
-    parser.add_argument("--out", type=Path, help="folder to write")
-    parser.add_argument("--pictures", action="store_true", help="write the pictures, too")
-    parser.add_argument("--baselines", action="store_true", help="only what needs no network")
-    parser.add_argument("--composites", type=int, default=4, help="of each photograph (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", "--works", type=int, default=1, help="processes (default: %(default)s)")
-    arguments = parser.parse_args()
-    if arguments.pictures and not arguments.out:
-        parser.error("--pictures needs --out FOLDER")
-    folder = arguments.out / "pictures" if arguments.pictures else None
-    paths = photographs_of(arguments.photos)
-    namer = None if arguments.baselines else partial(asked, model=arguments.model)
-    work = partial(of_photograph, paths=paths, namer=namer, seed=arguments.seed,
-                   composites=arguments.composites, folder=folder)  # fmt: skip
-    rows = [one for found in mapped(work, len(paths), arguments.jobs) for one in found]
+def main(
+    photos: list[Existing],
+    *,
+    model: Existing | None = None,
+    out: Path | None = None,
+    pictures: bool = False,
+    baselines: bool = False,
+    composites: int = 4,
+    seed: int = 0,
+    jobs: int = 1,
+) -> None:
+    """Print the page, and write it into a folder, with the pictures if wanted."""
+    if pictures and not out:
+        raise SystemExit("--pictures needs --out FOLDER")
+    paths = photographs_of(photos)
+    work = partial(
+        of_photograph,
+        paths=paths,
+        namer=None if baselines else partial(asked, model=model),
+        seed=seed,
+        composites=composites,
+        folder=out / "pictures" if out and pictures else None,
+    )
+    rows = [one for found in mapped(work, range(len(paths)), jobs) for one in found]
     command = f"python -m tools.evaluation.blur_kinds {shlex.join(sys.argv[1:])}"
-    text = f"# Kinds of blur\n\n`{command}`\n\n{page(rows)}"
-    publish(text, arguments.out and arguments.out / "blur_kinds.md")
+    publish(f"# Kinds of blur\n\n`{command}`\n\n{page(rows)}", out and out / "blur_kinds.md")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

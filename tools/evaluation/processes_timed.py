@@ -5,9 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 
 import cv2
 import numpy as np
@@ -36,37 +34,25 @@ print(json.dumps([process.returncode, *took]))
 """Runs a process from a small one: the peak of a process's memory begins with that of what starts it."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """What one process took: wall seconds, seconds of the processor, and the peak of its memory (MiB)."""
-
-    wall_s: float
-    cpu_s: float
-    memory_mib: float
+Taken = NDArray[np.float64]
+"""What a process took (3,): wall seconds, seconds of the processor, and the peak of its memory (MiB)."""
 
 
-def measured(root: Path, arguments: Sequence[str | Path]) -> Run:
-    """Return what a Python process took that imports this package from a source tree."""
+def measured(root: Path, arguments: Sequence[str | Path]) -> list[float]:
+    """Return what a Python process took that imports this package from a source tree, as `Taken` has it."""
     environment = os.environ | {"PYTHONPATH": str(root)}
     words = [sys.executable, "-c", LAUNCHER, *map(str, arguments)]
     done = subprocess.run(words, stdout=subprocess.PIPE, env=environment, cwd=root, check=True)
     code, wall_s, cpu_s, memory = json.loads(done.stdout)
     if code:
         raise SystemExit(f"{root}: {' '.join(map(str, arguments))} ends with {code}")
-    scale = 1 if sys.platform == "darwin" else 1024
-    return Run(wall_s=wall_s, cpu_s=cpu_s, memory_mib=memory * scale / 2**20)
+    return [wall_s, cpu_s, memory / (2**20 if sys.platform == "darwin" else 2**10)]
 
 
-def in_turn(roots: Sequence[Path], arguments: Sequence[str | Path], repeats: int) -> list[Run]:
+def in_turn(roots: Sequence[Path], arguments: Sequence[str | Path], repeats: int) -> list[Taken]:
     """Return the medians of each tree's runs; the trees take turns, so that both see the same machine."""
-    runs: list[list[Run]] = [[] for _ in roots]
-    for _ in range(repeats):
-        for root, own in zip(roots, runs, strict=True):
-            own.append(measured(root, arguments))
-    return [
-        Run(**{name: median(getattr(run, name) for run in own) for name in ("wall_s", "cpu_s", "memory_mib")})
-        for own in runs
-    ]
+    runs = [[measured(root, arguments) for root in roots] for _ in range(repeats)]
+    return list(np.median(runs, axis=0))
 
 
 def checkout(commit: str, folder: Path) -> Path:

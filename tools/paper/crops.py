@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from blur2view.arrays import AnyArray as Array
-from tools.datasets.shards import Scenes, decode_linear, load_shards
+from tools.datasets.shards import Example, decode_linear, load_shards
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform, photograph
 
@@ -30,15 +30,15 @@ def orient(
     return image, displacement, labels
 
 
-def cut(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tuple[Array, Array, Array]:
+def cut(rng: np.random.Generator, scenes: Example, index: int, side: int) -> tuple[Array, Array, Array]:
     """Cut a square of one scene at a random place and scale: linear (side, side, 3) and its grid truth."""
-    height, width = scenes.linear.shape[1:3]
+    height, width = scenes["linear"].shape[1:3]
     magnified = log_uniform(rng, (0.6, 1.35)) if rng.random() < 0.5 else 1.0
     source = int(min(side / magnified, height, width)) // GRID * GRID
     x, y = (int(rng.integers(0, (extent - source) // GRID + 1)) * GRID for extent in (width, height))
-    linear = decode_linear(scenes.linear[index, y : y + source, x : x + source])
+    linear = decode_linear(scenes["linear"][index, y : y + source, x : x + source])
     cells = (index, slice(y // GRID, (y + source) // GRID), slice(x // GRID, (x + source) // GRID))
-    displacement, labels = scenes.displacement[cells].astype(np.float32), scenes.labels[cells]
+    displacement, labels = scenes["displacement"][cells].astype(np.float32), scenes["labels"][cells]
     return (linear, displacement, labels) if source == side else resized(linear, displacement, labels, side)
 
 
@@ -52,7 +52,7 @@ def resized(linear: Array, displacement: Array, labels: Array, side: int) -> tup
     return picture, nearest * np.float32(scale), labels
 
 
-def crop(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tuple[Array, Array]:
+def crop(rng: np.random.Generator, scenes: Example, index: int, side: int) -> tuple[Array, Array]:
     """Make one augmented training pair, float32.
 
     An image (3, side, side) in [0, 1], and its finite target (3, side / 4, side / 4): displacement x, y in
@@ -71,13 +71,13 @@ def crop(rng: np.random.Generator, scenes: Scenes, index: int, side: int) -> tup
 class CropBatches(Dataset[tuple[Tensor, Tensor]]):
     """Batches of crops; batch k depends only on (seed, k), whichever process makes it."""
 
-    def __init__(self, scenes: Scenes, seed: int, batch: int, side: int) -> None:
+    def __init__(self, scenes: Example, seed: int, batch: int, side: int) -> None:
         self.scenes, self.seed, self.batch, self.side = scenes, seed, batch, side
 
     def __getitem__(self, k: int) -> tuple[Tensor, Tensor]:
         """Return batch number k: images (N, 3, side, side) and targets (N, 3, side / 4, side / 4)."""
         rng = np.random.default_rng([self.seed, k])
-        indices = rng.integers(0, len(self.scenes), self.batch)
+        indices = rng.integers(0, len(self.scenes["labels"]), self.batch)
         pairs = [crop(rng, self.scenes, int(i), self.side) for i in indices]
         images, targets = zip(*pairs, strict=True)
         return torch.from_numpy(np.stack(images)), torch.from_numpy(np.stack(targets))

@@ -4,16 +4,16 @@ The six losses, and 3 more values of alpha. Budget of one run: 2000 steps of 16 
 seed share crops and stem features, which are computed once: about 6.5 minutes of one core for each run.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import copy
+from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
 from blur2view.arrays import AnyArray
-from tools.datasets.shards import Scenes
+from tools.datasets.shards import Example
 from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.metrics import epe_s, sparsification_curve
 from tools.pages import Record
@@ -21,8 +21,7 @@ from tools.paper.crops import CropBatches
 from tools.paper.networks import StemUNet
 from tools.paper.paper_loss import Representation, decoded, paper_loss
 from tools.paper.stem import StructureStem
-from tools.training.run import TrainingRun
-from tools.training.schedule import warm_cosine
+from tools.training.run import TrainingRun, warm_cosine
 
 PEAK_RATE, LARGEST_GRADIENT = 2e-3, 2.0
 MEASURES = (
@@ -73,29 +72,18 @@ class TrainOptions:
     workers: int = 1
 
 
-@dataclass(kw_only=True)
-class VariantRun(TrainingRun):
-    """Networks, optimiser and step of one run, and the losses of its steps."""
-
-    network: StemUNet
-    average: StemUNet
-    losses: list[float] = field(default_factory=list)
-
-
-def start(seed: int, device: torch.device) -> VariantRun:
+def start(seed: int, device: torch.device) -> TrainingRun:
     """Return a new run; its weights follow from the seed."""
     torch.manual_seed(seed)
-    network, average = StemUNet().to(device), StemUNet().to(device)
-    average.load_state_dict(network.state_dict())
+    network = StemUNet().to(device)
     optimiser = torch.optim.AdamW(network.parameters(), lr=PEAK_RATE, weight_decay=1e-4)
-    network.train()
-    return VariantRun(network=network, average=average, optimiser=optimiser)
+    return TrainingRun(network=network.train(), average=copy.deepcopy(network), optimiser=optimiser)
 
 
-def train(variants: Sequence[Variant], seed: int, scenes: Scenes, options: TrainOptions) -> list[VariantRun]:
-    """Return trained variants, the bodies of their networks in bfloat16."""
+def train(seed: int, scenes: Example, options: TrainOptions) -> list[tuple[TrainingRun, list[float]]]:
+    """Return trained variants, the bodies of their networks in bfloat16, with the losses of their steps."""
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    runs, stem = [start(seed, device) for _ in variants], StructureStem().to(device)
+    runs, stem = [(start(seed, device), list[float]()) for _ in VARIANTS], StructureStem().to(device)
     crops = CropBatches(scenes, seed, options.batch, options.side)
     loader = DataLoader(crops, batch_size=None, sampler=range(options.steps), num_workers=options.workers)
     for step, batch in enumerate(loader):
@@ -103,18 +91,20 @@ def train(variants: Sequence[Variant], seed: int, scenes: Scenes, options: Train
         rate = warm_cosine(step, options.steps, PEAK_RATE, options.steps // 10)
         with torch.no_grad():
             features = stem(images).contiguous(memory_format=torch.channels_last)
-        for v, run in zip(variants, runs, strict=True):
+        for v, (run, losses) in zip(VARIANTS, runs, strict=True):
+            assert isinstance(run.network, StemUNet)
             with torch.autocast(device.type, dtype=torch.bfloat16):
                 raw = run.network.body(features)
             loss = paper_loss(raw.float(), targets, v.representation, v.cross_check, v.alpha)
-            run.losses.append(run.descend(loss, rate, LARGEST_GRADIENT))
+            run.descend(loss, rate, LARGEST_GRADIENT)
+            losses.append(float(loss.detach()))
         if step % 100 == 99:
-            print(f"seed {seed}: step {step + 1}", *(f"{np.mean(run.losses[-100:]):.3f}" for run in runs))
+            print(f"seed {seed}: step {step + 1}", *(f"{np.mean(of[-100:]):.3f}" for _, of in runs))
     return runs
 
 
 @torch.no_grad()
-def predict(network: StemUNet, images: Tensor, representation: Representation) -> tuple[AnyArray, AnyArray]:
+def predict(network: nn.Module, images: Tensor, representation: Representation) -> tuple[AnyArray, AnyArray]:
     """Return displacements (N, h, w, 2) and sigmas (N, h, w) of images (N, 3, H, W)."""
     network.eval()
     device = next(network.parameters()).device
@@ -135,11 +125,11 @@ def judged(displacement: AnyArray, sigma: AnyArray, truth: Tensor) -> dict[str, 
     return {name: float(figures[name]) for name in MEASURES}
 
 
-def run_seed(seed: int, scenes: Scenes, held: tuple[Tensor, Tensor], options: TrainOptions) -> Record:
+def run_seed(seed: int, scenes: Example, held: tuple[Tensor, Tensor], options: TrainOptions) -> Record:
     """Train every variant with a seed; return figures on held-out crops and the losses of every 100 steps."""
     images, truth = held
     found = {}
-    for v, run in zip(VARIANTS, train(VARIANTS, seed, scenes, options), strict=True):
-        history = [float(np.mean(run.losses[k : k + 100])) for k in range(0, options.steps, 100)]
+    for v, (run, losses) in zip(VARIANTS, train(seed, scenes, options), strict=True):
+        history = [float(np.mean(losses[k : k + 100])) for k in range(0, options.steps, 100)]
         found[v.name] = judged(*predict(run.average, images, v.representation), truth) | {"history": history}
     return found

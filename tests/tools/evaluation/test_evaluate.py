@@ -79,17 +79,17 @@ def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> N
     assert true.serrmin_px2 < 0.05**2 and true.epipole_deg < 1e-3
     assert true.rho < 0.01 and true.under_05 == true.under_10 == true.inliers == 1
     row = evaluate.summarise("half", [none, true], [true, true], missing=1)
-    assert (row.images, row.without_F, row.inliers, row.inliers_of_true) == (2, 1, 0.5, 0.5)
+    assert [row[name] for name in ("images", "without_F", "inliers", "inliers_of_true")] == [2, 1, 0.5, 0.5]
 
 
 def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScene) -> None:
     pairs = [(scene, true_grid(scene)), (replace(scene, F=None), true_grid(scene))]
-    rows = {row.method: row for row in evaluate.evaluate_fundamentals(pairs)}
-    assert len(rows) == 8 and {row.images for row in rows.values()} == {1}
-    assert rows["true F"].inliers_of_true == 1 and rows["true F"].rho < 0.01
-    assert rows["ours"].without_F == 0 and rows["ours"].rho < rows["two-parameter F"].rho
+    rows = {row["method"]: row for row in evaluate.evaluate_fundamentals(pairs)}
+    assert len(rows) == 8 and {row["images"] for row in rows.values()} == {1}
+    assert rows["true F"]["inliers_of_true"] == 1 and rows["true F"]["rho"] < 0.01
+    assert rows["ours"]["without_F"] == 0 and rows["ours"]["rho"] < rows["two-parameter F"]["rho"]
     for told in ("OpenCV MAGSAC", "pycolmap", "PoseLib"):
-        assert rows[f"true order, {told}"].rho < 0.05
+        assert rows[f"true order, {told}"]["rho"] < 0.05
 
 
 @pytest.mark.slow
@@ -100,7 +100,6 @@ def test_command_writes_both_tables(
     call_tool(f"evaluation.evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result")
     text = (tmp_path / "tables" / "result.md").read_text()
     assert text in capsys.readouterr().out and "colour-code" in text and "| two-parameter F |" in text
-    assert cv2.imread(str(tmp_path / "tables" / "result.png")) is not None
     stored = json.loads((tmp_path / "tables" / "result.json").read_text())
     assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
     with pytest.raises(SystemExit, match="no scenes"):
