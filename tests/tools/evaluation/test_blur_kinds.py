@@ -1,6 +1,5 @@
 """Photographs blurred in every way that has a name: their truth, and the figures of what is said of them."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -92,14 +91,3 @@ def test_whoever_knows_the_truth_has_no_error(photographs: Path) -> None:
     assert f"| {blur_kinds.OURS} | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 | 1.000 |" in text
     assert "| camera moved 12 px, 1/8 | 1 | 1.000 | 1.00 | 0 | 0 | 0 | 1 | 0 | 0 | 0 |" in text
     assert "| 2 | 1.000 | 0.0000 | 0.0000 |" in text and "nan" not in text
-
-
-@pytest.mark.slow
-def test_baselines_need_no_network_and_pictures_are_kept(
-    photographs: Path, tmp_path: Path, call_tool: Callable[[str], None]
-) -> None:
-    call_tool(f"evaluation.blur_kinds {photographs} --baselines --composites 1 --out {tmp_path} --pictures")
-    text = (tmp_path / "blur_kinds.md").read_text()
-    assert "3 sharp, 39 blurred pictures" in text and "| Tenengrad |" in text and "Names" not in text
-    assert len(list((tmp_path / "pictures").iterdir())) == 3 * 29
-    assert (tmp_path / "pictures/001_1_07_out_of_focus_2_px.jpg").is_file()
