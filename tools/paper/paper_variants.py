@@ -6,6 +6,7 @@ seed share crops and stem features, which are computed once: about 6.5 minutes o
 
 import copy
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch
@@ -92,9 +93,8 @@ def train(seed: int, scenes: Example, options: TrainOptions) -> list[tuple[Train
         with torch.no_grad():
             features = stem(images).contiguous(memory_format=torch.channels_last)
         for v, (run, losses) in zip(VARIANTS, runs, strict=True):
-            assert isinstance(run.network, StemUNet)
             with torch.autocast(device.type, dtype=torch.bfloat16):
-                raw = run.network.body(features)
+                raw = cast(StemUNet, run.network).body(features)
             loss = paper_loss(raw.float(), targets, v.representation, v.cross_check, v.alpha)
             run.descend(loss, rate, LARGEST_GRADIENT)
             losses.append(float(loss.detach()))
