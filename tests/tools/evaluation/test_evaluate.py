@@ -60,12 +60,12 @@ def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestS
     assert longer.epe_s_top50_over_length == pytest.approx(0.5, rel=1e-3)
     assert longer.length_ratio == pytest.approx(1.5, rel=0.02) and longer.direction_deg < 0.01
     length = np.linalg.norm(scene.displacement[scene.valid], axis=1)
-    assert sum(o.smears for o in longer.octaves) == ((length >= 1) & (length < 128)).sum()
+    assert sum(o["smears"] for o in longer.octaves) == ((length >= 1) & (length < 128)).sum()
     for octave in longer.octaves:
-        inside = (length >= octave.from_px) & (length < 2 * octave.from_px)
-        assert octave.smears == inside.sum() > 0
-        assert octave.length_ratio == pytest.approx(1.5, abs=0.1 / octave.from_px)
-        assert octave.epe_s_over_length == pytest.approx(0.5, rel=1e-3) and octave.direction_deg < 0.01
+        inside = (length >= octave["from_px"]) & (length < 2 * octave["from_px"])
+        assert octave["smears"] == inside.sum() > 0
+        assert octave["length_ratio"] == pytest.approx(1.5, abs=0.1 / octave["from_px"])
+        assert octave["epe_s_over_length"] == pytest.approx(0.5, rel=1e-3) and octave["direction_deg"] < 0.01
 
 
 def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> None:
