@@ -211,11 +211,12 @@ def main(
             "and UNCALIBRATED; beside an F parallax of the first two is undecided."
         ]
         photographs += ["", *photograph_table(groups), ""]
-    named = []
-    for direction_deg, number in ((0.0, count), (SHARED_DEG, max(count // 5, 1))):
+
+    def named(number: int, direction_deg: float) -> list[Named]:
         tasks = [(kind, seed + i) for kind in KINDS for i in range(number)]
-        named.append(mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4))
-    publish(report(*named, photographs), out)
+        return mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4)
+
+    publish(report(named(count, 0.0), named(max(count // 5, 1), SHARED_DEG), photographs), out)
 
 
 if __name__ == "__main__":

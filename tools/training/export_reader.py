@@ -7,18 +7,16 @@ rendered picture.
 
 import json
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 import torch
 from torch import Tensor, nn
 
 from blur2view.errors import ModelError
 from blur2view.networks.brightness import BRIGHT
 from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
-from blur2view.networks.spectra import LAGS, SCALES, STEP, polar_cepstra, power_spectra, windows_of
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
 from tools.rendering.render import RenderOptions, render
@@ -80,19 +78,12 @@ def sample_picture() -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(image.mean(-1)[None, None]))
 
 
-def difference(path: Path, network: Reader, grey: Tensor) -> float:
-    """Return the largest difference of logits between ONNX Runtime and torch on a picture (1, 1, H, W)."""
-    network.eval()
-    shape = (1, grey.shape[2] // STEP, grey.shape[3] // STEP, DIRECTIONS, network.options.region)
-    coarser = torch.rand(shape, generator=torch.Generator().manual_seed(0))
+def inputs_of(network: Reader, grey: Tensor) -> dict[str, Tensor]:
+    """Return the inputs of the octave of a picture (1, 1, H, W), its smaller one's features at random."""
     read = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy())))
-    inputs = grey, *(torch.from_numpy(one)[None] for one in read), coarser
-    with torch.no_grad():
-        expected = ExportedOctave(network)(*inputs)
-    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-    actual = session.run(None, dict(zip(INPUTS, (one.numpy() for one in inputs), strict=True)))
-    pairs = zip(actual[:3], expected[:3], strict=True)
-    return max(float(np.abs(one - other.numpy()).max()) for one, other in pairs)
+    cepstra, scales = (torch.from_numpy(one)[None] for one in read)
+    coarser = torch.rand(*scales.shape[:3], DIRECTIONS, network.options.region)
+    return dict(zip(INPUTS, (grey, cepstra, scales, coarser), strict=True))
 
 
 def main(checkpoint: Existing, target: Target) -> None:
@@ -101,19 +92,17 @@ def main(checkpoint: Existing, target: Target) -> None:
     ONNX Runtime rearranges them when it loads it.
     """
     network, state = load_average(checkpoint)
-    cells, windows = {1: "rows", 2: "columns"}, (1, 4, 6)
-    coarser = torch.zeros(*windows, DIRECTIONS, network.options.region)
-    cepstra, scales = torch.rand(*windows, DIRECTIONS, LAGS), torch.rand(*windows, SCALES)
-    shown = torch.rand(1, 1, 128, 192), cepstra, scales, coarser
+    cells, grey = {1: "rows", 2: "columns"}, sample_picture()
+    shown = inputs_of(network, grey[..., :128, :192].contiguous())
     try:
         export(
             target,
             ExportedOctave(network),
-            dict(zip(INPUTS, shown, strict=True)),
+            shown,
             OUTPUTS,
             {name: cells for name in (*INPUTS, *OUTPUTS)} | {"grey": {2: "height", 3: "width"}},
             partial(metadata, state),
-            partial(difference, network=network, grey=sample_picture()),
+            list(inputs_of(network, grey).values()),
             fold=False,
         )
     except ModelError as error:

@@ -9,8 +9,8 @@ import pytest
 from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene
 from tools.evaluation import benchmark
+from tools.evaluation.benchmark import checkout, in_turn
 from tools.evaluation.gyroscope import figures_of, pairs_of
-from tools.evaluation.processes_timed import checkout, in_turn
 from tools.metrics import pose_error_deg, pose_of
 
 

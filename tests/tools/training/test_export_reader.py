@@ -11,7 +11,8 @@ import torch
 from blur2view.errors import ModelError
 from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network
-from tools.training.export_reader import difference, main, sample_picture
+from tools.training.export import difference
+from tools.training.export_reader import ExportedOctave, inputs_of, main, sample_picture
 from tools.training.reader import Reader, ReaderOptions
 from tools.training.train_reader import exported_weights, load_average
 
@@ -38,7 +39,8 @@ def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
     grey = sample_picture()
     assert grey.min() >= 0 and grey.max() <= 1
     for height, width in ((256, 320), (64, 64), (96, 224)):
-        assert difference(exported, trained, grey[..., :height, :width].contiguous()) < 2e-3
+        inputs = inputs_of(trained, grey[..., :height, :width].contiguous())
+        assert difference(exported, ExportedOctave(trained), inputs) < 2e-3
     network = SmearNetwork(exported, threads=1)
     info = network.info
     assert (info.features, info.license) == (12, "Apache-2.0")
