@@ -38,9 +38,8 @@ from tools.datasets.testset import TestScene, read_test_set, test_options, write
 from tools.estimators.paper import paper_of_matches
 from tools.evaluation.evaluate import judge, summarise
 from tools.pages import Record, finished_lines, sweep, write_json
-from tools.paper.crops import validation_crops
 from tools.paper.paper_report import AUTOMATIC, TABLES, report
-from tools.paper.paper_variants import MEASURES, VARIANTS, TrainOptions, Variant, run_seed
+from tools.paper.paper_variants import MEASURES, VARIANTS, TrainOptions, Variant, run_seed, validation_crops
 from tools.rendering.render import RenderOptions
 from tools.training.recipe import HELD_SCENES, HELD_SEED
 

@@ -10,7 +10,7 @@ import torch
 from blur2view.smears.field import to_double_angle
 from tools.datasets.shards import training_record, write_shards
 from tools.pages import finished_lines
-from tools.paper import crops, experiments, paper_variants
+from tools.paper import experiments, paper_variants
 from tools.paper.networks import StemUNet
 from tools.paper.paper_loss import Representation, paper_loss
 from tools.paper.paper_variants import VARIANTS, TrainOptions
@@ -59,8 +59,8 @@ def test_map_bounds_certainty_where_the_cross_check_fails(representation: Repres
 @pytest.mark.slow
 def test_every_seed_of_every_variant_is_trained_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper_variants, "StemUNet", lambda: StemUNet(widths=(16, 24, 32), bottom=1))
-    monkeypatch.setattr(crops, "VALIDATION_CROPS", 2)
-    monkeypatch.setattr(crops, "VALIDATION_SIDE", 64)
+    monkeypatch.setattr(paper_variants, "VALIDATION_CROPS", 2)
+    monkeypatch.setattr(paper_variants, "VALIDATION_SIDE", 64)
     monkeypatch.setattr(experiments, "write_scenes", lambda *_: None)
     for seed, folder in enumerate(("train", "val")):
         record = partial(training_record, options=RenderOptions(size=(96, 96), smear_px=(4.0, 16.0)))
