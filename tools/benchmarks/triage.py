@@ -22,8 +22,8 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.smears.blur import median_smear
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import read_test_set
+from tools.evaluation.blur_kinds import laplacian_variance
 from tools.evaluation.even_blur import blurred, middles
-from tools.evaluation.sharp_or_not import laplacian_variance
 from tools.pages import publish, table
 
 LENGTHS_PX = (0, 1, 2, 3, 4, 5, 6, 8, 10, 14, 20)

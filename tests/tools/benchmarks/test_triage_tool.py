@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tools.benchmarks.triage import LENGTHS_PX, features_left, limit_of, matched_share
-from tools.evaluation.sharp_or_not import laplacian_variance
+from tools.evaluation.blur_kinds import laplacian_variance
 
 
 def texture(seed: int = 0, size: int = 360) -> np.ndarray:
