@@ -64,7 +64,8 @@ def solve_seven_smears(ends: Array) -> Array:
     F = alpha[:, None, None] * one[index] + beta[:, None, None] * other[index]
     scale = T[index // len(ALL_SIGNS)]
     F = np.swapaxes(scale, 1, 2) @ F @ scale
-    return F / np.maximum(np.linalg.norm(F, axis=(1, 2), keepdims=True), TINY)
+    unit: Array = F / np.maximum(np.linalg.norm(F, axis=(1, 2), keepdims=True), TINY)
+    return unit
 
 
 def _pencils(ends: Array, signs: Array) -> Array:

@@ -233,20 +233,9 @@ def main(
     shards: int = 400,
     first: int = 0,
     every: int = 1,
-    rendered: float = Sources.rendered_share,
-    procedural: float = Sources.procedural_share,
-    small: float = Sources.small_share,
-    wide: float = Sources.wide_share,
 ) -> None:
     """Write shards of sharp photographs in folders, and of scenes of tools.datasets.shards."""
-    sources = Sources(
-        photos=load_photos(photos),
-        scenes=require_shards(scenes) if scenes else [],
-        rendered_share=rendered,
-        procedural_share=procedural,
-        small_share=small,
-        wide_share=wide,
-    )
+    sources = Sources(photos=load_photos(photos), scenes=require_shards(scenes) if scenes else [])
     write_shards(out, range(first, first + shards, every), partial(examples, sources=sources))
 
 
