@@ -33,7 +33,7 @@ MISTAKES = [
     ("estimate a.png --seed one", "--seed: expected a number, got 'one'"),
     ("estimate a.png --focal 26", "26 mm of 35-mm film are 0.72 of the picture's width"),
     ("estimate a.png --focal 800 --exposure 20", "write 20s or 20ms"),
-    ("estimate a.png --exposure 1/50", "with --focal or --camera only; add one"),
+    ("estimate a.png --exposure 1/50", "which need --focal or --camera; add one"),
     ("estimate a.png --camera 800,600,320,240", "COLMAP's are SIMPLE_PINHOLE, PINHOLE"),
     ("estimate b.png", "b.png: no such file; check the path"),
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),
