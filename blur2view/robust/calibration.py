@@ -98,8 +98,8 @@ BETTER_GAIN = 10.0  # that an F through the plane must gain over the search's: i
 # The one step from the table to probabilities (`choice.probabilities`): by maximum likelihood over 65
 # rendered photographs of rotations, planes, still cameras and parallax of a fifth
 # (`python -m tools.datasets.motion_kinds OUT --scenes 14 --seed 80000`, network smears), and 28 of them whose
-# smears were bent down the rows by 5 to 40 %. A rolling shutter's has log 2 besides: rows are the picture's or,
-# if it was turned upright, its columns.
+# smears were bent down the rows by 5 to 40 %. That of a rolling shutter has log 2 besides: its rows are rows
+# or, of a picture that was turned upright, columns.
 PARALLAX_SLOPE = 0.48
 PENALTY = {
     "no motion": 0.0,
