@@ -82,6 +82,7 @@ class SmearNetwork:
         providers: Sequence[str] = (),
     ) -> None:
         self.path = model_path(path)
+        providers = [providers] if isinstance(providers, str) else providers
         session = open_session(self.path, threads or usable_cores(), providers)
         self.info = read_info(self.path, session)
         self._reader = OctaveReader(self.path, session, self.info)

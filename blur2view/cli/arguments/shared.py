@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from blur2view.photographs.inputs import Inputs
     from blur2view.pipeline import Run
 
+RESULTS = (".json", ".jsonl", ".csv", ".png", ".jpg", ".npz")  # suffixes of files, not of folders
+
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions(Options):
@@ -180,6 +182,11 @@ class FolderOptions(PhotographOptions):
     of one that fails image and error"""
 
     def __post_init__(self) -> None:
+        if (self.json or self.jsonl) and (file := [one for one in self.images if one.endswith(RESULTS[:2])]):
+            raise ValueError(f"--json and --jsonl print; write > {file[0]} at the end of the command")
+        if self.output is not None and self.output.suffix in RESULTS and not self.output.is_dir():
+            name = self.output.name
+            raise ValueError(f"-o names a folder; one file holds what --json > {name} or --csv {name} writes")
         if self.json and self.jsonl:
             raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
         if self.resume and self.output is None:
