@@ -49,6 +49,7 @@ class Run:
     exposure_s: float | None = None
     readout_s: float | None = None
     max_memory_gib: float = MAX_MEMORY_GIB
+    gyroscope: bool = False  # whether rates have the sign of one
 
     def __post_init__(self) -> None:
         if not self.max_memory_gib > 0:

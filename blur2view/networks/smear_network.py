@@ -82,6 +82,7 @@ class SmearNetwork:
         providers: Sequence[str] = (),
     ) -> None:
         self.path = model_path(path)
+        providers = [providers] if isinstance(providers, str) else providers
         session = open_session(self.path, threads or usable_cores(), providers)
         self.info = read_info(self.path, session)
         self._reader = OctaveReader(self.path, session, self.info)
@@ -135,15 +136,14 @@ class SmearNetwork:
     ) -> tuple[SmearGrid, Floats]:
         spread = self._spread(np.shape(image)[:2], detail)
         step = STEP << max(spread, octave_count(np.shape(image), levels) - 1) if spread else 1
-        shown, grey = shown_and_grey(image, self.info.brightness, step)
-        shape = shown.shape[0], shown.shape[1]
+        shown, grey = shown_and_grey(image, self.info.brightness, step, 1 << spread)
+        flat = _flat(shown, STEP)
+        shape = np.shape(image)[0], np.shape(image)[1]
         with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
             if spread:
-                flat = _flat(_small(shown, 1 << spread), STEP)
                 reading = self._reader.read(grey, octave_count(shape, levels), STEP << spread)
                 values, features = reading.values, reading.features
             else:
-                flat = _flat(shown, STEP)
                 values, features = self._in_tiles(grey, flat, levels, with_features=with_features)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]
@@ -257,17 +257,21 @@ def floats_of(image: AnyArray) -> Floats:
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArray[np.uint8], Floats]:
-    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (H, W, 3) of 8 bits, and its luma.
+def shown_and_grey(
+    image: AnyArray, brightness: float, step: int, times: int = 1
+) -> tuple[NDArray[np.uint8], Floats]:
+    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (h, w, 3) of 8 bits, and its luma (H, W).
 
-    The luma's sides are rounded up to multiples of ``step`` and mirrored there. A strip of rows at a time, so
-    that memory does not hold all of it as RGB floats.
+    The former is so many ``times`` smaller, a power of two up to 256; the luma's sides are rounded up to
+    multiples of ``step`` and mirrored there. A strip of rows at a time, so that memory does not hold all of
+    it as RGB.
     """
     image = photograph_of(image)
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
-    shown = image if as_it_is else np.empty((height, width, 3), np.uint8)
+    small = -(-height // times), -(-width // times)
+    shown = image if as_it_is and times == 1 else np.empty((*small, 3), np.uint8)
     grey = np.empty((height + -height % step, width + -width % step), np.float32)
     for first in range(0, height, _STRIP_ROWS):
         rows = slice(first, min(first + _STRIP_ROWS, height))
@@ -276,17 +280,13 @@ def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArr
         grey[rows, :width] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[
             :, :width
         ]  # odd columns are rounded otherwise
-        if not as_it_is:
-            shown[rows] = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)  # rounded, saturated
+        if shown is not image:
+            strip = image[rows] if as_it_is else cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
+            own = shown[first // times : -(-rows.stop // times)]
+            own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
     grey[:, width:] = grey[:, mirrored(range(width, grey.shape[1]), width)]
     grey[height:] = grey[mirrored(range(height, grey.shape[0]), height)]
     return shown, grey
-
-
-def _small(shown: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """Return a picture so many times smaller."""
-    height, width = (-(-side // times) for side in shown.shape[:2])
-    return np.asarray(cv2.resize(shown, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def _flat(shown: NDArray[np.uint8], stride: int) -> NDArray[np.bool_]:

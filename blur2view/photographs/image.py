@@ -4,7 +4,10 @@ import io
 import logging
 import math
 import os
+import re
 import warnings
+from contextlib import suppress
+from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -134,14 +137,29 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
             remedy = "no name fits this pattern, or it stands in quotes"
         if str(path).startswith("~"):
             remedy = "write ~ without quotes"
+        names = [name for name in re.split(r"[,;\s]+", str(path)) if name]
+        if len(names) > 1 and all(map(os.path.exists, names)):
+            remedy = f"name each by itself: {' '.join(names)}"
+        elif near := _near(path):
+            remedy = f"did you mean {near}?"
         if path.is_symlink():
             remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
         raise ImageError(f"{path}: no such file; {remedy}") from None
     except IsADirectoryError:
-        raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
+        raise ImageError(f"{path}: is a folder; name a photograph in it") from None
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
+
+
+def _near(path: Path) -> Path | None:
+    """Return what a folder has by nearly this name, or but for its case; numbers must be the same."""
+    digits = re.sub(r"\D", "", path.name)
+    with suppress(OSError):
+        names = {one.lower(): one for one in os.listdir(path.parent) if re.sub(r"\D", "", one) == digits}
+        if near := get_close_matches(path.name.lower(), names, 1, 0.85):
+            return path.with_name(names[near[0]])
+    return None
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
