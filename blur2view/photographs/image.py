@@ -39,7 +39,7 @@ SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
-LIST_SUFFIXES = frozenset(["", ".txt", ".list", ".lst"])
+LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
@@ -147,9 +147,9 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
     """Return pixels (H, W) or (H, W, C), upright unless wanted as stored, and the value that means white."""
     try:
-        if is_raw(path, encoded):
+        if _is_raw(path, encoded):
             return _develop(path, encoded, as_stored, max_memory_gib), 65535
-        if is_heic(encoded):
+        if encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
@@ -183,7 +183,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
         remedy = "convert it to JPEG, PNG or TIFF"
         if encoded.startswith(SQLITE):
             remedy = "a COLMAP database goes to --camera, to-colmap --db or place"
-        elif _may_be_list(path, encoded):
+        elif path.suffix.lower() in LIST_SUFFIXES and not NO_TEXT & set(encoded.decode(errors="replace")):
             remedy = f"if it lists photographs, write @{path}"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
@@ -197,24 +197,10 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
-def _may_be_list(path: Path, content: bytes) -> bool:
-    """Return whether a file is text and named as one."""
-    try:
-        content.decode()
-    except UnicodeDecodeError:
-        return False
-    return path.suffix.lower() in LIST_SUFFIXES and b"\0" not in content
-
-
-def is_raw(path: Path, encoded: bytes) -> bool:
+def _is_raw(path: Path, encoded: bytes) -> bool:
     """Return whether a file is a RAW photograph, by its name or its first bytes."""
     known = encoded.startswith(RAW_MAGIC) or encoded[8:10] == b"CR" or encoded[4:11] == b"ftypcrx"
     return known or path.suffix.lower() in RAW_SUFFIXES
-
-
-def is_heic(encoded: bytes) -> bool:
-    """Return whether a file is HEIC, by the brands that it names."""
-    return encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS)
 
 
 def _extra(path: Path, kind: str, module: str, convert: str) -> Any:
