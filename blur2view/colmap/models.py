@@ -100,26 +100,21 @@ def _check_file(path: Path) -> None:
     with open_regular(path) as file:
         if path.name not in RECORDS:
             return
+        before, number, part = RECORDS[path.name]
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             at = 8
             for _ in range(struct.unpack_from("<Q", content)[0]):
-                at = _end_of_record(path.name, content, at)
+                if path.name == "images.bin":
+                    at = (content.find(b"\0", at + before) + 1 or len(content)) - before  # behind the name
+                count = int(struct.unpack_from(number, content, at + before)[0])
+                at += before + struct.calcsize(number)
+                if path.name == "rigs.bin":
+                    for sensor in range(count):
+                        at += part + (sensor > 0 and 1 + 56 * content[at + part])
+                else:
+                    at += count * part
                 if at > len(content):
                     raise ValueError(f"{path}: ends within a record")
-
-
-def _end_of_record(kind: str, content: mmap.mmap, at: int) -> int:
-    """Return where a record ends, or the least of it, given where it begins."""
-    before, number, part = RECORDS[kind]
-    if kind == "images.bin":
-        at = (content.find(b"\0", at + before) + 1 or len(content)) - before  # behind the name
-    count = int(struct.unpack_from(number, content, at + before)[0])
-    at += before + struct.calcsize(number)
-    if kind != "rigs.bin":
-        return at + count * part
-    for sensor in range(count):
-        at += part + (sensor > 0 and 1 + 56 * content[at + part])
-    return at
 
 
 RECORDS = {
