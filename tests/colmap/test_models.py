@@ -40,11 +40,10 @@ def test_a_whole_model_is_read_in_both_forms(model: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "at"),
     [
-        ("cameras.bin", 0),
+        ("points3D.bin", 0),
         ("images.bin", 8 + 64 + len("a.jpg") + 1),
         ("points3D.bin", 8 + 43),
         ("frames.bin", 8 + 64),
-        ("rigs.bin", 8 + 4),
     ],
 )
 def test_a_count_that_no_file_holds_is_refused_before_memory_is_taken(
