@@ -9,10 +9,9 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import ExifTags, Image, PngImagePlugin
+from PIL import Image, PngImagePlugin
 
 from blur2view.arrays import Array
-from blur2view.camera import exif
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import from_colmap, parse_camera, to_colmap
 from blur2view.camera.exif import ExifValues, read_exif
@@ -64,12 +63,6 @@ def test_rays_are_pycolmaps_half_a_pixel_on(text: str) -> None:
     np.testing.assert_allclose(distorted_points(reference, rays), points(), atol=1e-6)
     ideal = np.linalg.inv(camera.K) @ np.c_[camera.undistorted(points()), np.ones(50)].T
     np.testing.assert_allclose(ideal[:2].T, rays, atol=1e-12)
-
-
-def test_pixels_of_colmap_and_ours_are_half_a_pixel_apart() -> None:
-    np.testing.assert_array_equal(to_colmap(np.array([0.0, 0.0])), [0.5, 0.5])
-    np.testing.assert_array_equal(from_colmap(to_colmap(points())), points())
-    assert Camera.from_string(CAMERAS[0]).K[0, 2] == 319.5
 
 
 def test_a_focal_length_puts_the_principal_point_at_the_centre() -> None:
@@ -211,12 +204,6 @@ def test_intrinsics_that_do_not_fit() -> None:
         Intrinsics(camera="exif").of(Path("a.jpg"), SIZE, ExifValues())
     with pytest.raises(CameraError, match="a.jpg.*is for 640x480"):
         Intrinsics(camera=RADIAL).of(Path("a.jpg"), (480, 640), ExifValues())
-
-
-@pytest.mark.parametrize("value", [np.inf, np.nan, 0.0, -1.0, "x", (1, 2)])
-def test_what_is_no_positive_number_is_no_value_of_exif(value: object) -> None:
-    assert exif._positive({ExifTags.Base.ExposureTime.value: value}, "ExposureTime") is None
-    assert exif._positive({ExifTags.Base.ExposureTime.value: 0.25}, "ExposureTime") == 0.25
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8])

@@ -12,6 +12,7 @@ import pytest
 
 from blur2view.camera.camera import Camera
 from blur2view.colmap.database import colmap_camera_of, stored_photographs, write_database
+from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
@@ -76,6 +77,18 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
         assert found.config == int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)
         assert found.F is None and found.cam2_from_cam1 is None
         assert len(database.read_keypoints(1)) == COUNT
+
+
+def test_of_a_turn_alone_nothing_becomes_points(tmp_path: Path) -> None:
+    path, views = tmp_path / "new.db", make_views()
+    still = replace(POSE, translation=np.zeros(3))
+    turn = replace(views.geometry, F=None, E=None, cam2_from_cam1=still, config=Configuration.PANORAMIC)
+    write_database(path, [replace(views, geometry=turn)])
+    with pycolmap.Database.open(path) as database:
+        assert len(database.read_matches(1, 2)) == COUNT
+        assert len(database.read_two_view_geometry(1, 2).inlier_matches) == 0
+    with pytest.raises(DatabaseError, match=r"the translation of a\.jpg is undecided"):
+        triangulate_exposure(path, "a.jpg")
 
 
 def test_cameras_say_how_sure_they_are() -> None:

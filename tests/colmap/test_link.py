@@ -172,11 +172,10 @@ def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edits: S
     assert not [line for line in check_database(path) if "#" in line]  # about our views
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_matches_of_points_that_are_nowhere_are_left_out(path: Path, value: float) -> None:
+def test_matches_of_points_that_are_nowhere_are_left_out(path: Path) -> None:
     ((data,),) = run_sql(path, "SELECT data FROM keypoints WHERE image_id = 1")
     points = np.frombuffer(data, "<f4").copy()
-    points[::12] = value
+    points[::12] = np.nan
     run_sql(path, f"UPDATE keypoints SET data = x'{points.tobytes().hex()}' WHERE image_id = 1")
     found = database_matcher(path, ["a_000.jpg", "a_001.jpg"])(0, 1)
     assert 0 < len(found[0]) == len(found[1]) < FEATURES

@@ -18,7 +18,7 @@ from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
 from blur2view.colmap.project import database_matcher, database_names
-from blur2view.errors import Blur2ViewError, DatabaseError
+from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
 from tests.support.sql import run_sql
@@ -178,11 +178,3 @@ def test_what_is_wrong_is_one_clear_line(
     if isinstance(other, sqlite3.Connection):
         other.close()
     assert contents(path) == before or fault is locked
-
-
-@pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="Linux alone has such files")
-def test_a_file_of_the_system_is_no_database(tmp_path: Path) -> None:
-    odd = tmp_path / "odd.db"
-    odd.symlink_to("/proc/self/comm")  # /proc/kmsg, another one, would wait for ever
-    with pytest.raises(DatabaseError, match="is no regular file"), open_read_only(odd):
-        pass

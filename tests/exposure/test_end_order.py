@@ -7,7 +7,7 @@ import pytest
 
 from blur2view import Camera, ExposureViews, RigidTransform, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.camera.colmap_camera import colmap_camera
-from blur2view.exposure.end_order import forward_share, motion_order
+from blur2view.exposure.end_order import motion_order
 from blur2view.exposure.views import other_translation, share_in_front
 from blur2view.geometry.sampson import sampson
 from tests.exposure.test_time_direction import clip, views
@@ -85,14 +85,6 @@ def test_rotation_orders_by_its_homography() -> None:
     matches, geometry = found_in(disturb(scene, np.random.default_rng(2), noise_px=0.2))
     assert geometry.F is None and geometry.H is not None
     assert right_share(swapped_in(scene, geometry, matches), scene) > 0.98
-
-
-def test_nothing_known_orders_nothing() -> None:
-    scene = make_scene(np.random.default_rng(2), count=5)
-    matches, geometry = found_in(scene)
-    assert geometry.F is None and geometry.H is None
-    np.testing.assert_array_equal(forward_share(geometry, scene.ends, matches.sampson_px), 0.5)
-    assert not swapped_in(scene, geometry, matches).any()
 
 
 def test_orders_the_ends_of_a_distorted_camera() -> None:

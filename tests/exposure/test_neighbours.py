@@ -46,14 +46,6 @@ def test_matches_of_a_shifted_picture_are_its_shift(tmp_path: Path) -> None:
     assert (np.linalg.norm(points2 - points1 - SHIFT, axis=1) < 2).mean() > 0.95
 
 
-@pytest.mark.slow
-def test_large_pictures_are_matched_smaller_in_their_own_pixels(tmp_path: Path) -> None:
-    large = 4 * SHIFT
-    points1, points2 = photograph_matcher(write_pair(tmp_path, (1600, 1200), large))(0, 1)
-    assert points1.max() > 1000
-    np.testing.assert_allclose(np.median(points2 - points1, axis=0), large, atol=0.4)
-
-
 def test_features_lie_at_the_centre_of_their_spot() -> None:
     """Also in a large picture, which is matched smaller: a half pixel forgotten would shift it."""
     for size, at in (((320, 240), (100.0, 90.0)), ((2000, 1600), (801.5, 701.5))):

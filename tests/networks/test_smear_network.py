@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks import octave_reader, smear_network
+from blur2view.networks import smear_network
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, Detail, SmearNetwork, rgb_of
 from blur2view.networks.tiles import tiles_of
 from blur2view.smears.field import to_double_angle
@@ -59,16 +59,6 @@ def test_whole_gridare_centred_as_the_convention_says(tiny_model: Path) -> None:
     true = np.broadcast_to(8 * np.stack([np.cos(angle), np.sin(angle)], -1), (96, 256, 2))
     field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), levels=1).at_pixels()
     assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
-def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
-    image = colour_code(turning_field(*size), 1.0)
-    networks = SmearNetwork(tiny_model), tiled(tiny_model)
-    whole, in_tiles = (network.predict(image, levels=1).at_pixels() for network in networks)
-    assert difference(whole.displacement, in_tiles.displacement).max() < 1e-3
-    np.testing.assert_allclose(in_tiles.sigma_px, whole.sigma_px, atol=1e-3)
 
 
 def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
@@ -126,12 +116,6 @@ def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
     np.testing.assert_allclose(total, 1, atol=1e-6)
 
 
-def test_octaves_may_be_smaller_than_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(octave_reader, "SMALLEST_PX", 16)
-    for side in (64, 100):
-        assert SmearNetwork(threads=1).predict(np.zeros((side, side, 3))).shape == (side, side)
-
-
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     image = np.full((70, 90, 3), 0.9, np.float32)
     image[::7, ::5] += 1 / 255  # noise of one grey level
@@ -153,14 +137,6 @@ def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: p
     assert (tiles, read.call_count - tiles) == (3, 7)
     seen = found[..., 2] != UNSEEN_SIGMA_PX
     np.testing.assert_array_equal(found[seen], everywhere[seen])
-
-
-def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
-    image = colour_code(turning_field(160, 320), 1.0)
-    image[:, 160:] = image[80, 250]
-    field = SmearNetwork(tiny_model).predict(image).at_pixels()
-    assert (field.sigma_px[:, :144] < 2).all()
-    assert (field.sigma_px[:, 240:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 240:] == 0).all()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -0.1, 255.0])
