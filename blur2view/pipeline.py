@@ -22,7 +22,7 @@ from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import Moving, moving_probability
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
-from blur2view.photographs.image import read_content, read_pixels
+from blur2view.photographs.content import read_content, read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
@@ -250,9 +250,8 @@ def estimate_file(
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
-    ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of options or EXIF. ImageError,
-    CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
+    ``content`` and ``as_stored`` are as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives
+    intrinsics, by default of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     start = time.perf_counter()
     image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
