@@ -7,9 +7,31 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES
+from blur2view.colmap.schema import MAX_IMAGES
 
-SIZES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes
+MATRICES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes
+PAIRS = "matches", "two_view_geometries"
+FAULTS = [  # each gives a line for everything that is wrong
+    "SELECT 'image ' || name || ': no camera' FROM images "
+    "WHERE camera_id NOT IN (SELECT camera_id FROM cameras)",
+    "SELECT 'keypoints of image ' || image_id FROM keypoints "
+    "WHERE cols NOT IN (2, 4, 6) OR length(coalesce(data, '')) != 4 * rows * cols",
+]
+FRAME_FAULTS = [
+    "SELECT 'image ' || name || ': no frame of its camera' FROM images WHERE NOT EXISTS "
+    "(SELECT 1 FROM frame_data WHERE data_id = image_id AND sensor_id = camera_id AND sensor_type = 0)",
+    "SELECT 'rig ' || rig_id || ' of its frame has no camera ' || sensor_id FROM frame_data "
+    "JOIN frames USING (frame_id) WHERE sensor_type = 0 AND (rig_id, sensor_id, 0) NOT IN "
+    "(SELECT rig_id, ref_sensor_id, ref_sensor_type FROM rigs "
+    "UNION ALL SELECT rig_id, sensor_id, sensor_type FROM rig_sensors)",
+]
+PAIR_FAULTS = [
+    f"SELECT pair_id || ': no such images' FROM {{}} WHERE pair_id / {MAX_IMAGES} >= pair_id % {MAX_IMAGES} "
+    f"OR pair_id / {MAX_IMAGES} NOT IN (SELECT image_id FROM keypoints) "
+    f"OR pair_id % {MAX_IMAGES} NOT IN (SELECT image_id FROM keypoints)",
+    "SELECT pair_id || ': bytes for ' || rows || ' x ' || cols FROM {} "
+    "WHERE cols != 2 OR length(coalesce(data, '')) != 8 * rows",
+]
 
 
 def check_database(path: Path) -> list[str]:
@@ -21,92 +43,41 @@ def check_database(path: Path) -> list[str]:
     quaternion that is not of unit length.
     """
     with open_read_only(path) as database:
-        found = [f"integrity: {row[0]}" for row in database.execute("PRAGMA integrity_check")]
-        if found != ["integrity: ok"]:
-            return found
-        broken = database.execute("PRAGMA foreign_key_check").fetchall()
-        return [f"foreign key: {row}" for row in broken] + [
-            *_images(database),
-            *_keypoints(database),
-            *_pairs(database),
+        found = [
+            f"integrity: {row[0]}" for row in database.execute("PRAGMA integrity_check") if row != ("ok",)
         ]
+        found = found or [f"foreign key: {row}" for row in database.execute("PRAGMA foreign_key_check")]
+        faults = [*FAULTS, *(sql.format(table) for table in PAIRS for sql in PAIR_FAULTS)]
+        tables = {row[0] for row in database.execute("SELECT name FROM sqlite_master")}
+        if "frames" in tables and database.execute("SELECT 1 FROM frames").fetchone():
+            faults += FRAME_FAULTS
+        if not found:
+            found = [line for sql in faults for (line,) in database.execute(sql)]
+        return found or list(_values(database))
 
 
-def _images(database: sqlite3.Connection) -> Iterator[str]:
-    """Find images whose camera, frame or rig is missing or not theirs."""
-    cameras = {row[0] for row in database.execute("SELECT camera_id FROM cameras")}
-    images = database.execute("SELECT image_id, name, camera_id FROM images").fetchall()
-    for _, name, camera in images:
-        if camera not in cameras:
-            yield f"image {name}: no camera {camera}"
-    tables = {row[0] for row in database.execute("SELECT name FROM sqlite_master")}
-    if "frames" not in tables or not database.execute("SELECT 1 FROM frames").fetchone():
-        return
-    sql = (
-        "SELECT data_id, sensor_id, rig_id FROM frame_data JOIN frames USING (frame_id) WHERE sensor_type = ?"
-    )
-    frames = {row[0]: row[1:] for row in database.execute(sql, (CAMERA_SENSOR,))}
-    sql = (
-        "SELECT rig_id, ref_sensor_id, ref_sensor_type FROM rigs "
-        "UNION ALL SELECT rig_id, sensor_id, sensor_type FROM rig_sensors"
-    )
-    sensors = {(rig, sensor) for rig, sensor, kind in database.execute(sql) if kind == CAMERA_SENSOR}
-    for image, name, camera in images:
-        sensor, rig = frames.get(image, (None, None))
-        if sensor != camera:
-            yield f"image {name}: no frame of its camera {camera}"
-        elif (rig, camera) not in sensors:
-            yield f"image {name}: rig {rig} of its frame has no camera {camera}"
-
-
-def _keypoints(database: sqlite3.Connection) -> Iterator[str]:
-    for image, rows, cols, data in database.execute("SELECT image_id, rows, cols, data FROM keypoints"):
-        blob = data or b""
-        if cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
-            yield f"keypoints of image {image}: {len(blob)} bytes for {rows} x {cols}"
-        elif not np.isfinite(np.frombuffer(blob, "<f4")).all():
+def _values(database: sqlite3.Connection) -> Iterator[str]:
+    """Find indices and numbers, in blobs of right sizes, that cannot be."""
+    counts, matches = {}, dict[int, set[tuple[int, ...]]]()
+    for image, rows, data in database.execute("SELECT image_id, rows, data FROM keypoints"):
+        counts[image] = rows
+        if not np.isfinite(np.frombuffer(data or b"", "<f4")).all():
             yield f"keypoints of image {image}: not finite"
-
-
-def _pairs(database: sqlite3.Connection) -> Iterator[str]:
-    """Find matches and geometries that fit neither each other nor the keypoints."""
-    counts = dict(database.execute("SELECT image_id, rows FROM keypoints"))
-    matches: dict[int, set[tuple[int, int]]] = {}
-    for table in ("matches", "two_view_geometries"):
-        for pair, rows, cols, data in database.execute(f"SELECT pair_id, rows, cols, data FROM {table}"):
-            image1, image2 = ids = divmod(pair, MAX_IMAGES)
-            where = f"{table} {ids}"
-            if image1 not in counts or image2 not in counts or image1 >= image2:
-                yield f"{where}: no such images"
-                continue
-            blob = data or b""
-            if cols != 2 or len(blob) != 8 * rows:
-                yield f"{where}: {len(blob)} bytes for {rows} x {cols}"
-                continue
-            indices = np.frombuffer(blob, "<u4").reshape(-1, 2)
-            if len(indices) and (indices.max(axis=0) >= [counts[image1], counts[image2]]).any():
-                yield f"{where}: beyond the keypoints"
-            listed = {(int(one), int(other)) for one, other in indices}
+    for table in PAIRS:
+        for pair, data in database.execute(f"SELECT pair_id, data FROM {table}"):
+            indices = np.frombuffer(data or b"", "<u4").reshape(-1, 2)
+            if (indices >= [counts[image] for image in divmod(pair, MAX_IMAGES)]).any():
+                yield f"{table} {pair}: beyond the keypoints"
+            listed = set(map(tuple, indices.tolist()))
             if len(listed) != len(indices):
-                yield f"{where}: a match occurs twice"
-            if table == "matches":
-                matches[pair] = listed
-            elif not listed <= matches.get(pair, set()):
-                yield f"{where}: inliers that are no matches"
-    yield from _geometries(database)
-
-
-def _geometries(database: sqlite3.Connection) -> Iterator[str]:
-    """Find matrices of another size, values that are not finite, quaternions not of unit length."""
-    sql = f"SELECT pair_id, {', '.join(SIZES)} FROM two_view_geometries"
-    for pair, *blobs in database.execute(sql):
-        for (name, size), blob in zip(SIZES.items(), blobs, strict=True):
-            if not blob:
-                continue
-            where = f"{name} of pair {divmod(pair, MAX_IMAGES)}"
-            if len(blob) != size:
-                yield f"{where}: {len(blob)} bytes"
-                continue
-            values = np.frombuffer(blob, "<f8")
-            if not np.isfinite(values).all() or (name == "qvec" and abs(np.linalg.norm(values) - 1) > 1e-9):
-                yield f"{where}: {values.tolist()}"
+                yield f"{table} {pair}: a match occurs twice"
+            if not listed <= matches.setdefault(pair, listed if table == "matches" else set()):
+                yield f"{table} {pair}: inliers that are no matches"
+    for pair, *blobs in database.execute(f"SELECT pair_id, {', '.join(MATRICES)} FROM two_view_geometries"):
+        for (name, size), blob in zip(MATRICES.items(), blobs, strict=True):
+            values = (
+                np.frombuffer(blob or b"", "<f8") if len(blob or b"") in (0, size) else np.array([np.nan])
+            )
+            unit = name != "qvec" or not blob or abs(np.linalg.norm(values) - 1) < 1e-9
+            if not (np.isfinite(values).all() and unit):
+                yield f"{name} of pair {divmod(pair, MAX_IMAGES)}: {len(blob)} bytes, {values.tolist()}"

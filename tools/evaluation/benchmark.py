@@ -6,11 +6,9 @@ renders one 1280x720 scene, measures every step of ``blur2view estimate`` on the
 matching and pycolmap's F on the two SHARP ends of the same exposure; then whole processes from outside: what
 they do before they read a photograph, photographs of 1280x720 and of 12 and 24 megapixels, blurred and sharp,
 and ``blur2view triage`` of videos by one process. ``--against COMMIT`` measures an earlier commit's processes
-beside ours, in turn. Speeds of machines differ: read the ratios. A frame of a stream is timed from the
-picture in memory to the angular velocity, with its order in time.
+beside ours, in turn. Speeds of machines differ: read the ratios.
 """
 
-import itertools
 import json
 import os
 import platform
@@ -106,9 +104,6 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     image, found = one.image, one.estimate
     grid, matches = found.grid, found.matches
     files = ResultFiles(folder=folder, stem="stages", endings=ESTIMATE)
-    camera = blur2view.Camera.from_focal(0.9 * image.shape[1], image.shape[1::-1])
-    frames = (np.roll(image, 3 * k, axis=1) for k in itertools.count())
-    stream = blur2view.estimate_frames(frames, ordered=True, network=network, camera=camera)
 
     def whole() -> None:
         with redirect_stdout(StringIO()):
@@ -124,7 +119,6 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         ),
         "motion mask": timed(lambda: blur2view.segment(found, image), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),
-        "frame of a stream": timed(lambda: next(stream).angular_velocity(0.02), repeats),
         "command with all files, warm": timed(whole, max(3, repeats // 3)),
     }
 

@@ -34,7 +34,6 @@ from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
-from tools.metrics import rho
 from tools.pages import publish, table
 from tools.processes import mapped
 
@@ -73,11 +72,10 @@ ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)
 
 @dataclass(frozen=True, kw_only=True)
 class Named:
-    """What one scene was and what it was taken for; ``rho`` the median on true smears, nan without F."""
+    """What one scene was and what it was taken for."""
 
     kind: str
     outcome: str
-    rho: float
     seconds: float
 
 
@@ -121,8 +119,7 @@ def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
     start = time.thread_time()
     geometry = estimate_two_view(scene.matches)
     seconds = time.thread_time() - start
-    error = np.nan if geometry.F is None else float(np.median(rho(geometry.F, scene.true_ends)))
-    return Named(kind=kind, outcome=outcome(geometry, scene), rho=error, seconds=seconds)
+    return Named(kind=kind, outcome=outcome(geometry, scene), seconds=seconds)
 
 
 def confusions(rows: list[Named]) -> list[str]:

@@ -1,8 +1,7 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
 ``python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md`` (the table) and ``segmentation.webp`` (some scenes: photograph with the truth,
-probability, mask). Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
+``segmentation.md``. Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
 smears are known. The scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
 `tools.datasets.mover_scenes` another with a mover in every picture.
 """
@@ -12,7 +11,6 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,12 +18,11 @@ from blur2view.arrays import AnyArray
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
-from blur2view.results.mask_overlay import draw_motion
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.metrics import average_precision
-from tools.pages import publish, table, write_picture
+from tools.pages import publish, table
 from tools.rendering.exposure import GRID
 
 Mask = NDArray[np.bool_]
@@ -50,11 +47,12 @@ precision of the probability, shares that are called moving and unobservable.
 class SceneFigures:
     """One scene: what moves, what was called moving, and how well the probability ranks.
 
-    ``iou`` and ``precision`` may be NaN where nothing moves. ``counts`` (2, 10) are all pixels, and those
-    that move, by tenths of the probability.
+    ``is_still``: nothing moves at all. ``iou`` and ``precision`` may be NaN where nothing moves. ``counts``
+    (2, 10) are all pixels, and those that move, by tenths of the probability.
     """
 
     share: float
+    is_still: bool
     iou: float
     precision: float
     called: float
@@ -77,6 +75,7 @@ def judge(scene: TestScene, mask: MotionMask) -> SceneFigures:
     tenth = np.minimum((10 * score).astype(int), 9)
     return SceneFigures(
         share=float(moving.sum() / scene.valid.size),
+        is_still=bool(scene.static.all()),
         iou=overlap(called, moving),
         precision=average_precision(score, moving),
         called=float(called.mean()),
@@ -85,27 +84,16 @@ def judge(scene: TestScene, mask: MotionMask) -> SceneFigures:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Judged:
-    """A scene with its mask and figures."""
-
-    scene: TestScene
-    image: NDArray[np.float32]
-    mask: MotionMask
-    figures: SceneFigures
-
-
-def judged_scene(scene: TestScene, network: SmearNetwork) -> Judged:
-    """Return a scene, segmented."""
+def judged_scene(scene: TestScene, network: SmearNetwork) -> SceneFigures:
+    """Return the figures of a scene's mask."""
     image = read_image(scene.image_path)
-    mask = segment(estimate(image, network=network), image)
-    return Judged(scene=scene, image=image, mask=mask, figures=judge(scene, mask))
+    return judge(scene, segment(estimate(image, network=network), image))
 
 
-def split_rows(name: str, judged: list[Judged]) -> list[tuple[str, ...]]:
+def split_rows(name: str, judged: list[SceneFigures]) -> list[tuple[str, ...]]:
     """Return rows of a split: scenes with movers, scenes without any."""
-    some = [one.figures for one in judged if one.figures.share >= LEAST_SHARE]
-    still = [one.figures for one in judged if one.scene.static.all()]
+    some = [one for one in judged if one.share >= LEAST_SHARE]
+    still = [one for one in judged if one.is_still]
     many = sum(scene.called > FALSE_SHARE for scene in still)
     return [
         _row(f"{name}, movers of 1 % or more", some),
@@ -149,30 +137,10 @@ def moving_in(photo: Path, network: SmearNetwork) -> Mask:
     return np.asarray(segment(estimate(image, network=network), image).labels == MotionLabel.MOVING)
 
 
-def panel(judged: list[Judged], rows: int = 8) -> AnyArray:
-    """Return scenes, evenly from the best mask to the worst, a row each (:func:`_panel_row`)."""
-    some = sorted(judged, key=lambda one: -np.nan_to_num(one.figures.iou))
-    chosen = [some[k] for k in np.unique(np.linspace(0, len(some) - 1, min(rows, len(some))).astype(int))]
-    return np.vstack([_panel_row(one) for one in chosen])
-
-
-def _panel_row(one: Judged) -> AnyArray:
-    height, width = one.image.shape[:2]
-    photo = np.round(255 * one.image).astype(np.uint8)
-    truth = cv2.resize((~one.scene.static).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
-    rims, _ = cv2.findContours(truth, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(photo, rims, -1, (255, 70, 170), 2)
-    level = np.round(255 * one.mask.probability).astype(np.uint8)
-    heat = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
-    drawn = draw_motion(one.image, one.mask)[:height, :width]
-    row = np.hstack([photo, heat, drawn])
-    return np.asarray(cv2.resize(row, (row.shape[1] // 2, row.shape[0] // 2), interpolation=cv2.INTER_AREA))
-
-
-def tables(folders: dict[Path, list[Judged]]) -> list[str]:
+def tables(folders: dict[Path, list[SceneFigures]]) -> list[str]:
     """Return the rows of every folder under their heads, and the calibration over all."""
     rows = [row for folder, judged in folders.items() for row in split_rows(folder.name, judged)]
-    figures = [one.figures for judged in folders.values() for one in judged]
+    figures = [one for judged in folders.values() for one in judged]
     words = "Calibration, all pixels of all scenes:"
     return [*table(f"scenes | n | {' | '.join(COLUMNS)}", rows), "", words, "", *calibration_lines(figures)]
 
@@ -189,9 +157,6 @@ def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Targe
     command = f"python -m tools.evaluation.segmentation {shlex.join(sys.argv[1:])}"
     text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(lines) + "\n"
     publish(text, out.with_suffix(".md"))
-    some = [one for split in judged.values() for one in split if one.figures.share >= LEAST_SHARE]
-    if some:
-        write_picture(out.with_suffix(".webp"), panel(some))
 
 
 if __name__ == "__main__":

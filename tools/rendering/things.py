@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from tools.rendering.defocus import defocused
+from tools.rendering.layers import Path as Motion
+from tools.rendering.layers import blob, composed, sample_path, smears_of, surface
 from tools.rendering.sensor import log_uniform
-from tools.rendering.shaken import Path as Motion
-from tools.rendering.shaken import blob, composed, sample_path, smears_of, surface
 
 Array = NDArray[Any]
 

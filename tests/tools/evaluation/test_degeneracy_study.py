@@ -44,10 +44,8 @@ def test_outcomes_name_configurations_and_the_table_counts_what_is_right() -> No
     costs = ((MotionModel.CAMERA, 0.0), (MotionModel.TRANSLATION, 1.0))
     uncalibrated = replace(either, F=np.eye(3), config=Configuration.UNCALIBRATED)
     assert outcome(replace(uncalibrated, model=MotionModel.CAMERA, scores=costs), scene) == "translation"
-    rows = [
-        Named(kind=kind, outcome=RIGHT[kind][0], rho=0.0, seconds=0.0) for kind in KINDS for _ in range(3)
-    ]
-    rows += [Named(kind="plane", outcome="general", rho=0.0, seconds=0.0)]
+    rows = [Named(kind=kind, outcome=RIGHT[kind][0], seconds=0.0) for kind in KINDS for _ in range(3)]
+    rows += [Named(kind="plane", outcome="general", seconds=0.0)]
     lines = confusions(rows)
     assert len(lines) == 2 + len(KINDS) + 1
     assert "| 75.0 |" in next(line for line in lines if line.startswith("| plane"))

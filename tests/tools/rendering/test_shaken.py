@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tools.rendering.shaken import DECODE, Path, ShakeOptions, averaged, shake
+from tools.rendering.layers import DECODE, Path, averaged
+from tools.rendering.shaken import ShakeOptions, shake
 
 STILL = ShakeOptions(size=(96, 64), still_share=1.0, mover_share=0.0, rest_share=0.0, focus_share=0.0)
 
