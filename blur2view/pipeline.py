@@ -34,8 +34,7 @@ from blur2view.two_view.options import EstimatorOptions
 if TYPE_CHECKING:
     from PIL import Image
 
-CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]
-"""Of a photograph's path, width and height, and EXIF."""
+CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
 LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 
 
@@ -50,6 +49,7 @@ class Run:
     exposure_s: float | None = None
     readout_s: float | None = None
     max_memory_gib: float = MAX_MEMORY_GIB
+    gyroscope: bool = False  # whether rates have the sign of one
 
     def __post_init__(self) -> None:
         if not self.max_memory_gib > 0:
@@ -163,7 +163,7 @@ def estimate(
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
     detail : Detail
-        ``Detail.PIXELS`` reads every window of a large photograph, for masks and ``grid.at_pixels()``.
+        ``Detail.PIXELS`` reads every window of a large photograph, for ``grid.at_pixels()``.
 
     Returns
     -------

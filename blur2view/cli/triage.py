@@ -257,6 +257,9 @@ def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> 
     parts = [uses + f", {counts['']} failed" * bool(counts[""])]
     if options.keep is not None or options.extract is not None:
         parts.append(f"{kept} kept" if kept else f"none is kept: {hint(rows, options)}")
+    for name, listed in KEPT.items():
+        if name in options.lists and not any(counts[use] for use in listed):
+            parts.append(f"{name} names none, as none is {' or '.join(listed)}")
     lists = [one for name, one in options.lists.items() if name in KEPT or whole or not options.selects]
     written = (
         options.csv if finished.has_table else None,

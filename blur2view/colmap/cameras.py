@@ -63,7 +63,8 @@ def camera_of_database(
             if row is None:
                 raise CameraError(f"{path}: has no camera {camera_id}; it has {some}")
     except DatabaseError as error:
-        raise CameraError(str(error)) from None
+        remedy = "; or write its line out: MODEL WIDTH HEIGHT PARAMS..." if path.suffix == ".txt" else ""
+        raise CameraError(f"{error}{remedy}") from None
     model, width, height, params = row  # of any type
     try:
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name

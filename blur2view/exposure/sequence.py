@@ -104,6 +104,8 @@ def estimate_frames(
             publisher.publish(message)
     """
     if isinstance(frames, str | os.PathLike):
+        if os.path.isdir(frames):
+            raise ValueError(f"{frames}: is a folder; give map(blur2view.read_image, paths of its frames)")
         frames = read_video(frames)
     if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
         got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"

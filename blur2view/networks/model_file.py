@@ -153,7 +153,10 @@ def _provider_names(providers: Sequence[str]) -> list[str]:
     for name in providers:
         if _short(name) not in there:
             known = ", ".join(there)
-            raise ModelError(f"{name}: is no execution provider of this ONNX Runtime, which has {known}")
+            raise ModelError(
+                f"{name}: is no execution provider of this ONNX Runtime, which has {known}"
+                "; cuda comes with onnxruntime-gpu in its place"
+            )
     return [there[_short(name)] for name in providers if there[_short(name)] != CPU]
 
 

@@ -33,14 +33,14 @@ class Detail(StrEnum):
     """What a photograph is read for."""
 
     PIXELS = "pixels"
-    """Smears of every pixel, and masks: every window is read."""
+    """Smears of every pixel: every window is read."""
     GEOMETRY = "geometry"
-    """The camera's motion: of photographs above ``max_pixels`` some thousand windows spread over them."""
+    """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
     RANKING = "ranking"
-    """The order of photographs by their blur: of all but small ones a few hundred windows."""
+    """The order of photographs by their blur: some fifty to two hundred windows."""
 
 
-LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 120}
+LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
@@ -79,7 +79,8 @@ class SmearNetwork:
         providers: Sequence[str] = (),
     ) -> None:
         self.path = model_path(path)
-        self.execution = Execution(threads=threads or usable_cores(), providers=tuple(providers))
+        providers = (providers,) if isinstance(providers, str) else tuple(providers)
+        self.execution = Execution(threads=threads or usable_cores(), providers=providers)
         network = OnnxNetwork(self.path, self.execution)
         self.info = read_info(network)
         self._reader = OctaveReader(network, self.info.features)
@@ -145,8 +146,8 @@ class SmearNetwork:
         Of all windows, a large photograph's are read in tiles, which are blended; what is flat all over is
         not read.
         """
-        shown, grey = shown_and_grey(image, self.info.brightness)
-        flat = _flat(shown, apart // STEP)
+        shown, grey = shown_and_grey(image, self.info.brightness, apart // STEP)
+        flat = _flat(shown)
         height, width = grey.shape
         whole = apart > STEP or height * width <= self.max_pixels
         tile_px = max(height, width) if whole else self.tile_px
@@ -224,34 +225,32 @@ def floats_of(image: AnyArray) -> Floats:
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def shown_and_grey(image: AnyArray, brightness: float) -> tuple[NDArray[np.uint8], Floats]:
-    """Return a photograph, as of `photograph_of`, so bright: as RGB (H, W, 3) of 8 bits, and its luma.
+def shown_and_grey(image: AnyArray, brightness: float, times: int) -> tuple[NDArray[np.uint8], Floats]:
+    """Return a photograph, as of `photograph_of`, so bright: as RGB (h, w, 3) of 8 bits, and its luma (H, W).
 
-    A strip of rows at a time, so that memory does not hold all of it as RGB floats.
+    The former is so many ``times`` smaller, a power of two up to 256. A strip of rows at a time, so that
+    memory does not hold all of it as RGB.
     """
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
-    shown = image if as_it_is else np.empty((height, width, 3), np.uint8)
+    small = -(-height // times), -(-width // times)
+    shown = image if as_it_is and times == 1 else np.empty((*small, 3), np.uint8)
     grey = np.empty((height, width), np.float32)
     for first in range(0, height, _STRIP_ROWS):
         rows = slice(first, min(first + _STRIP_ROWS, height))
         rgb = brightened(floats_of(image[rows]), gain)
         even = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
         grey[rows] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[:, :width]  # odd columns are rounded otherwise
-        if not as_it_is:
-            shown[rows] = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)  # rounded, saturated
+        if shown is not image:
+            strip = image[rows] if as_it_is else cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
+            own = shown[first // times : -(-rows.stop // times)]
+            own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
     return shown, grey
 
 
-def _flat(shown: AnyArray, times: int) -> NDArray[np.bool_]:
-    """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255.
-
-    Of a picture that is so many times smaller.
-    """
-    if times > 1:
-        size = [-(-side // times) for side in shown.shape[1::-1]]
-        shown = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
+def _flat(shown: AnyArray) -> NDArray[np.bool_]:
+    """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255."""
     window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
     contrast = cv2.subtract(cv2.dilate(shown, window), cv2.erode(shown, window)).reshape(shown.shape)
     rows, columns = (np.minimum(np.arange(0, n, STEP) + STEP // 2, n - 1) for n in shown.shape[:2])
