@@ -17,7 +17,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
 from blur2view.input_files import read_regular
 from blur2view.output_files import write_files, writing
-from blur2view.photographs.image import read_content
+from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, read_frame
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
