@@ -35,8 +35,7 @@ from blur2view.two_view.options import EstimatorOptions
 if TYPE_CHECKING:
     from PIL import Image
 
-CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]
-"""Of a photograph's path, width and height, and EXIF."""
+CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
 LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 
 

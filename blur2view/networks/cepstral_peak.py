@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -47,26 +46,16 @@ PEAK_PX = 0.25
 ERF = np.vectorize(math.erf, otypes=[np.float32])  # SciPy is slow to import
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prior:
+class Prior(NamedTuple):
     """What the network says of the smears of windows (h, w), in an octave's pixels.
 
     A window's cells are taken to err alike: theirs are means.
-
-    Attributes
-    ----------
-    smear : ndarray of complex64
-        x + iy, of either sign.
-    sigma_rad, sigma_log : ndarray of float32
-        Standard deviations of the direction, and of the logarithm of the length.
-    usable : ndarray of bool
-        Where it is sure and long enough that its peak can be found.
     """
 
-    smear: NDArray[np.complex64]
-    sigma_rad: Floats
-    sigma_log: Floats
-    usable: NDArray[np.bool_]
+    smear: NDArray[np.complex64]  # x + iy, of either sign
+    sigma_rad: Floats  # standard deviation of the direction
+    sigma_log: Floats  # and of the logarithm of the length
+    usable: NDArray[np.bool_]  # it is sure and long enough that its peak can be found
 
 
 def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:

@@ -59,15 +59,15 @@ class OctaveReader:
         self.network, self.features = network, features
         self.threads = network.execution.threads
 
-    def read(self, grey: Floats, levels: int, apart: int = 0) -> Floats:
+    def read(self, grey: Floats, levels: int, apart: int) -> Floats:
         """Return what is read of a picture (H, W) whose sides are multiples of the largest cells'.
 
         (h, w, 10): double angle and both deviations of smears, radius out of focus, probabilities of the
         kinds of blur.
 
-        Its octaves are read, the smallest first, their logits joined, smears read off them and refined. If
-        cells are to be ``apart`` pixels wide, 32 times a power of two, finer octaves have no more windows,
-        and are read only while smears may be too short for those that were.
+        Its octaves are read, the smallest first, their logits joined, smears read off them and refined. Cells
+        are ``apart`` pixels wide, 32 times a power of two: finer octaves have no more windows, and are read
+        only while smears may be too short for those that were.
         """
         spectra, joint = list[Floats](), list[Octave]()
         for k, picture in reversed(list(enumerate(octaves(grey, levels)))):
@@ -75,7 +75,7 @@ class OctaveReader:
             spectra.insert(0, power_spectra(windows, self.threads))
             shown = picture if apart >> k <= STEP else thinned(windows)
             joint.append(self.read_octave(shown, spectra[0], joint[-1] if joint else None))
-            if STEP << k <= apart and not_short(joint[-1]):
+            if k and STEP << k <= apart and not_short(joint[-1]):
                 break
         read = joint[-1]
         kinds = softmax(read.kinds)

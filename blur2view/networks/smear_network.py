@@ -79,8 +79,8 @@ class SmearNetwork:
         providers: Sequence[str] = (),
     ) -> None:
         self.path = model_path(path)
-        providers = [providers] if isinstance(providers, str) else providers
-        self.execution = Execution(threads=threads or usable_cores(), providers=tuple(providers))
+        providers = (providers,) if isinstance(providers, str) else tuple(providers)
+        self.execution = Execution(threads=threads or usable_cores(), providers=providers)
         network = OnnxNetwork(self.path, self.execution)
         self.info = read_info(network)
         self._reader = OctaveReader(network, self.info.features)
@@ -118,24 +118,19 @@ class SmearNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        spread = self._spread(np.shape(image)[:2], detail)
-        step = STEP << max(spread, octave_count(np.shape(image), levels) - 1) if spread else 1
-        shown, grey = shown_and_grey(image, self.info.brightness, step, 1 << spread)
-        flat = _flat(shown)
-        shape = np.shape(image)[0], np.shape(image)[1]
+        image = photograph_of(image)
+        shape = image.shape[0], image.shape[1]
+        apart = STEP << self._spread(shape, detail)
         with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
-            if spread:
-                values = self._reader.read(grey, octave_count(shape, levels), STEP << spread)
-            else:
-                values = self._in_tiles(grey, flat, levels)
+            values, flat = self._in_tiles(image, levels, apart)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]
         if not np.isfinite(values).all():
             raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
         cells, blur = np.split(values, [4], axis=-1)
-        window_px = WINDOW_PX << spread  # as if the picture were smaller
-        return SmearGrid(cells=cells, blur=blur, stride=STEP << spread, shape=shape, window_px=window_px)
+        window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
+        return SmearGrid(cells=cells, blur=blur, stride=apart, shape=shape, window_px=window_px)
 
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
@@ -145,20 +140,28 @@ class SmearNetwork:
             return 0
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 
-    def _in_tiles(self, grey: Floats, flat: NDArray[np.bool_], levels: int) -> Floats:
-        """Return what is read of all windows, (h, w, 10), tiles blended; those flat all over are not read."""
+    def _in_tiles(self, image: AnyArray, levels: int, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return what is read of windows so far apart, (h, w, 10), and which of these cells are flat.
+
+        Of all windows, a large photograph's are read in tiles, which are blended; what is flat all over is
+        not read.
+        """
+        shown, grey = shown_and_grey(image, self.info.brightness, apart // STEP)
+        flat = _flat(shown)
         height, width = grey.shape
-        tile_px = self.tile_px if height * width > self.max_pixels else max(height, width)
+        whole = apart > STEP or height * width <= self.max_pixels
+        tile_px = max(height, width) if whole else self.tile_px
         levels = octave_count((min(height, width, tile_px),), levels)
-        step = STEP << levels - 1  # whole windows in the smallest octave
+        step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         height, width, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
-        tiles = tiles_of((height, width), step, tile_px, self.overlap_px, STEP)
+        tiles = tiles_of((height, width), step, tile_px, self.overlap_px, apart)
+        grey = tiles[0].of(grey) if len(tiles) == 1 else grey  # memory holds the larger one alone
         rows, columns = (cells.stop for cells in tiles[-1].cells)
         values = np.zeros((rows, columns, 5 + len(KINDS)), np.float32)
         weight = np.zeros((rows, columns, 1), np.float32)
 
         def read(tile: Tile) -> Floats | None:
-            return None if flat[tile.cells].all() else self._reader.read(tile.of(grey), levels)
+            return None if flat[tile.cells].all() else self._reader.read(tile.of(grey), levels, apart)
 
         pool = ThreadPoolExecutor(self.tiles_at_once)
         try:
@@ -169,7 +172,7 @@ class SmearNetwork:
                 self.on_tile(done, len(tiles))
         finally:
             pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
-        return np.asarray(values / weight, np.float32)
+        return np.asarray(values / weight, np.float32), flat
 
 
 def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
@@ -222,36 +225,27 @@ def floats_of(image: AnyArray) -> Floats:
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def shown_and_grey(
-    image: AnyArray, brightness: float, step: int, times: int = 1
-) -> tuple[NDArray[np.uint8], Floats]:
-    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (h, w, 3) of 8 bits, and its luma (H, W).
+def shown_and_grey(image: AnyArray, brightness: float, times: int) -> tuple[NDArray[np.uint8], Floats]:
+    """Return a photograph, as of `photograph_of`, so bright: as RGB (h, w, 3) of 8 bits, and its luma (H, W).
 
-    The former is so many ``times`` smaller, a power of two up to 256; the luma's sides are rounded up to
-    multiples of ``step`` and mirrored there. A strip of rows at a time, so that memory does not hold all of
-    it as RGB.
+    The former is so many ``times`` smaller, a power of two up to 256. A strip of rows at a time, so that
+    memory does not hold all of it as RGB.
     """
-    image = photograph_of(image)
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
     small = -(-height // times), -(-width // times)
     shown = image if as_it_is and times == 1 else np.empty((*small, 3), np.uint8)
-    grey = np.empty((height + -height % step, width + -width % step), np.float32)
+    grey = np.empty((height, width), np.float32)
     for first in range(0, height, _STRIP_ROWS):
         rows = slice(first, min(first + _STRIP_ROWS, height))
         rgb = brightened(floats_of(image[rows]), gain)
         even = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
-        grey[rows, :width] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[
-            :, :width
-        ]  # odd columns are rounded otherwise
+        grey[rows] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[:, :width]  # odd columns are rounded otherwise
         if shown is not image:
             strip = image[rows] if as_it_is else cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
             own = shown[first // times : -(-rows.stop // times)]
             own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
-    below, beside = (np.pad(np.arange(n), (0, -n % step), mode="reflect")[n:] for n in (height, width))
-    grey[:, width:] = grey[:, beside]
-    grey[height:] = grey[below]
     return shown, grey
 
 
