@@ -22,7 +22,6 @@ from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.networks.smear_network import Detail
 from blur2view.photographs.inputs import colmap_names
 from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
@@ -108,13 +107,7 @@ class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
-        masked = plan is not None and self.skip_movers
-        one = self.estimated(
-            job,
-            as_stored=True,
-            camera_of=partial(_camera, self.db, plan, self.run),
-            detail=Detail.PIXELS if masked else Detail.GEOMETRY,
-        )
+        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.db, plan, self.run))
         if plan is None:
             views = views_of(photograph.name, one.estimate)
         else:
