@@ -35,21 +35,13 @@ FREEDOM = 4  # degrees, of Student's t: some frames are outliers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedFrame:
-    """A frame's smears at features of known depth, and the trajectory's velocity there, in checked shapes."""
+    """A frame's smears at features of known depth, and the trajectory's velocity there."""
 
     rays: Array  # (N, 2): x/z, y/z of the features at mid exposure
     displacement: Array  # (N, 2): their smears, open to close, in the same coordinates
     inverse_depth: Array  # (N,): one over the features' z
     # (6,): rotation vector and translation per frame, of cam_later_from_cam_earlier; None without neighbours
     velocity: Array | None
-
-    def __post_init__(self) -> None:
-        count = len(self.inverse_depth)
-        shapes = self.rays.shape, self.displacement.shape, self.inverse_depth.shape
-        if shapes != ((count, 2), (count, 2), (count,)):
-            raise ValueError(f"expected rays (N, 2), displacement (N, 2), inverse_depth (N,), got {shapes}")
-        if self.velocity is not None and self.velocity.shape != (6,):
-            raise ValueError(f"expected a velocity (6,), got {self.velocity.shape}")
 
     @property
     def rows(self) -> Array:

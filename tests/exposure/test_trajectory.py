@@ -159,10 +159,3 @@ def test_nothing_is_expected_of_a_trajectory_that_knows_nothing() -> None:
     size = np.abs(trajectory.velocities(OPEN_FOR)).max()
     np.testing.assert_array_equal(trajectory.shares(OPEN_FOR, np.full((24, 6), size)), 0)
     np.testing.assert_allclose(trajectory.shares(OPEN_FOR, np.full((24, 6), 1e-3 * size)), 1, atol=1e-4)
-
-
-def test_shapes_are_checked() -> None:
-    with pytest.raises(ValueError, match="expected rays"):
-        ExposedFrame(
-            rays=np.zeros((3, 2)), displacement=np.zeros((2, 2)), inverse_depth=np.ones(3), velocity=None
-        )

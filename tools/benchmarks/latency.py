@@ -9,14 +9,13 @@ come one frame late, and without.
 import time
 from collections.abc import Iterator
 from itertools import product
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
-from tools.arguments import existing, parser_of
+from tools.arguments import Existing, Target, run
 from tools.pages import publish, table
 
 SIZES, THREADS = ((640, 480), (1280, 720)), (1, 4)
@@ -47,21 +46,16 @@ def latencies_ms(
     return 1000 * np.array(passed[WARM:])
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("photograph", type=existing)
-    parser.add_argument("--frames", type=int, default=20, help="counted of each kind (default: %(default)s)")
-    parser.add_argument("--out", type=Path, help="write the table there, too")
-    arguments = parser.parse_args()
-    picture = blur2view.read_image(arguments.photograph)
+def main(photograph: Existing, *, frames: int = 20, out: Target | None = None) -> None:
+    """Print the table of so many frames of each kind."""
+    picture = blur2view.read_image(photograph)
     rows = []
     for size, threads, ordered in product(SIZES, THREADS, (True, False)):
-        passed, worked = latencies_ms(picture, size, threads, ordered, arguments.frames).T
+        passed, worked = latencies_ms(picture, size, threads, ordered, frames).T
         figures = [f"{one:.0f}" for one in (np.median(passed), np.quantile(passed, 0.95), np.median(worked))]
         rows.append((f"{size[0]}x{size[1]}", threads, "yes" if ordered else "no", len(passed), *figures))
-    publish("\n".join([*table(HEAD, rows), ""]), arguments.out)
+    publish("\n".join([*table(HEAD, rows), ""]), out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)
