@@ -22,7 +22,8 @@ from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import Moving, moving_probability
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
-from blur2view.photographs.content import read_content, read_pixels
+from blur2view.photographs.content import read_content
+from blur2view.photographs.image import read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
@@ -177,11 +178,11 @@ def estimate(
         If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
         be used.
     """
+    of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
     if camera is not None:
-        of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
         require("camera", camera, Camera, of)
     if isinstance(image, str | os.PathLike):
-        path, content = Path(image), read_content(Path(image))
+        content = read_content(path := Path(image))
         image = read_pixels(path, content=content)
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
     image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
@@ -291,10 +292,9 @@ def _contradictions(run: Run, camera: Camera | None, exif: ExifValues) -> tuple[
 
 def _shutter(path: Path, run: Run, exif: ExifValues) -> RollingShutter | None:
     """Return the rolling shutter of a photograph, None where the options name none."""
-    exposure_s = run.exposure_s or exif.exposure_s
     if not run.readout_s:
         return None
-    if exposure_s is None:
+    if (exposure_s := run.exposure_s or exif.exposure_s) is None:
         raise CameraError(f"{path}: --readout needs the exposure time, EXIF names none; add --exposure S")
     towards = rows_towards(frame[0]) if (frame := frame_of(path)) else exif.rows_towards
     return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=towards)
