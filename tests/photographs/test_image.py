@@ -171,7 +171,7 @@ def bitmap(side: int) -> bytes:
         (encoded(Image.fromarray(np.ones((20, 20), np.float32)), "TIFF"), "floating-point"),
         (cv2.imencode(".tif", np.ones((20, 20, 3), np.float32))[1].tobytes(), ""),
         (encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"), "32-bit"),
-        ("folder", "is a folder"),
+        ("folder", "is a folder; name a photograph in it"),
         (None, "no such file"),
     ],
 )

@@ -51,7 +51,7 @@ class ReportOptions(ReportSettings, PhotographOptions):
     "a page is drawn anew, from the photographs"
 
     def __post_init__(self) -> None:
-        if self.output.suffix.lower() not in ("", ".html", ".htm"):
+        if self.output.suffix.lower() in (".pdf", ".json", ".csv"):
             raise ValueError(f"a report is HTML; name it {self.output.with_suffix('.html')}")
         super().__post_init__()
 
