@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,9 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.robust import calibration as c
 from blur2view.robust.calibration import MIN_LENGTH_PX, MIN_MATCHES
 from blur2view.robust.field_fit import FieldFit
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.refinement import WeightedPoint
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.families import Fit
 from blur2view.two_view.options import EstimatorOptions
@@ -101,12 +100,13 @@ class Inliers:
         return f"{self.share:.0%} of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
 
 
-def inliers_of(model: Array | FieldFit[Any], likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
+def inliers_of(model: Array | FieldFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
     """Return the inliers of F (3, 3), of the matches' pixels, or of a displacement field.
 
     See `EstimatorOptions.tolerance_px`; chance is measured on the same smears in random directions.
     """
-    sigma_px = likelihood.sigma_px if isinstance(model, np.ndarray) else likelihood.field_sigma_px
+    of_field = isinstance(model, FieldFit)
+    sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px
     tolerance = options.tolerance_px(likelihood.length_px, sigma_px)
 
     def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
@@ -154,15 +154,15 @@ def halves_agreement(
     middle = likelihood.matches.midpoint
     axis = int(np.argmax(np.ptp(middle, axis=0)))
     side = middle[:, axis] > np.median(middle[:, axis])
-    refinement = RefineOptions(effective_share=likelihood.effective_share, max_iterations=c.HELD_OUT_STEPS)
     beyond = []
     for fitted in (side, ~side):
         train = rng.permutation(np.flatnonzero(fitted))[: c.HELD_OUT_MATCHES]
         if len(train) < MIN_MATCHES:
             return 0.0
-        point, _ = refine(fit.point, likelihood.subset(train), refinement)
+        start = WeightedPoint.likelier(fit.point, likelihood.subset(train))
+        *_, best = levenberg_marquardt(start, c.HELD_OUT_STEPS, c.TOLERANCE)
         held_out = likelihood.subset(np.flatnonzero(~fitted))
-        beyond.append(inliers_of(likelihood.pixels(point.matrix()), held_out, options).beyond_chance)
+        beyond.append(inliers_of(likelihood.pixels(best.point.matrix()), held_out, options).beyond_chance)
     return float(np.mean(beyond))
 
 

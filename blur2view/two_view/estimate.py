@@ -156,7 +156,9 @@ def as_recorded(
     geometry = geometry_of(choice, likelihood, fits, options)
     geometry = replace(geometry, reason=f"{geometry.reason}: {figures}", iterations=iterations)
     if likelihood.intrinsics_known:
-        geometry = in_order_of_rotation(with_pose(geometry, likelihood, fits, options), likelihood)
+        field = None if choice.homography is None else choice.homography.family
+        geometry = with_pose(geometry, field, likelihood, fits, options)
+        geometry = in_order_of_rotation(geometry, likelihood)
     return in_one_order(geometry, matches)
 
 

@@ -11,25 +11,24 @@ from dataclasses import replace
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
 from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.robust.field_fit import SLOW, fit_field
-from blur2view.robust.homography import RotationH, cayley
+from blur2view.robust.field_fit import fit_field
+from blur2view.robust.homography import Field, cayley
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import CameraF, CameraPrior
+from blur2view.robust.parametrization import CameraF
 from blur2view.robust.refinement import WeightedPoint
-from blur2view.robust.residuals import RefineOptions
 from blur2view.two_view.consensus import inliers_of
 from blur2view.two_view.families import Fit, fit_best
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
-CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
 # Of 40 scenes with independent noise and 20 % outliers (seeds from 2000 of tests/geometry/test_pose.py) the
 # squared distances of the truth are larger by this than their distribution says, in the median and at 80 %.
 MISSED = 1.7
@@ -54,29 +53,12 @@ def fit_calibrated(
     return point, oriented_pose(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
 
 
-def curvature(likelihood: Likelihood, point: CameraF) -> Array:
-    """Return the second derivative (5, 5) of half the cost at E, rotation first, by differences.
-
-    All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose order
-    or kind is uncertain weighs less.
-    """
-    options = RefineOptions(effective_share=likelihood.claimed.effective_share)
-    state = WeightedPoint.likelier(point, likelihood, options)
-    normal, _ = state.normal_equations()
-    rows = []
-    for k in POSE:
-        delta = CURVATURE_STEP / np.sqrt(normal[k, k] + TINY) * np.eye(len(normal))[k]
-        ahead, behind = (state.moved(s * delta).reweighted().normal_equations()[1] for s in (1, -1))
-        rows.append((ahead - behind)[POSE] / (2 * delta[k]))
-    matrix: Array = 0.5 * (np.array(rows) + np.array(rows).T)
-    return matrix if np.linalg.eigvalsh(matrix)[0] > 0 else normal[np.ix_(POSE, POSE)]
-
-
 def covariance_of(
     pose: RigidTransform, point: CameraF, likelihood: Likelihood, directions: DirectionLikelihood
 ) -> PoseCovariance:
     """Return the covariance of the pose of E at a point."""
-    precision = curvature(likelihood, point)
+    normal, _ = WeightedPoint.likelier(point, likelihood.claimed).normal_equations()
+    precision = normal[np.ix_(POSE, POSE)]
     region = directions.region(pose).covariance(pose.translation, pose.rotation_vector)
     matrix = np.asarray(MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
     sign = np.copysign(1.0, pose.translation @ point.t)
@@ -89,17 +71,22 @@ def covariance_of(
 
 
 def with_pose(
-    geometry: TwoViewGeometry, likelihood: Likelihood, fits: list[Fit], options: EstimatorOptions
+    geometry: TwoViewGeometry,
+    field: Field | None,
+    likelihood: Likelihood,
+    fits: list[Fit],
+    options: EstimatorOptions,
 ) -> TwoViewGeometry:
     """Return a geometry of known intrinsics with E and the pose; unchanged where there is neither F nor H.
 
-    The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
-    explains the smears alone; else the pose is the rotation, whatever the translation.
+    ``field`` is the homography's. The translation is given where parallax is proven, or its direction known
+    to KNOWN_DEG and no rotation explains the smears alone; else the pose is the rotation, whatever the
+    translation.
     """
     if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
         return geometry
-    if geometry.config is Configuration.PANORAMIC:
-        pose, covariance = pose_of_rotation(likelihood, geometry)
+    if geometry.config is Configuration.PANORAMIC and field is not None:
+        pose, covariance = pose_of_rotation(likelihood, field, geometry.swapped)
         reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
         return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
     start = next(fit.point for fit in fits if isinstance(fit.point, CameraF))
@@ -171,22 +158,14 @@ def in_order_of_rotation(geometry: TwoViewGeometry, likelihood: Likelihood) -> T
 
 
 def pose_of_rotation(
-    likelihood: Likelihood, geometry: TwoViewGeometry
+    likelihood: Likelihood, field: Field, swapped: NDArray[np.bool_]
 ) -> tuple[RigidTransform, PoseCovariance]:
-    """Return the rotation that explains smears alone, ordered as ``swapped``, and its covariance."""
-    if geometry.H is None:
-        raise ValueError("a rotation is refined from its homography, which is missing")
-    claimed, T = likelihood.claimed, likelihood.T
-    fixed = CameraPrior(rotation=likelihood.prior.rotation, log_focal=0.0, principal=0.0)
-    A = T @ geometry.H @ np.linalg.inv(T)
-    A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
-    even = replace(claimed.matches, shared=replace(claimed.matches.shared, length=0.0, direction_rad=0.0))
-    fit = fit_field(RotationH.from_generator(A, fixed), replace(claimed, matches=even))
-    swapped = np.where(geometry.swapped, -1.0, 1.0)
-    vector = fit.family.rotation * (1.0 if (fit.sign * swapped).sum() >= 0 else -1.0)
+    """Return the rotation of smears, near that of a field, ordered as ``swapped``, and its covariance."""
+    fit = fit_field(field, likelihood.claimed)
+    agrees = (fit.sign * np.where(swapped, -1.0, 1.0)).sum() >= 0
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
-    erring = replace(fit, likelihood=claimed, slow=np.zeros(SLOW))
-    matrix[:3, :3] = erring.covariance()[:3, :3]
+    matrix[:3, :3] = fit.covariance()[:3, :3]
+    vector = fit.family.parameters[:3] * (1.0 if agrees else -1.0)
     return rotation_alone(vector), PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2])
 
 
