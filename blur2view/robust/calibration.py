@@ -56,8 +56,7 @@ FREE_TOLERANCE = 1e-2  # of a fit that takes every smear for independent; anothe
 CLEARLY = 6.0  # what that must gain in cost: at 0, 6 more of 210 estimates of network smears fail
 SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: bound
 LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
-PAIRS = 100  # pairs of smears tried for a start of the two-parameter F, or off a plane
-SCORED = 500  # smears that F through a plane and two smears is scored on: bound
+PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 # Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
 # not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
 # synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
@@ -76,17 +75,11 @@ SHORT_QUANTILE, SHORT_INLIERS = 0.35, 0.5  # of the lengths; share of smears tha
 INLIER_SHARE = 0.1  # of its length, the Sampson distance at which a smear is no inlier: rho, our main measure
 INLIER_SIGMAS = 2.0  # of its own standard deviations, within which it is one
 MIN_AGREEMENT = 0.2  # share of smears that fit F beyond chance: SYNTH's last row, and noise fields
-SURE_AGREEMENT = 0.8  # and the share that needs no second test
-SURE_COUNT = 150  # independent smears beyond chance that need none: network smears have at most about 100
-HELD_OUT_STEPS = 5  # of refinement to half of the image, and matches used of it: a test, not an estimate
-HELD_OUT_MATCHES = 300
-MIN_HELD_OUT = 0.06  # share of one half of the image that the other half predicts
 
 # Which model: `two_view.choice`.
-SAMPLE = 1000  # smears that models are compared on, at most: with 400, 3 of 14 general scenes of SYNTH are undecided, 1 so
+SAMPLE = 1000  # smears that models are compared on, at most: with 400, 3 of 14 general SYNTH are open, not 1
 ON_PLANE = 3.0  # standard deviations within which a smear follows a homography
 LEAST_ON_PLANE = 0.4  # share of the smears on it without which parallax is not called absent
-BETTER_GAIN = 10.0  # that an F through the plane must gain over the search's: it is the best of many
 # The one step from the table to probabilities (`choice.probabilities`): by maximum likelihood over 65
 # rendered photographs of rotations, planes, still cameras and parallax of a fifth
 # (`python -m tools.datasets.motion_kinds OUT --scenes 14 --seed 80000`, network smears), and 28 of them whose

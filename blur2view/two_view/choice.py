@@ -22,9 +22,8 @@ from blur2view.robust.homography import Field, entries_of, rotation_of
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.families import Fit, fit_from, lower_cost
+from blur2view.two_view.families import Fit, lower_cost
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
-from blur2view.two_view.plane_parallax import plane_and_parallax
 
 HOMOGRAPHIES = {
     Configuration.PANORAMIC: MotionModel.ROTATION,
@@ -56,14 +55,13 @@ class Choice:
 
 
 def choose(
-    likelihood: Likelihood, fits: list[Fit], rng: np.random.Generator, *, has_consensus: bool, rolling: bool
+    likelihood: Likelihood, fit: Fit, rng: np.random.Generator, *, has_consensus: bool, rolling: bool
 ) -> Choice:
-    """Return what the smears show, given every model of F that was fitted.
+    """Return what the smears show, given the F of least cost.
 
-    Without ``has_consensus`` the F of least cost is hardly better than chance: only a homography is looked
-    for. With ``rolling`` the shutter may read one row after the other.
+    Without ``has_consensus`` that is hardly better than chance: only a homography is looked for. With
+    ``rolling`` the shutter may read one row after the other.
     """
-    fit = min(fits, key=lambda fit: fit.score)
     if not has_consensus and within_errors(likelihood.matches):
         sentence = "no motion, the smears are no longer than their errors"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
@@ -78,7 +76,6 @@ def choose(
             return several_motions(len(likelihood), motions, fit)
         if motions is not None:
             fit = lower_cost(likelihood, fit, motions.F)  # one motion, but perhaps a better F of it
-        fit = better_through_plane(likelihood, plane, fit, rng)
     fields = fields_of(sample, plane, rolling)
     table = table_of(fields, gain_of(fields[MotionModel.PLANE], fit) if has_consensus else None)
     return named(table, fields, fit, has_consensus)
@@ -105,16 +102,6 @@ def fields_of(sample: Likelihood, plane: FieldFit, rolling: bool) -> dict[Motion
 def gain_of(plane: FieldFit, fit: Fit) -> float:
     """Return what parallax along the lines of F gains over the plane alone, in log-likelihood."""
     return plane.likelihood.with_parallax(plane.predicted, plane.slow, fit.point.matrix())
-
-
-def better_through_plane(likelihood: Likelihood, plane: FieldFit, fit: Fit, rng: np.random.Generator) -> Fit:
-    """Return the F through the plane and two smears off it, if it gains clearly more than the one given."""
-    off_plane = np.flatnonzero(plane.orders(likelihood).least ** 2 >= c.CUTOFF**2)
-    through = plane_and_parallax(plane.family.generator(), likelihood, off_plane, rng)
-    if through is None:
-        return fit
-    other = fit_from(through, likelihood)
-    return other if gain_of(plane, other) - gain_of(plane, fit) > c.BETTER_GAIN else fit
 
 
 def table_of(fields: dict[MotionModel, FieldFit], gain: float | None) -> ModelTable:

@@ -82,38 +82,18 @@ class DirectionLikelihood:
         best = int(np.argmin(costs))
         return rotations[best], directions[best]
 
-    def region(self, pose: RigidTransform) -> TranslationRegion:
-        """Return what is known of the motion, oriented as a pose of it."""
+    def region(self, pose: RigidTransform) -> tuple[Array, PoseCovariance]:
+        """Return the mean rotation vector (3,) over all directions, and the covariance about a pose."""
         directions, rotations, costs, orders = self.grid
         weight = np.exp(-0.5 * (costs - costs.min()))
+        weight /= weight.sum()
         *_, (order,) = self.at(pose.translation[None])
         sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
-        return TranslationRegion(
-            directions=sign * directions, rotations=sign * rotations, weight=weight / weight.sum()
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TranslationRegion:
-    """The posterior of a motion over directions of its translation."""
-
-    directions: Array  # (G, 3) of one flip of time
-    rotations: Array  # (G, 3) that go with each
-    weight: Array  # (G,) their probabilities
-
-    @cached_property
-    def rotation(self) -> Array:
-        """Mean rotation vector (3,), the translation marginalised."""
-        mean: Array = self.weight @ self.rotations
-        return mean
-
-    def covariance(self, translation: Array, rotation: Array) -> PoseCovariance:
-        """Return the covariance of rotation vector (3,) and direction (3,) about those of a pose."""
-        tangents = plane_basis(translation)
-        cosine = np.clip(self.directions @ translation, -1.0, 1.0)
-        offset = self.directions @ tangents.T
-        offset *= (np.arccos(cosine) / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
-        both = np.concatenate([self.rotations - rotation, offset], axis=1)
-        matrix = (both * self.weight[:, None]).T @ both
+        tangents = plane_basis(pose.translation)
+        offset = sign * directions @ tangents.T
+        angle = np.arccos(np.clip(sign[:, 0] * (directions @ pose.translation), -1.0, 1.0))
+        offset *= (angle / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
+        both = np.concatenate([sign * rotations - pose.rotation_vector, offset], axis=1)
+        matrix = (both * weight[:, None]).T @ both
         matrix[3:, 3:] += np.radians(STEP_DEG) ** 2 / 12 * np.eye(2)
-        return PoseCovariance(matrix=matrix, tangents=tangents)
+        return weight @ (sign * rotations), PoseCovariance(matrix=matrix, tangents=tangents)
