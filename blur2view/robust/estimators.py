@@ -91,4 +91,4 @@ class SmearEstimator:
         bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / np.maximum(self.likelihood.length_px, TINY)
         chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
         inside = float((squared * self.precision < c.CUTOFF**2).mean())
-        return (inside - chance) / max(1 - chance, TINY)
+        return float((inside - chance) / max(1 - chance, TINY))

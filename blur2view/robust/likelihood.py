@@ -170,7 +170,8 @@ class Likelihood:
         """
         parallax = sign * parallax_along_lines(rotation, t, self.middle, self.displacement)
         weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
-        return np.exp(weight * order_log_odds(parallax, self.along) + (weight - 1) * np.log(2))
+        odds = weight * order_log_odds(parallax, self.along)
+        return np.asarray(np.exp(odds + (weight - 1) * np.log(2)))
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
@@ -179,7 +180,7 @@ class Likelihood:
 
     def order_weights(self, residuals: OrderedResiduals) -> Array:
         """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
-        return residuals.likelihoods / (residuals.likelihoods.sum(axis=0) + self.chance)
+        return np.asarray(residuals.likelihoods / (residuals.likelihoods.sum(axis=0) + self.chance))
 
     # Displacement fields: where both ends are
 

@@ -34,7 +34,7 @@ FAMILIES: list[Manifold] = [
 
 def normalised(ends: Array) -> Array:
     T = assumed_camera(IMAGE_SIZE)
-    return ends * T[0, 0] + T[:2, 2]
+    return np.asarray(ends * T[0, 0] + T[:2, 2])
 
 
 def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
