@@ -15,7 +15,6 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import QUIET, SHORT, printable
 from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import OutputError
-from blur2view.networks.smear_network import Detail
 from blur2view.output_files import below_shared_folder, check_file, writable_folders, write_files, writing
 from blur2view.results.report import Entry, report
 from blur2view.results.verdicts import verdict_of
@@ -31,7 +30,7 @@ class ReportWork(ReportSettings, EstimatingWork[None, Entry]):
 
     def __call__(self, job: Job[None]) -> Result[Entry]:
         """Return the entry of one photograph, by its path as it was named."""
-        one = self.estimated(job, detail=Detail.PIXELS if self.mask else Detail.GEOMETRY)
+        one = self.estimated(job)
         start = time.perf_counter()
         mask = None
         if self.mask:

@@ -17,6 +17,7 @@ from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
 from blur2view.photographs.inputs import colmap_names
+from blur2view.photographs.timestamps import timestamps_of
 from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, Payload, Target, Work, neighbours_of
@@ -245,7 +246,9 @@ def failure(path: Path, outcome: Outcome[Any]) -> FailureDocument:
 
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job[Any]]:
     """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
-    neighbours = neighbours_of(options.inputs.paths, options.sequence)
+    paths, table = options.inputs.paths, options.timestamps
+    neighbours = neighbours_of(paths, options.sequence)
+    times = [None] * len(paths) if table is None else timestamps_of(paths, table)
     targets: Sequence[ResultFiles | OutputError | None] = plan or [None] * len(neighbours)
     return [
         Job(
@@ -254,8 +257,10 @@ def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError
             target=None if isinstance(target, OutputError) else target,
             refusal=target if isinstance(target, OutputError) else None,
             neighbours=neighbours[path],
+            timestamp_s=time_s,
+            source="" if table is None else f"{time_s}",
         )
-        for index, (path, target) in enumerate(zip(neighbours, targets, strict=True))
+        for index, (path, target, time_s) in enumerate(zip(neighbours, targets, times, strict=True))
     ]
 
 

@@ -9,7 +9,6 @@ from blur2view.cli.arguments.segment import SegmentOptions, SegmentSettings
 from blur2view.cli.outputs import MASK, MASKS, mask_contents, run_with_files
 from blur2view.cli.summary import mask_summary
 from blur2view.cli.work import DocumentWork, result_of
-from blur2view.networks.smear_network import Detail
 from blur2view.output_files import ResultFiles
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.masks import MaskDocument, MasksDocument
@@ -26,7 +25,7 @@ class SegmentWork(SegmentSettings, DocumentWork[MaskDocument]):
 
     def __call__(self, job: Job[ResultFiles | None]) -> Result[MaskDocument | None]:
         """Return the document and the summary of one photograph, with its files."""
-        one, files = self.estimated(job, detail=Detail.PIXELS), job.target
+        one, files = self.estimated(job), job.target
         start = time.perf_counter()
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)

@@ -20,10 +20,16 @@ from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
 from blur2view.networks.smear_network import Detail
 from blur2view.output_files import check_file, writable_folders, write_text
-from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
-from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
+from blur2view.photographs.selection import (
+    extract,
+    extracted_names,
+    refuse_others,
+    sharpest,
+    sharpest_of_each,
+    thumbnail,
+)
 from blur2view.results.table import BLURRED, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
 from blur2view.results.uses import NEAR, use_of
 from blur2view.results.verdicts import verdict_of
@@ -251,6 +257,9 @@ def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> 
     parts = [uses + f", {counts['']} failed" * bool(counts[""])]
     if options.keep is not None or options.extract is not None:
         parts.append(f"{kept} kept" if kept else f"none is kept: {hint(rows, options)}")
+    for name, listed in KEPT.items():
+        if name in options.lists and not any(counts[use] for use in listed):
+            parts.append(f"{name} names none, as none is {' or '.join(listed)}")
     lists = [one for name, one in options.lists.items() if name in KEPT or whole or not options.selects]
     written = (
         options.csv if finished.has_table else None,

@@ -16,13 +16,11 @@ from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
-from blur2view.colmap.project import DatabaseMatcher, database_names, storable
+from blur2view.colmap.project import database_matcher, database_names, storable
 from blur2view.errors import CameraError, DatabaseError
-from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
-from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.networks.smear_network import Detail
+from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.photographs.inputs import colmap_names
 from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
@@ -108,13 +106,7 @@ class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]
         """Return the views of one photograph."""
         photograph, plan = job.target, job.target.plan
         # COLMAP does not turn pictures upright
-        masked = plan is not None and self.skip_movers
-        one = self.estimated(
-            job,
-            as_stored=True,
-            camera_of=partial(_camera, self.db, plan, self.run),
-            detail=Detail.PIXELS if masked else Detail.GEOMETRY,
-        )
+        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.db, plan, self.run))
         if plan is None:
             views = views_of(photograph.name, one.estimate)
         else:
@@ -172,7 +164,7 @@ def with_time(
     runs = consecutive_runs(names, in_order=bool(options.in_order))
     matcher: Callable[[int, int], Any]
     if options.link:
-        matcher = DatabaseMatcher(options.db, names)
+        matcher = database_matcher(options.db, names)
     else:
         matcher = photograph_matcher([paths[name] for name in names])
     return with_time_direction(views, runs, matcher)

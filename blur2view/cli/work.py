@@ -108,7 +108,7 @@ class EstimatingWork(Work[Target, Payload]):
             camera_of=camera_of,
             detail=detail,
         )
-        time_s = job.timestamp_s if job.frame is not None else timestamp_of(job.path)
+        time_s = timestamp_of(job.path) if job.timestamp_s is None else job.timestamp_s
         one = replace(one, frame=job.frame, timestamp_s=time_s, timed=self.timings)
         if not job.neighbours:
             return one

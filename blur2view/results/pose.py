@@ -78,27 +78,29 @@ class BackwardDocument(Document):
         geometry = one.estimate.geometry.backward
         if geometry is None or geometry.cam2_from_cam1 is None or geometry.covariance is None:
             return None
-        values = pose_of(geometry, one.exposure_s) | {"config": geometry.config.name}
+        values = pose_of(geometry, one) | {"config": geometry.config.name}
         return cls(**{field.name: values[field.name] for field in fields(cls)})
 
 
-def pose_of(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, Any]:
+def pose_of(geometry: TwoViewGeometry, one: FileEstimate) -> dict[str, Any]:
     """Return the pose of documents, its angle, its rate (see `rate_of`) and its covariance, None without."""
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
-    return rate_of(geometry, exposure_s) | {
+    return rate_of(geometry, one) | {
         "cam2_from_cam1": PoseDocument.from_attributes(pose),
         "rotation_deg": None if pose is None else pose.angle_deg,
         "pose_covariance": CovarianceDocument.from_attributes(covariance),
     }
 
 
-def rate_of(geometry: TwoViewGeometry, exposure_s: float | None) -> dict[str, Any]:
+def rate_of(geometry: TwoViewGeometry, one: FileEstimate) -> dict[str, Any]:
     """Return wx to sigma_wz and rate_unit of tables and documents: None, and no unit, without a pose.
 
-    The angular velocity, or without an exposure time the rotation vector.
+    The angular velocity, or without an exposure time the rotation vector; that of a gyroscope, if the
+    options say so.
     """
-    velocity = geometry.angular_velocity(exposure_s or 1.0)
+    velocity = geometry.angular_velocity(one.exposure_s or 1.0)
     if velocity is None:
         return dict.fromkeys(RATES) | {"rate_unit": ""}
+    velocity = velocity.of_gyroscope if one.run.gyroscope else velocity
     rates = dict(zip(RATES, [*velocity.mean.tolist(), *velocity.sigma.tolist()], strict=True))
-    return rates | {"rate_unit": PER_SECOND if exposure_s else RADIANS}
+    return rates | {"rate_unit": PER_SECOND if one.exposure_s else RADIANS}

@@ -28,16 +28,17 @@ ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 class Field:
     """The field of a plane (8 parameters) or a rotation (6), with 3 more where the shutter rolls.
 
-    Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with
-    K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of
-    2 atan(|w| / 2)), log g, cx and cy, held by ``spread`` as in `CameraF`. A rolling shutter reads one row
-    after the other: at height y above the middle (normalised, downwards) the points move by the rotation
-    y * change, besides; its prior is what a hand does meanwhile (`calibration.ROLLING_SPREAD`).
+    Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with K = [[g, 0, cx],
+    [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), log g,
+    cx and cy, held by ``spread`` as in `CameraF`. A rolling shutter reads one row after the other: at y
+    (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
+    rotation y * change, besides; its prior is what a hand does meanwhile (`calibration.ROLLING_SPREAD`).
     """
 
     parameters: Array  # (k,): those of the middle row, then the change (3,)
     turns: bool
     spread: CameraPrior
+    axis: int = 1  # 0: x, along which rows follow one another in a picture that was turned upright
 
     @classmethod
     def plane(cls, entries: Array, spread: CameraPrior) -> Field:
@@ -60,9 +61,9 @@ class Field:
         still = self.spread.weight if self.turns else np.zeros(8)
         return np.append(still, self.spread.weight[: len(self.change)] / ROLLING_SPREAD)
 
-    def rolling(self) -> Field:
+    def rolling(self, axis: int = 1) -> Field:
         """Return the same field with a change down the rows, of zero."""
-        return replace(self, parameters=np.append(self.parameters, np.zeros(3)))
+        return replace(self, parameters=np.append(self.parameters, np.zeros(3)), axis=axis)
 
     def step(self, delta: Array) -> Field:
         """Return the field with delta (k,) added to the parameters."""
@@ -93,14 +94,16 @@ class Field:
         """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
         moved = chords(self.generator(), points)
         return (
-            moved + points[:, 1:] * chords(cross_matrix(self.change), points) if len(self.change) else moved
+            moved + points[:, [self.axis]] * chords(cross_matrix(self.change), points)
+            if len(self.change)
+            else moved
         )
 
     def derivatives(self, points: Array) -> Array:
         """Return their derivatives (k, N, 2), to first order."""
         basis = velocity_basis(points)
         middle, change = (np.moveaxis(basis @ entries_of(A).T, -1, 0) for A in (self.tangent(), GENERATORS))
-        return np.concatenate([middle, points[:, 1:] * change])[: len(self.parameters)]
+        return np.concatenate([middle, points[:, [self.axis]] * change])[: len(self.parameters)]
 
 
 def rotation_of(A: Array) -> Array:

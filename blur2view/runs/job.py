@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from blur2view.errors import Blur2ViewError, ImageError, RunError, within_memory
 from blur2view.output_files import unwritable, write_files
-from blur2view.photographs.image import read_content
+from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
 

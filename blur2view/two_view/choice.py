@@ -92,10 +92,10 @@ def fields_of(sample: Likelihood, plane: FieldFit, rolling: bool) -> dict[Motion
         fields[MotionModel.ROTATION] = rotation
     fields[MotionModel.PLANE] = plane
     if rolling:
-        rolled = {
-            ROLLING[m]: fit_field(f.family.rolling(), sample) for m, f in fields.items() if m in ROLLING
-        }
-        fields |= rolled
+        for still_model in [model for model in ROLLING if model in fields]:
+            middle = fields[still_model].family
+            either = [fit_field(middle.rolling(axis), sample) for axis in (0, 1)]
+            fields[ROLLING[still_model]] = max(either, key=lambda fit: fit.log_posterior)
     return fields
 
 

@@ -61,6 +61,8 @@ def test_a_flight_keeps_what_moved_by_less_than_a_ground_sample(
     again = ("triage", flight, "--gsd", "2cm", "--csv", sheet, *lists, "--resume", "--focal", 800)
     assert call_program(capsys, *again, "--max-smear", "10cm", "--jobs", 1) == 0
     assert len(training.read_text().split()) == 3  # of at most 5 px
+    none = call_program(capsys, *again, "--max-smear", "1mm", "--max-defocus", 0.1, "--jobs", 1)
+    assert "--keep-for-training names none, as none is sharp" in none.out
 
 
 def test_lists_of_one_run_are_files_of_their_own(flight: Path, call: Call, tmp_path: Path) -> None:

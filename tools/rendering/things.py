@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from tools.rendering.defocus import defocused
-from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform
 from tools.rendering.shaken import Path as Motion
-from tools.rendering.shaken import averaged, blob, cell_centres, sample_path, surface
+from tools.rendering.shaken import blob, composed, sample_path, smears_of, surface
 
 Array = NDArray[Any]
 
@@ -60,6 +59,8 @@ class ThingOptions:
     smear_px: tuple[float, float] = (3.0, 60.0)
     area: tuple[float, float] = (0.008, 0.45)
     part_share: float = 0.35
+    clutter_share: float = 0.4
+    plain_share: float = 0.25
     blob_share: float = 0.15
     own_colour_share: float = 0.25
     focus_share: float = 0.15
@@ -219,10 +220,9 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
     width, height = options.size
     kind = KINDS[int(rng.choice(len(KINDS), p=options.kinds))]
     camera, things = kind(rng, options)
-    things = with_parts(rng, things, options)
+    things = with_clutter(rng, camera, with_parts(rng, things, options), options)
     paths = [camera, *(path for path, _ in things)]
-    fields = np.stack([path.smears(cell_centres(options.size)) for path in paths])
-    longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
+    _, longest = smears_of(paths, options.size)
     margin = int(0.75 * longest) + 24
     layers = [surface(rng, pick(rng, sources), width, height, margin, 8 if rng.random() < 0.3 else 1)]
     for k in range(len(things)):
@@ -232,19 +232,17 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
         outline, colour = outlined(rng, options.size, area, centre, options)
         piece = surface(rng, pick(rng, sources), width, height, 0)
         piece = np.asarray(cv2.resize(piece, options.size)) if piece.shape[:2] != (height, width) else piece
+        if rng.random() < options.plain_share:
+            piece = plainer(rng, piece)
         layers.append(padded(filled(piece, outline, colour), margin))
     radii = sample_radii(rng, len(layers), still=kind is unmoved, options=options)
     layers = [defocused(rng, layer, radius) for layer, radius in zip(layers, radii, strict=True)]
-    steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
-    linear, seen = averaged(layers, paths, options.size, steps)
-    cells = (width // GRID, height // GRID)
-    shares = np.stack([cv2.resize(share, cells, interpolation=cv2.INTER_AREA) for share in seen])
+    linear, shares, most, displacement = composed(layers, paths, options.size)
     moves = np.array([False, *(by_itself for _, by_itself in things)])
-    most = shares.argmax(0)
     return Things(
         linear=linear,
         moving=shares[moves].sum(0).astype(np.float32) if moves.any() else np.zeros(most.shape, np.float32),
-        displacement=np.take_along_axis(fields, most[None, ..., None], 0)[0].astype(np.float32),
+        displacement=displacement,
         kind=kind.__name__,
     )
 
@@ -260,6 +258,25 @@ def with_parts(
             length = 0.5 * log_uniform(rng, options.smear_px)
             found.append((relative(rng, path, length, options.size[1]), True))
     return found[:5]
+
+
+def with_clutter(
+    rng: np.random.Generator, camera: Motion, things: list[tuple[Motion, bool]], options: ThingOptions
+) -> list[tuple[Motion, bool]]:
+    """Return things and, among some, one or two that stand, nearer to the camera than the surroundings."""
+    if not any(by_itself for _, by_itself in things) or rng.random() >= options.clutter_share:
+        return things
+    for _ in range(rng.integers(1, 3)):
+        k = float(rng.uniform(1.0, 2.0))
+        nearer = replace(camera, shift=k * camera.shift, bend=k * camera.bend)
+        things.insert(int(rng.integers(len(things) + 1)), (nearer, False))
+    return things
+
+
+def plainer(rng: np.random.Generator, piece: Array) -> Array:
+    """Return a surface (H, W, 3) of less contrast, as walls, furniture and cloth have."""
+    mean = piece.mean(axis=(0, 1), keepdims=True)
+    return np.asarray(mean + log_uniform(rng, (0.03, 0.5)) * (piece - mean), piece.dtype)
 
 
 def sample_radii(rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions) -> list[float]:

@@ -13,8 +13,9 @@ from blur2view.cli.terminal import printable
 from blur2view.errors import CameraError
 
 MESSAGES = {
-    r"^argument -(\w)/--\w+: ignored explicit argument '(\w+)'": r"-\1\2 has one dash; did you mean --\1\2?",
+    r"^argument -(\w)/.*: ignored explicit argument '([a-z]+)'": r"-\1\2 has one dash; did you mean --\1\2?",
     "^argument ": "",
+    "ignored explicit argument (.*)": r"takes no value, got \1",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
     r"invalid \w+ value: ": "expected a number, got ",

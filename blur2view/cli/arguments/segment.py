@@ -1,5 +1,6 @@
 """``blur2view segment``: its options and its help."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -11,6 +12,7 @@ from blur2view.cli.arguments.values import probability
 from blur2view.movers.parts import THRESHOLD
 from blur2view.results.masks import MaskDocument, MasksDocument
 
+MASKS = ("colmap", "nerfstudio", "instant-ngp")
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
     or its smear is not read)
@@ -28,7 +30,7 @@ class SegmentSettings:
     threshold: float = option(THRESHOLD, "P", convert=probability)
     """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
     what moves, and marks more of what stands still"""
-    masks: list[str] | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"))
+    masks: list[str] | None = option(None, choices=MASKS)
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
     pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
     to-transforms --masks DIR puts them where these trainers look)"""
@@ -70,6 +72,9 @@ class SegmentOptions(SegmentSettings, FolderOptions):
     def __post_init__(self) -> None:
         if self.masks is not None and self.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
+        for one in MASKS:
+            if one in self.images and not os.path.lexists(one):
+                raise ValueError(f"--masks takes one program; for {one}, too, add --masks {one}")
         if self.masks is None:
             object.__setattr__(self, "unobservable", "keep")  # what has no effect is no other setting
         super().__post_init__()

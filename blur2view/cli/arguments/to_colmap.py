@@ -73,6 +73,8 @@ class ToColmapOptions(ToColmapSettings, PhotographOptions):
     first. Without it those do that lie in one folder and whose names differ by one in their number, which is
     as good where no frame is left out; with --no-sequence nothing is concluded from neighbours"""
     timings: bool = True
+    timestamps: Path | None = None
+    gyroscope: bool = False
     exposure: float | None = None
     readout: float | None = refused()
     """COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another time; a
