@@ -95,6 +95,6 @@ MODELS = {  # parameters, and penalty beside Schwarz's
     "parallax": (10, 5.5),
 }
 PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they had
-PROVEN_FROM = 0.92  # probability of parallax: of the 65, one of the 51 others reaches it, 6 of 14 do
+PROVEN_FROM = 0.93  # probability of parallax: of the 65, two of the 51 others reach it, 8 of 14 do
 # and below which it is absent, where LEAST_INDEPENDENT smears are independent, all correlation counted: bound
 ABSENT_BELOW = 0.015
