@@ -12,33 +12,33 @@ from __future__ import annotations
 import numpy as np
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.rotation import rotation_flow
 
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
 MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
 
 
-def parallax_along_lines(rotation: Array, t: Array, middle: Array, displacement: Array) -> Array:
-    """Return parallax (2, N) along the epipolar lines, away from the epipole, of every smear in both orders.
+def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
+    """Return unit vectors (G, 2, N) along epipolar lines at points (N, 2) and across them, K = identity.
 
-    With ends[:, 0] first and with ends[:, 1] first; positive for points in front of the camera. Midpoints and
-    displacements ends[:, 1] - ends[:, 0], (2, N), are in coordinates of a camera with K = identity. The
-    rotation vector is taken to first order: cameras rotate by a few degrees at most. The sign of t (3,)
-    decides which way is forward.
+    Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
     """
-    x, y = middle
-    spin = rotation[0] * y - rotation[1] * x
-    rotation_x, rotation_y = (
-        rotation[1] - rotation[2] * y - spin * x,
-        rotation[2] * x - rotation[0] - spin * y,
-    )
-    line_x, line_y = t[0] - t[2] * x, t[1] - t[2] * y
-    length = np.maximum(np.sqrt(line_x * line_x + line_y * line_y), TINY)
-    moved = (displacement[0] * line_x + displacement[1] * line_y) / length
-    rotated = (rotation_x * line_x + rotation_y * line_y) / length
-    both = np.empty((2, len(moved)))
-    np.subtract(moved, rotated, out=both[0])
-    np.subtract(-moved, rotated, out=both[1])
-    return both
+    lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
+    along = lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), TINY)
+    return along, np.stack([-along[:, 1], along[:, 0]], axis=1)
+
+
+def parallax_along_lines(rotation: Array, t: Array, middle: Array, displacement: Array) -> Array:
+    """Return parallax (2, N) along the epipolar lines of every smear in both orders, K = identity.
+
+    With ends[:, 0] first and with ends[:, 1] first; positive for points in front of the camera. Of midpoints
+    and displacements ends[:, 1] - ends[:, 0], (N, 2). The rotation vector is taken to first order: cameras
+    rotate by a few degrees at most. The sign of t (3,) decides which way is forward.
+    """
+    (along,), _ = unit_lines(t[None], middle)
+    rotated = (along * np.tensordot(rotation, rotation_flow(middle), (0, 1))).sum(axis=0)
+    moved = (along * displacement.T).sum(axis=0)
+    return np.stack([moved - rotated, -moved - rotated])
 
 
 def order_log_odds(parallax: Array, sigma: Array) -> Array:

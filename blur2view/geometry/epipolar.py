@@ -73,12 +73,6 @@ def quadratic_features(ends: Array) -> tuple[Array, Array]:
     return np.stack(q, axis=-1), np.stack(skew, axis=-1)
 
 
-def symmetric_from_vector(vector: Array) -> Array:
-    """Return the symmetric (..., 3, 3) of (S11, S12, S13, S22, S23, S33), shape (..., 6)."""
-    full: Array = vector[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]]
-    return full.reshape(*vector.shape[:-1], 3, 3)
-
-
 def epipoles(F: Array) -> tuple[Array, Array]:
     """Return the unit homogeneous epipoles e1 (F e1 = 0) and e2 (F^T e2 = 0) of F (..., 3, 3)."""
     U, _, Vt = np.linalg.svd(F)
@@ -91,28 +85,6 @@ def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
         raise ValueError("t is zero: a pure rotation has no fundamental matrix")
     inverse = np.linalg.inv(K)
     return unit_norm(inverse.T @ cross_matrix(np.asarray(t, float)) @ R @ inverse)
-
-
-def shared_normalisation(ends: Array) -> Array:
-    """Return one similarity T (..., 3, 3) of ends (..., N, 2, 2): centroid to 0, mean distance to sqrt(2).
-
-    Two different ones, as for ordered matches, would break the symmetry of swapping the ends of a smear.
-    Coincident points give a pure shift.
-    """
-    points = ends.reshape(*ends.shape[:-3], -1, 2)
-    centre = points.mean(axis=-2)
-    spread = np.linalg.norm(points - centre[..., None, :], axis=-1).mean(axis=-1)
-    scale = np.where(spread > TINY, np.sqrt(2.0) / np.maximum(spread, TINY), 1.0)
-    T = np.zeros((*centre.shape[:-1], 3, 3))
-    T[..., 0, 0] = T[..., 1, 1] = scale
-    T[..., :2, 2] = -scale[..., None] * centre
-    T[..., 2, 2] = 1.0
-    return T
-
-
-def apply_similarity(T: Array, points: Array) -> Array:
-    """Return pixels (..., K, 2) under scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
-    return points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
 
 
 def denormalise(F: Array, T: Array) -> Array:

@@ -23,22 +23,6 @@ def plane_basis(normal: Array) -> Array:
     return basis
 
 
-def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-    """Return two orthonormal vectors perpendicular to vectors, all by coordinates.
-
-    References
-    ----------
-    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
-    """
-    norm = np.maximum(np.sqrt(x * x + y * y + z * z), TINY)
-    x, y, z = x / norm, y / norm, z / norm
-    sign = np.copysign(1.0, z)
-    scale = -1.0 / (sign + z)
-    product = x * y * scale
-    first = 1.0 + sign * x * x * scale, sign * product, -sign * x
-    return first, (product, sign + y * y * scale, -y)
-
-
 def half_sphere(count: int) -> Array:
     """Return unit vectors (count, 3) spread evenly over the half sphere z > 0 (a Fibonacci spiral)."""
     index = np.arange(count)

@@ -117,11 +117,6 @@ def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:
     return squared
 
 
-def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
-    """Return signed Sampson distances (N,) to F (3, 3): roots of `sampson.sampson`, with a sign."""
-    return residual_parts(F, homogeneous(points1).T, homogeneous(points2).T)[0]
-
-
 def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: Array, y: Array) -> Array:
     """Return the derivative (9, N) of the signed Sampson distance in the entries of F.
 

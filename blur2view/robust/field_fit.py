@@ -1,4 +1,4 @@
-"""Fitting a displacement field, of a rotation or a plane, to smears: one step of `levenberg_marquardt`.
+"""Fitting a displacement field, of a rotation or a plane, to smears by `levenberg_marquardt`.
 
 Residuals are counted along and across each smear, heavy tails by Student's distribution; the errors that vary
 slowly over the whole picture are six parameters beside those of the field, with a prior. Without them a field
@@ -7,15 +7,14 @@ of lengths that err by 4 % would speak against every rotation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Generic
 
 import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.robust.calibration import FIELD_STEPS, FIELD_TOLERANCE, FREEDOM
-from blur2view.robust.homography import H, velocity_basis
+from blur2view.robust.homography import Field
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.residuals import OrderedResiduals
@@ -27,25 +26,17 @@ PRECISION = np.array([1e6, 1, 1, 1, 1, 1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FieldFit(Generic[H]):
+class FieldFit:
     """A field among smears, each in the order that fits it better."""
 
     likelihood: Likelihood
-    family: H
-    slow: Array  # (6,) the errors that vary slowly, in standard deviations
-    basis: Array  # (N, 2, 8) `velocity_basis` at the midpoints
+    family: Field
+    slow: Array = field(default_factory=lambda: np.zeros(SLOW))  # errors that vary slowly, in deviations
 
     @cached_property
     def predicted(self) -> Array:
         """Displacements (N, 2) of the field along and across the smears, in standard deviations."""
         return self.likelihood.whiten(self.family.displacement(self.likelihood.middle))
-
-    @cached_property
-    def measured(self) -> Array:
-        """The smears (N, 2) likewise, less the errors that vary slowly."""
-        likelihood = self.likelihood
-        measured = likelihood.whiten(likelihood.displacement)
-        return np.asarray(measured - np.tensordot(self.slow, likelihood.slow_errors, 1))
 
     @cached_property
     def sign(self) -> Array:
@@ -56,13 +47,12 @@ class FieldFit(Generic[H]):
     @cached_property
     def residual(self) -> Array:
         """Residuals (N, 2) along and across, in standard deviations."""
-        return np.asarray(self.predicted - self.sign[:, None] * self.measured)
+        return self.predicted - self.sign[:, None] * self.likelihood.measured(self.slow)
 
     @property
     def prior_cost(self) -> float:
-        """Twice the negative log-prior of the family and of the errors that vary slowly."""
-        prior, _ = self.family.prior()
-        return float(prior @ prior + PRECISION @ self.slow**2)
+        """Twice the negative log-prior of the field and of the errors that vary slowly."""
+        return float(((self.family.weight * self.family.parameters) ** 2).sum() + PRECISION @ self.slow**2)
 
     @cached_property
     def cost(self) -> float:
@@ -79,26 +69,18 @@ class FieldFit(Generic[H]):
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the field, then the errors that vary slowly."""
         likelihood = self.likelihood
-        moved = likelihood.whiten(self.family.derivatives(self.basis, likelihood.middle))
-        k = len(moved)
-        jacobian = np.concatenate([moved, self.sign[:, None] * likelihood.slow_errors]).reshape(k + SLOW, -1)
+        moved = likelihood.whiten(self.family.derivatives(likelihood.middle))
+        jacobian = np.concatenate([moved, self.sign[:, None] * likelihood.slow_errors])
+        jacobian = jacobian.reshape(len(jacobian), -1)
         weight = likelihood.effective_share * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
         weighted = jacobian * np.repeat(weight, 2)
-        prior, of_family = self.family.prior()
-        normal, gradient = weighted @ jacobian.T, weighted @ self.residual.ravel()
-        normal[:k, :k] += of_family.T @ of_family
-        normal[k:, k:] += np.diag(PRECISION)
-        gradient[:k] += of_family.T @ prior
-        gradient[k:] += PRECISION * self.slow
-        return normal, gradient
+        precision = np.append(self.family.weight**2, PRECISION)
+        prior = precision * np.append(self.family.parameters, self.slow)
+        return weighted @ jacobian.T + np.diag(precision), weighted @ self.residual.ravel() + prior
 
-    def moved(self, delta: Array) -> FieldFit[H]:
+    def moved(self, delta: Array) -> FieldFit:
         """Return the fit moved by delta (k,)."""
         return replace(self, family=self.family.step(delta[:-SLOW]), slow=self.slow + delta[-SLOW:])
-
-    def reweighted(self) -> FieldFit[H]:
-        """Return itself: its weights are always its own."""
-        return self
 
     def covariance(self) -> Array:
         """Return the covariance (k, k) of the field; errors that vary slowly, which show no residual, add."""
@@ -115,9 +97,8 @@ class FieldFit(Generic[H]):
         return OrderedResiduals(both=np.stack(both))
 
 
-def fit_field(family: H, likelihood: Likelihood) -> FieldFit[H]:
-    """Return the cheapest field of a family near a start."""
-    basis = velocity_basis(likelihood.middle)
-    start = FieldFit(likelihood=likelihood, family=family, slow=np.zeros(SLOW), basis=basis)
-    *_, best = start, *levenberg_marquardt(start, FIELD_STEPS, FIELD_TOLERANCE)
+def fit_field(start: Field, likelihood: Likelihood) -> FieldFit:
+    """Return the cheapest field near a start."""
+    first = FieldFit(likelihood=likelihood, family=start)
+    *_, best = levenberg_marquardt(first, FIELD_STEPS, FIELD_TOLERANCE)
     return best

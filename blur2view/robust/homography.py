@@ -1,4 +1,4 @@
-"""Homographies of smears whose order is unknown: families as manifolds, displacements.
+"""Displacement fields of homographies whose order is unknown: of a rotation or a plane, or row after row.
 
 An exposure is short, so a homography between its ends is near the identity and is written by its generator
 A as Cayley's transform H = (I - A/2)^-1 (I + A/2): exact, the inverse of H has -A, and exchanging the two
@@ -11,7 +11,6 @@ for a known camera, of K = I.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,149 +18,97 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
 from blur2view.robust.calibration import ROLLING_SPREAD
-from blur2view.robust.parametrization import CameraPrior, Family
+from blur2view.robust.parametrization import CameraPrior
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 
 
-class Homographies(Family, Protocol):
-    """A family of homographies near the identity, by the generator A."""
-
-    def generator(self) -> Array:
-        """Return A of shape (3, 3); of a rolling shutter that of the middle row."""
-
-    def displacement(self, points: Array) -> Array:
-        """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
-        return chords(self.generator(), points)
-
-    def derivatives(self, basis: Array, points: Array) -> Array:
-        """Return their derivatives (k, N, 2), to first order; ``basis`` is `velocity_basis` at the points."""
-        return np.moveaxis(basis @ entries_of(self.tangent()).T, -1, 0)
-
-
-H = TypeVar("H", bound=Homographies)
-
-
 @dataclass(frozen=True, kw_only=True)
-class PlaneH(Homographies):
-    """Every homography near the identity: one plane, eight parameters."""
+class Field:
+    """The field of a plane (8 parameters) or a rotation (6), with 3 more where the shutter rolls.
 
-    dimension: ClassVar[int] = 8
-    entries: Array  # (8,): A row by row, without A33 = 0
-
-    def generator(self) -> Array:
-        """Return A of shape (3, 3)."""
-        return np.append(self.entries, 0.0).reshape(3, 3)
-
-    def tangent(self) -> Array:
-        """Return dA of shape (8, 3, 3)."""
-        return ENTRIES
-
-    def step(self, delta: Array) -> PlaneH:
-        """Return the point with delta added to the entries."""
-        return PlaneH(entries=self.entries + delta)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RotationH(Homographies):
-    """H = K R K^-1 with K = [[g, 0, cx], [0, g, cy], [0, 0, 1]]: pure rotation, three parameters.
-
-    The three of the camera, log g, cx and cy, are held by ``spread`` as in `CameraF`; standard
-    deviations of zero fix them. R is Cayley's transform of [rotation]x, an angle of 2 atan(|rotation| / 2).
+    Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with K = [[g, 0, cx],
+    [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), log g,
+    cx and cy, held by ``spread`` as in `CameraF`. A rolling shutter reads one row after the other: at y
+    (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
+    rotation y * change, besides; its prior is what a hand does meanwhile (`calibration.ROLLING_SPREAD`).
     """
 
-    dimension: ClassVar[int] = 6
-    rotation: Array  # (3,) radians to first order
-    log_focal: float = 0.0
-    principal: Array
-    spread: CameraPrior
-
-    @classmethod
-    def from_generator(cls, A: Array, spread: CameraPrior) -> RotationH:
-        """Return the rotation nearest to A for the assumed camera (K = I)."""
-        rotation = 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
-        return cls(rotation=rotation, principal=np.zeros(2), spread=spread)
-
-    def camera(self) -> Array:
-        """Return K of shape (3, 3)."""
-        g, (cx, cy) = np.exp(self.log_focal), self.principal
-        return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
-
-    def generator(self) -> Array:
-        """Return A of shape (3, 3)."""
-        K = self.camera()
-        conjugate: Array = K @ cross_matrix(self.rotation) @ np.linalg.inv(K)
-        return conjugate
-
-    def tangent(self) -> Array:
-        """Return dA of shape (6, 3, 3): rotation, log g, cx, cy."""
-        K = self.camera()
-        inverse, A, change = np.linalg.inv(K), self.generator(), np.zeros((3, 3, 3))
-        change[0, [0, 1], [0, 1]] = K[0, 0]
-        change[[1, 2], [0, 1], 2] = 1.0
-        lens = change @ inverse  # dK K^-1, and dA = dK K^-1 A - A dK K^-1
-        return np.concatenate([K @ GENERATORS @ inverse, lens @ A - A @ lens])
-
-    def step(self, delta: Array) -> RotationH:
-        """Return the point with delta added to the parameters."""
-        return replace(
-            self,
-            rotation=self.rotation + delta[:3],
-            log_focal=self.log_focal + float(delta[3]),
-            principal=self.principal + delta[4:],
-        )
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return residuals (6,), rotation, log g, cx and cy, and their Jacobian."""
-        value = np.concatenate([self.rotation, [self.log_focal], self.principal])
-        return value * self.spread.weight, np.diag(self.spread.weight)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RollingH(Homographies, Generic[H]):
-    """A homography with a rotation that changes down the rows, read one after the other.
-
-    At y (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
-    rotation y change, besides; the prior holds ``change`` to what a hand does while a shutter rolls
-    (`calibration.ROLLING_SPREAD`).
-    """
-
-    dimension: ClassVar[int] = 11  # at most: three more than those of the middle row
-    middle: H  # of the middle row
-    change: Array  # (3,) radians per unit of y
+    parameters: Array  # (k,): those of the middle row, then the change (3,)
+    turns: bool
     spread: CameraPrior
     axis: int = 1  # 0: x, along which rows follow one another in a picture that was turned upright
 
+    @classmethod
+    def plane(cls, entries: Array, spread: CameraPrior) -> Field:
+        """Return the field of a generator's entries (8,)."""
+        return cls(parameters=entries, turns=False, spread=spread)
+
+    @classmethod
+    def rotation(cls, vector: Array, spread: CameraPrior) -> Field:
+        """Return the field of a rotation vector (3,) of the assumed camera (K = I)."""
+        return cls(parameters=np.append(vector, np.zeros(3)), turns=True, spread=spread)
+
+    @property
+    def change(self) -> Array:
+        """Rotation vector per unit of height, (3,) or, of a global shutter, (0,)."""
+        return self.parameters[6 if self.turns else 8 :]
+
+    @property
+    def weight(self) -> Array:
+        """One over the prior's standard deviations of the parameters, (k,)."""
+        still = self.spread.weight if self.turns else np.zeros(8)
+        return np.append(still, self.spread.weight[: len(self.change)] / ROLLING_SPREAD)
+
+    def rolling(self, axis: int = 1) -> Field:
+        """Return the same field with a change down the rows, of zero."""
+        return replace(self, parameters=np.append(self.parameters, np.zeros(3)), axis=axis)
+
+    def step(self, delta: Array) -> Field:
+        """Return the field with delta (k,) added to the parameters."""
+        return replace(self, parameters=self.parameters + delta)
+
     def generator(self) -> Array:
         """Return A of shape (3, 3) of the middle row."""
-        return self.middle.generator()
+        if not self.turns:
+            return np.append(self.parameters[:8], 0.0).reshape(3, 3)
+        K = self._camera()
+        return np.asarray(K @ cross_matrix(self.parameters[:3]) @ np.linalg.inv(K))
+
+    def _camera(self) -> Array:
+        g, (cx, cy) = np.exp(self.parameters[3]), self.parameters[4:6]
+        return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
 
     def tangent(self) -> Array:
-        """Return dA of shape (k, 3, 3), the last three per unit of y."""
-        return np.concatenate([self.middle.tangent(), GENERATORS])
+        """Return dA of shape (8 or 6, 3, 3) of the middle row."""
+        if not self.turns:
+            return ENTRIES
+        K, A, change = self._camera(), self.generator(), np.zeros((3, 3, 3))
+        change[0, [0, 1], [0, 1]] = K[0, 0]
+        change[[1, 2], [0, 1], 2] = 1.0
+        lens = change @ np.linalg.inv(K)  # dK K^-1, and dA = dK K^-1 A - A dK K^-1
+        return np.concatenate([K @ GENERATORS @ np.linalg.inv(K), lens @ A - A @ lens])
 
     def displacement(self, points: Array) -> Array:
         """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
-        changing = points[:, [self.axis]] * chords(cross_matrix(self.change), points)
-        return self.middle.displacement(points) + changing
+        moved = chords(self.generator(), points)
+        return (
+            moved + points[:, [self.axis]] * chords(cross_matrix(self.change), points)
+            if len(self.change)
+            else moved
+        )
 
-    def derivatives(self, basis: Array, points: Array) -> Array:
+    def derivatives(self, points: Array) -> Array:
         """Return their derivatives (k, N, 2), to first order."""
-        changing = np.moveaxis(basis @ entries_of(GENERATORS).T, -1, 0)
-        return np.concatenate([self.middle.derivatives(basis, points), points[:, [self.axis]] * changing])
+        basis = velocity_basis(points)
+        middle, change = (np.moveaxis(basis @ entries_of(A).T, -1, 0) for A in (self.tangent(), GENERATORS))
+        return np.concatenate([middle, points[:, [self.axis]] * change])[: len(self.parameters)]
 
-    def step(self, delta: Array) -> RollingH[H]:
-        """Return the point with delta added to the parameters."""
-        return replace(self, middle=self.middle.step(delta[:-3]), change=self.change + delta[-3:])
 
-    def prior(self) -> tuple[Array, Array]:
-        """Return residuals, those of the middle row and the change, and their Jacobian."""
-        value, jacobian = self.middle.prior()
-        weight, (rows, columns) = self.spread.weight[:3] / ROLLING_SPREAD, jacobian.shape
-        both = np.zeros((rows + 3, columns + 3))
-        both[:rows, :columns], both[rows:, columns:] = jacobian, np.diag(weight)
-        return np.append(value, self.change * weight), both
+def rotation_of(A: Array) -> Array:
+    """Return the rotation vector (3,) nearest to a generator A (3, 3), for K = I: that of its skew part."""
+    return 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
 
 
 def cayley(A: Array) -> Array:

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.rotation import GENERATORS
 from blur2view.robust.calibration import CUTOFF
 from blur2view.robust.field_fit import FieldFit, fit_field
-from blur2view.robust.homography import PlaneH, velocity_basis
+from blur2view.robust.homography import Field, entries_of, velocity_basis
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
 
 FOUR_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 3)))  # (8, 4)
 TWO_SIGNS: Array = FOUR_SIGNS[::4, :2]  # (2, 2): + +, + -
-ROTATIONS: Array = np.zeros((8, 3))  # entries of A = [w]x are ROTATIONS @ w
-ROTATIONS[[7, 5, 2, 6, 3, 1], [0, 0, 1, 1, 2, 2]] = [1, -1, 1, -1, 1, -1]
-SEARCH_STEPS = 6  # rounds of reweighted least squares inside the loop
+ROTATIONS: Array = entries_of(GENERATORS).T  # (8, 3): entries of A = [w]x are ROTATIONS @ w
 SEARCH = RansacOptions(max_iterations=96, confidence=0.99, batch=48)
 
 
@@ -57,11 +56,6 @@ class HomographyEstimator:
         return len(self.likelihood)
 
     @cached_property
-    def displacement(self) -> Array:
-        """Displacements (N, 2)."""
-        return self.likelihood.displacement
-
-    @cached_property
     def basis(self) -> Array:
         """First-order displacements (N, 2, 8) for unit entries."""
         return velocity_basis(self.likelihood.middle)
@@ -71,16 +65,17 @@ class HomographyEstimator:
         """Basis (2, N, 8), displacement (2, N) and squared length (N,) in standard deviations, float32."""
         scale = self.likelihood.unit_px / (np.sqrt(2.0) * self.likelihood.sigma_px)
         basis = np.ascontiguousarray(np.moveaxis(self.basis * scale[:, None, None], 1, 0), np.float32)
-        d = np.ascontiguousarray((self.displacement * scale[:, None]).T, np.float32)
+        d = np.ascontiguousarray((self.likelihood.displacement * scale[:, None]).T, np.float32)
         return basis, d, (d * d).sum(axis=0)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
-        four = weighted_samples(np.ones(self.count), 4, samples, rng)
-        models = solve_signed(self.basis[four], self.displacement[four], FOUR_SIGNS)
+        displacement, equal = self.likelihood.displacement, np.ones(self.count)
+        four = weighted_samples(equal, 4, samples, rng)
+        models = solve_signed(self.basis[four], displacement[four], FOUR_SIGNS)
         if self.likelihood.has_camera:
-            two = weighted_samples(np.ones(self.count), 2, samples, rng)
-            rotations = solve_signed(self.basis[two] @ ROTATIONS, self.displacement[two], TWO_SIGNS)
+            two = weighted_samples(equal, 2, samples, rng)
+            rotations = solve_signed(self.basis[two] @ ROTATIONS, displacement[two], TWO_SIGNS)
             models = np.concatenate([models, rotations @ ROTATIONS.T])
         return models[np.isfinite(models).all(axis=1)]
 
@@ -99,25 +94,15 @@ class HomographyEstimator:
         return total
 
     def refine(self, model: Array) -> Array:
-        """Return the model after few rounds of reweighted least squares, every smear in its better order."""
-        basis, d, squared = self.scaled
-        for _ in range(SEARCH_STEPS):
-            velocity = basis @ model.astype(np.float32)  # (2, N)
-            along = (velocity * d).sum(axis=0)
-            residual = (velocity * velocity).sum(axis=0) + squared - 2 * np.abs(along)
-            weight = 1 / (1 + residual / CUTOFF**2) ** 2  # Geman and McClure
-            weighted = (basis * weight[:, None]).reshape(-1, 8)
-            normal = weighted.T @ basis.reshape(-1, 8) + TINY * np.eye(8)
-            model = np.linalg.solve(normal, weighted.T @ (d * np.sign(along)).ravel())
-        return model
+        """Return the entries of the cheapest field near a model."""
+        return fit_field(Field.plane(model, self.likelihood.prior), self.likelihood).family.parameters
 
-    def shares(self, model: Array) -> tuple[float, float]:
-        """Return the share of inliers, twice."""
-        inlier = self.residuals(model[None], np.arange(self.count))[0] < CUTOFF**2
-        return float(inlier.mean()), float(inlier.mean())
+    def inlier_share(self, model: Array) -> float:
+        """Return the share of inliers."""
+        return float((self.residuals(model[None], np.arange(self.count)) < CUTOFF**2).mean())
 
 
-def find_plane(likelihood: Likelihood, rng: np.random.Generator) -> FieldFit[PlaneH] | None:
+def find_plane(likelihood: Likelihood, rng: np.random.Generator) -> FieldFit | None:
     """Return the homography that explains most smears, refined; None if no sample gave any.
 
     Raises
@@ -126,4 +111,4 @@ def find_plane(likelihood: Likelihood, rng: np.random.Generator) -> FieldFit[Pla
         If there are fewer than four smears.
     """
     entries = ransac(HomographyEstimator(likelihood=likelihood), SEARCH, rng).model
-    return None if entries is None else fit_field(PlaneH(entries=entries), likelihood)
+    return None if entries is None else fit_field(Field.plane(entries, likelihood.prior), likelihood)

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on reweighted least squares: one loop, which knows no geometry."""
+"""Levenberg-Marquardt on reweighted least squares: the one loop that fits, which knows no geometry."""
 
 from __future__ import annotations
 
@@ -14,47 +14,42 @@ from blur2view.arrays import Array
 FIRST, LEAST, GREATEST = 1e-3, 1e-9, 1e6
 
 
-class Reweighted(Protocol):
-    """A point of a least-squares problem whose weights depend on the point."""
+class Problem(Protocol):
+    """A point of a least-squares problem whose weights are those of the point."""
 
     @property
     def cost(self) -> float:
-        """Sum of squares at the weights in force; not negative but for a constant of the weights."""
+        """What is to be least."""
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of Jacobian, weights and residuals."""
 
     def moved(self, delta: Array) -> Self:
-        """Return the point moved by delta (k,) along its tangents, its weights as they are."""
-
-    def reweighted(self) -> Self:
-        """Return the same point with the weights that belong to it."""
+        """Return the point moved by delta (k,) along its tangents."""
 
 
-P = TypeVar("P", bound=Reweighted)
+P = TypeVar("P", bound=Problem)
 
 
 def levenberg_marquardt(
     start: P, max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
 ) -> Iterator[P]:
-    """Yield the points reached, each by the step of least damping tried that does not raise the cost.
+    """Yield the start, then the points reached, each by the step of least damping tried that costs no more.
 
-    Steps are judged at the weights of the point before, points yielded reweighted. Ends after
-    ``max_iterations`` steps, where no step succeeds, after a decrease of the cost by a share of at most
-    ``tolerance`` or a step shorter than ``rest`` standard deviations of the parameters.
+    Ends after ``max_iterations`` steps, where no step succeeds, after a decrease of the cost by a share of at
+    most ``tolerance`` or a step shorter than ``rest`` standard deviations of the parameters.
 
     References
     ----------
     Hartley and Zisserman, Multiple View Geometry, 2nd ed., appendix A6.2; the scaled damping is Marquardt's.
     """
+    yield start
     point, damping = start, FIRST
     for _ in range(max_iterations):
         normal, gradient = point.normal_equations()
-        scale = normal.diagonal() + 1e-12
+        scale = np.diag(normal) + 1e-12
         while damping < GREATEST:
-            damped = normal.copy()
-            damped.ravel()[:: len(scale) + 1] += damping * scale
-            delta = np.asarray(np.linalg.solve(damped, -gradient), float)
+            delta = np.asarray(np.linalg.solve(normal + np.diag(damping * scale), -gradient), float)
             trial = point.moved(delta)
             if trial.cost <= point.cost:
                 break
@@ -63,7 +58,7 @@ def levenberg_marquardt(
             return
         damping = max(damping / 10, LEAST)
         little = point.cost - trial.cost <= tolerance * trial.cost
-        point = trial.reweighted()
+        point = trial
         yield point
         if little or delta @ normal @ delta < rest**2:
             return

@@ -12,7 +12,6 @@ tempered by that share. Two kinds of models are judged:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,15 +20,13 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.depth import order_log_odds, parallax_along_lines
-from blur2view.geometry.epipolar import denormalise, homogeneous
+from blur2view.geometry.depth import order_log_odds, parallax_along_lines, unit_lines
+from blur2view.geometry.epipolar import denormalise, homogeneous, symmetric_skew
 from blur2view.geometry.sampson import residual_parts
 from blur2view.robust import calibration as c
-from blur2view.robust.parametrization import CameraPrior, Manifold, assumed_camera
+from blur2view.robust.parametrization import CameraPrior, assumed_camera
 from blur2view.robust.residuals import OrderedResiduals
 from blur2view.smears.matches import SmearMatches
-
-LOG_2 = math.log(2.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,30 +156,31 @@ class Likelihood:
         density = np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1)
         return np.asarray(c.OUTLIER_ODDS * density)
 
-    def residuals(self, F: Array, decided: bool = False, prior: Array | float = 0.5) -> OrderedResiduals:
-        """Return residuals under F (3, 3) in both orders, of which ``prior`` are the probabilities before."""
+    def residuals(self, F: Array) -> OrderedResiduals:
+        """Return residuals under F (3, 3) in both orders, at even odds."""
         first, second, sigma = self.orders
         parts = residual_parts(F, first, second)
-        return OrderedResiduals(
-            both=(parts[0] / sigma).reshape(2, -1), prior=prior, decided=decided, parts=parts
-        )
+        return OrderedResiduals(both=(parts[0] / sigma).reshape(2, -1), parts=parts)
 
-    def parallax_of(self, point: Manifold) -> Array:
-        """Return the parallax (2, N) of a point's motion along the epipolar lines, in both orders."""
-        return parallax_along_lines(*point.motion(), self.middle.T, self.displacement.T)
+    def order_odds(self, rotation: Array, t: Array, sign: float) -> Array:
+        """Return both orders' probabilities (2, N) by positive depth, of a motion whose translation is +-t.
 
-    def weigh(self, plain: OrderedResiduals, parallax: Array, weight: float) -> OrderedResiduals:
-        """Return residuals with the odds of the orders by positive depth, tempered by a weight in [0, 1]."""
-        odds = order_log_odds(parallax, self.along)
-        return replace(plain, prior=np.exp(weight * odds + (weight - 1) * LOG_2))
+        Errors that neighbours share mislead about depth as they do about F: the fewer smears are
+        independent, the nearer the odds are to even ones (`calibration.DEPTH_TRUST`).
+        """
+        parallax = sign * parallax_along_lines(rotation, t, self.middle, self.displacement)
+        weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
+        odds = weight * order_log_odds(parallax, self.along)
+        return np.asarray(np.exp(odds + (weight - 1) * np.log(2)))
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
-        return np.asarray(-2 * np.log((residuals.total + self.chance) / (1 + self.chance)))
+        total = residuals.likelihoods.sum(axis=0) + self.chance
+        return np.asarray(-2 * np.log(total / (1 + self.chance)))
 
     def order_weights(self, residuals: OrderedResiduals) -> Array:
         """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
-        return np.asarray(residuals.likelihoods / (residuals.total + self.chance))
+        return np.asarray(residuals.likelihoods / (residuals.likelihoods.sum(axis=0) + self.chance))
 
     # Displacement fields: where both ends are
 
@@ -197,24 +195,21 @@ class Likelihood:
         return self.sigma_fitted if alone else 1.0
 
     @cached_property
-    def field_sigma_px(self) -> Array:
-        """Standard deviations (N,) of the distance from a field as of a Sampson distance, pixels."""
-        return np.asarray(0.5**0.5 * self.sigma_scale * np.hypot(*self.matches.inlier_sigma_px))
+    def field_sigmas_px(self) -> Array:
+        """Standard deviations (2, N) of the distance from a field along and across the smears, pixels."""
+        return self.sigma_scale * np.stack(self.matches.inlier_sigma_px)
 
     @cached_property
     def field_chance(self) -> Array:
         """Density (N,) of a smear of any direction and no longer, over that of an inlier at best."""
-        along, across = (self.sigma_scale * sigma for sigma in self.matches.inlier_sigma_px)
-        return np.asarray(np.minimum(2 * along * across / (self.length_px**2 + TINY), 1))
+        return np.asarray(np.minimum(2 * self.field_sigmas_px.prod(axis=0) / (self.length_px**2 + TINY), 1))
 
     @cached_property
     def whitening(self) -> Array:
         """Matrices (N, 2, 2) to components along and across the smear in standard deviations."""
         unit = self.displacement / np.maximum(np.hypot(*self.displacement.T), TINY)[:, None]
-        normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
-        scale = self.sigma_scale / self.unit_px
-        along, across = (scale * sigma[:, None] for sigma in self.matches.inlier_sigma_px)
-        return np.stack([unit / along, normal / across], axis=1)
+        axes = np.stack([unit, unit[:, ::-1] * [-1.0, 1.0]], axis=1)
+        return np.asarray(axes * self.unit_px / self.field_sigmas_px.T[:, :, None])
 
     @cached_property
     def slow_errors(self) -> Array:
@@ -252,14 +247,13 @@ class Likelihood:
 
         Of greatest likelihood over the shares of smears that lie by some width farther along their lines.
         """
-        skew = 0.5 * np.array([F[2, 1] - F[1, 2], F[0, 2] - F[2, 0], F[1, 0] - F[0, 1]])
-        normal = np.cross(skew, homogeneous(self.middle))[:, :2]  # of the lines at mid exposure
-        normal /= np.maximum(np.hypot(*normal.T), TINY)[:, None]
-        line, across = self.whiten(np.stack([np.stack([normal[:, 1], -normal[:, 0]], axis=1), normal]))
+        (line,), (across,) = unit_lines(symmetric_skew(F)[1][None], self.middle)  # at mid exposure
+        line, across = self.whiten(np.stack([line.T, across.T]))
         line /= np.maximum(np.hypot(*line.T), TINY)[:, None]
         height = line[:, 0] * across[:, 1] - line[:, 1] * across[:, 0]  # deviations per unit off the line
         along = (self._both(predicted, slow) * line).sum(axis=-1)
-        off = [2**0.5 * self._signed_sampson(f) * height for f in (F, F.T)]  # of F and not of the field
+        scale = 2**0.5 * height * self.sigma_px / self.unit_px
+        off = [self.residuals(f).both * scale for f in (F, F.T)]  # of F and not of the field
         likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
         turned = np.stack([along, likely], axis=-1)
         # errors worse than stated, in all directions, and chance: they are no parallax
@@ -269,14 +263,13 @@ class Likelihood:
         _, log_density = mixture(density.T)
         return self.effective_share * float((log_density - np.log(density[0])).sum())
 
-    def _signed_sampson(self, F: Array) -> Array:
-        """Return signed Sampson distances (2, N) in both orders, normalised."""
-        first, second, _ = self.orders
-        return residual_parts(F, first, second)[0].reshape(2, -1)
+    def measured(self, slow: Array) -> Array:
+        """Return the smears (N, 2) whitened, less the errors that vary slowly (6,)."""
+        return self.whiten(self.displacement) - np.tensordot(slow, self.slow_errors, 1)
 
     def _both(self, predicted: Array, slow: Array) -> Array:
         """Return whitened residuals (2, N, 2) of a field, of the smears as they are and reversed."""
-        measured = self.whiten(self.displacement) - np.tensordot(slow, self.slow_errors, 1)
+        measured = self.measured(slow)
         return np.stack([predicted - measured, predicted + measured])
 
 

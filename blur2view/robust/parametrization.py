@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import ClassVar, Protocol, Self
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -28,37 +28,30 @@ from blur2view.geometry.rotation import (
 from blur2view.robust.calibration import ASSUMED_FOCAL
 
 
-class Family(Protocol):
-    """A family of matrices by k parameters, F or generators of homographies, at one of its points."""
-
-    dimension: ClassVar[int]  # k
-
-    def tangent(self) -> Array:
-        """Return the matrix's derivatives (k, 3, 3) in the parameters."""
-
-    def step(self, delta: Array) -> Self:
-        """Return the point reached by moving delta (k,) along the tangents."""
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return residuals (m,) in standard deviations and their Jacobian (m, k); none by default."""
-        return np.zeros(0), np.zeros((0, self.dimension))
-
-
-class Manifold(Family, Protocol):
-    """What `refinement.refine` needs to know of a family of F."""
+class Manifold(Protocol):
+    """A family of F by k parameters, at one of its points."""
 
     def matrix(self) -> Array:
         """Return F of shape (3, 3), any scale."""
 
+    def tangent(self) -> Array:
+        """Return its derivatives (k, 3, 3) in the parameters."""
+
+    def step(self, delta: Array) -> Self:
+        """Return the point reached by moving delta (k,) along the tangents."""
+
     def motion(self) -> tuple[Array, Array]:
         """Return rotation vector and translation (3,) of a camera with K near the identity."""
+
+    def prior(self) -> tuple[Array, Array]:
+        """Return residuals (m,) in standard deviations and their Jacobian (m, k); none by default."""
+        return np.zeros(0), np.zeros((0, len(self.tangent())))
 
 
 @dataclass(frozen=True, kw_only=True)
 class TranslationF(Manifold):
     """F = [epipole]x, two parameters; blind to the order of every smear."""
 
-    dimension: ClassVar[int] = 2
     epipole: Array  # (3,) unit
 
     def matrix(self) -> Array:
@@ -87,7 +80,6 @@ class GeneralF(Manifold):
     Bartoli and Sturm, Nonlinear estimation of the fundamental matrix with minimal parameters, PAMI 2004.
     """
 
-    dimension: ClassVar[int] = 7
     U: Array  # (3, 3) orthogonal
     V: Array  # (3, 3) orthogonal
     angle: float  # w
@@ -146,11 +138,6 @@ class CameraPrior:
         """One over the standard deviations (6,) of rotation, log focal length and principal point."""
         return 1 / np.maximum([*self.rotation, self.log_focal, self.principal, self.principal], 1e-9)
 
-    @cached_property
-    def jacobian(self) -> Array:
-        """Derivative (6, 8) of the residuals in `CameraF`'s parameters, the rotation's to first order."""
-        return np.eye(6, 8, 2) * self.weight[:, None]
-
 
 @dataclass(frozen=True, kw_only=True)
 class CameraF(Manifold):
@@ -161,12 +148,17 @@ class CameraF(Manifold):
     in F.
     """
 
-    dimension: ClassVar[int] = 8
     t: Array  # (3,) unit
     R: Array  # (3, 3)
     log_focal: float = 0.0
     principal: Array = field(default_factory=lambda: np.zeros(2))
     spread: CameraPrior
+
+    @classmethod
+    def from_matrix(cls, F: Array, spread: CameraPrior) -> CameraF:
+        """Return the pose of least rotation of the essential matrix nearest to F (K = identity)."""
+        rotations, t = essential_motions(F)
+        return cls(t=t, R=rotations[0], spread=spread)
 
     @cached_property
     def rotation(self) -> Array:
@@ -200,9 +192,8 @@ class CameraF(Manifold):
         inner[:2] = cross_matrix(plane_basis(self.t)) @ self.R
         inner[2:5] = cross @ GENERATORS @ self.R
         inner[5:] = np.swapaxes(lens, 1, 2) @ E + E @ lens
-        both = inverse[:, None, :, None] * inverse[None, :, None, :]  # K^-T dE K^-1 is linear in dE
-        tangent: Array = inner.reshape(8, 9) @ both.reshape(9, 9)
-        return tangent.reshape(8, 3, 3)
+        tangent: Array = inverse.T @ inner @ inverse
+        return tangent
 
     def step(self, delta: Array) -> CameraF:
         """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
@@ -216,23 +207,12 @@ class CameraF(Manifold):
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
-        value = np.empty(6)
-        value[:3] = self.rotation
-        value[3], value[4:] = self.log_focal, self.principal
-        return value * self.spread.weight, self.spread.jacobian
+        value = np.concatenate([self.rotation, [self.log_focal], self.principal])
+        return value * self.spread.weight, np.eye(6, 8, 2) * self.spread.weight[:, None]
 
     def motion(self) -> tuple[Array, Array]:
         """Return its rotation vector and translation; the offset of K from the identity is left out."""
         return self.rotation, self.t
-
-
-def camera_from_matrix(F: Array, spread: CameraPrior) -> CameraF:
-    """Return the pose of least rotation that F has for the assumed camera (K = identity).
-
-    F need not be an essential matrix: it is brought to the nearest one.
-    """
-    rotations, t = essential_motions(F)
-    return CameraF(t=t, R=rotations[0], spread=spread)
 
 
 def assumed_camera(image_size: tuple[float, ...]) -> Array:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
-STOP_SHARE = 0.9  # share of fitting data that ends the search (the paper)
 FIRST_BLOCK = 32  # data scored first
 GROWTH = 8  # of the blocks scored later, each with 1 / GROWTH of the models left
 SURVIVORS = 4  # models of a batch that are scored on all data
@@ -37,8 +36,8 @@ class Estimator(Protocol):
     def refine(self, model: Models) -> Models:
         """Return a locally better model, or the same one."""
 
-    def shares(self, model: Models) -> tuple[float, float]:
-        """Return the shares of data that fit (for the stop on fit) and of inliers (for the confidence)."""
+    def inlier_share(self, model: Models) -> float:
+        """Return the share of data that follow a model, beyond chance."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,9 +99,8 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
             if min(refined_cost, raw_cost) < cost:
                 best, cost = min((raw_cost, candidate), (refined_cost, refined), key=itemgetter(0))[::-1]
         if best is not None and iterations >= options.min_iterations:
-            fitting, inliers = estimator.shares(best)
-            needed = needed_iterations(inliers, estimator.sample_size, options.confidence)
-            if fitting >= STOP_SHARE or iterations >= needed:
+            share = estimator.inlier_share(best)
+            if iterations >= needed_iterations(share, estimator.sample_size, options.confidence):
                 break
     contenders = [model for _, model in sampled]
     return RansacResult(model=best, iterations=iterations, contenders=contenders)

@@ -18,7 +18,6 @@ def reweighted_motion(
     steps: int,
     scale: Callable[[Array], Array | float],
     start: Array | None = None,
-    ordered: bool = True,
     prior: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Return the motion m (..., k) with m @ rows = flow for most points, and lengths of residuals (..., N).
@@ -33,46 +32,36 @@ def reweighted_motion(
     scale : callable
         Maps the lengths of the residuals (..., N) to the length of half the weight.
     start : ndarray of shape (..., k), optional
-        Weighs the first round if ``ordered``; without it all points have the same weight.
-    ordered : bool
-        If not, the sign of every flow is unknown (ValueError without a start): it is, anew in every round,
-        the one that agrees better with the motion; the start decides the first ones.
+        Weighs the first round; without it all points have the same weight.
     prior : (ndarray, ndarray), optional
         Expectation (k,) and precision (k,) of the motion, where residuals have the deviation ``scale``.
     """
-    if start is None and not ordered:
-        raise ValueError("signs that are unknown need a start")
-    parameters = rows.shape[-3]
     flat = rows.reshape(*rows.shape[:-2], -1)  # (..., k, d N)
-    expected, precision = (np.zeros(parameters), np.zeros(parameters)) if prior is None else prior
-    motion = np.zeros((*rows.shape[:-3], parameters)) if start is None else start
+    none = np.zeros(rows.shape[-3])
+    expected, precision = (none, none) if prior is None else prior
     weight = np.ones((*rows.shape[:-3], rows.shape[-1]))
-    if ordered and start is not None:
-        weight = _cauchy(np.linalg.norm(_predicted(motion, flat, flow) - flow, axis=-2), scale)
-    missed = weight
+    if start is not None:
+        weight = _cauchy(_missed(start, flat, flow), scale)
     for _ in range(steps):
-        sign = np.where((_predicted(motion, flat, flow) * flow).sum(axis=-2, keepdims=True) < 0, -1.0, 1.0)
-        signed = flow if ordered else sign * flow
-        motion = _solved(flat, signed, weight, expected, precision)
-        missed = np.linalg.norm(_predicted(motion, flat, flow) - signed, axis=-2)
+        motion = _solved(flat, flow, weight, expected, precision)
+        missed = _missed(motion, flat, flow)
         weight = _cauchy(missed, scale)
     return motion, missed
 
 
-def _solved(flat: Array, signed: Array, weight: Array, expected: Array, precision: Array) -> Array:
+def _solved(flat: Array, flow: Array, weight: Array, expected: Array, precision: Array) -> Array:
     """Return the motions (..., k) of rows (..., k, d N), flow (..., d, N), weights (..., N) and a prior."""
-    weighted = flat * np.concatenate([weight] * signed.shape[-2], axis=-1)[..., None, :]
+    weighted = flat * np.concatenate([weight] * flow.shape[-2], axis=-1)[..., None, :]
     normal = weighted @ np.swapaxes(flat, -1, -2)
     ridge = RIDGE * np.diagonal(normal, axis1=-2, axis2=-1) + precision + TINY
-    right = (weighted @ signed.reshape(*signed.shape[:-2], -1, 1))[..., 0] + precision * expected
+    right = (weighted @ flow.reshape(*flow.shape[:-2], -1, 1))[..., 0] + precision * expected
     damped = normal + ridge[..., None] * np.eye(ridge.shape[-1])
     return np.asarray(np.linalg.solve(damped, right[..., None])[..., 0])
 
 
-def _predicted(motion: Array, flat: Array, flow: Array) -> Array:
-    """Return the flow (..., d, N) of motions (..., k), from rows (..., k, d N)."""
-    predicted: Array = (motion[..., None, :] @ flat).reshape(flow.shape)
-    return predicted
+def _missed(motion: Array, flat: Array, flow: Array) -> Array:
+    """Return lengths of the residuals (..., N) of motions (..., k), from rows (..., k, d N)."""
+    return np.asarray(np.linalg.norm((motion[..., None, :] @ flat).reshape(flow.shape) - flow, axis=-2))
 
 
 def _cauchy(missed: Array, scale: Callable[[Array], Array | float]) -> Array:

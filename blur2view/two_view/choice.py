@@ -10,22 +10,20 @@ absent: then F is given with the homography beside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust import calibration as c
-from blur2view.robust.field_fit import SLOW, FieldFit, fit_field
-from blur2view.robust.homography import PlaneH, RollingH, RotationH, entries_of
+from blur2view.robust.field_fit import FieldFit, fit_field
+from blur2view.robust.homography import Field, entries_of, rotation_of
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.families import Fit, fit_from, lower_cost
+from blur2view.two_view.families import Fit, lower_cost
 from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
-from blur2view.two_view.plane_parallax import plane_and_parallax
 
 HOMOGRAPHIES = {
     Configuration.PANORAMIC: MotionModel.ROTATION,
@@ -33,14 +31,6 @@ HOMOGRAPHIES = {
     Configuration.PLANAR_OR_PANORAMIC: MotionModel.ROTATION_OR_PLANE,
 }
 ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
-PARAMETERS = {
-    MotionModel.STILL: 0,
-    MotionModel.ROTATION: 3,
-    MotionModel.ROLLING_ROTATION: 6,
-    MotionModel.PLANE: 8,
-    MotionModel.ROLLING_PLANE: 11,
-    MotionModel.PARALLAX: 10,
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +45,7 @@ class Choice:
     sentence: str
     fit: Fit
     reports_F: bool = False
-    homography: FieldFit[Any] | None = None
+    homography: FieldFit | None = None
     table: ModelTable = field(default_factory=ModelTable)
 
     @property
@@ -65,14 +55,13 @@ class Choice:
 
 
 def choose(
-    likelihood: Likelihood, fits: list[Fit], rng: np.random.Generator, *, has_consensus: bool, rolling: bool
+    likelihood: Likelihood, fit: Fit, rng: np.random.Generator, *, has_consensus: bool, rolling: bool
 ) -> Choice:
-    """Return what the smears show, given every model of F that was fitted.
+    """Return what the smears show, given the F of least cost.
 
-    Without ``has_consensus`` the F of least cost is hardly better than chance: only a homography is looked
-    for. With ``rolling`` the shutter may read one row after the other.
+    Without ``has_consensus`` that is hardly better than chance: only a homography is looked for. With
+    ``rolling`` the shutter may read one row after the other.
     """
-    fit = min(fits, key=lambda fit: fit.score)
     if not has_consensus and within_errors(likelihood.matches):
         sentence = "no motion, the smears are no longer than their errors"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
@@ -87,53 +76,35 @@ def choose(
             return several_motions(len(likelihood), motions, fit)
         if motions is not None:
             fit = lower_cost(likelihood, fit, motions.F)  # one motion, but perhaps a better F of it
-        fit = better_through_plane(likelihood, plane, fit, rng)
     fields = fields_of(sample, plane, rolling)
     table = table_of(fields, gain_of(fields[MotionModel.PLANE], fit) if has_consensus else None)
     return named(table, fields, fit, has_consensus)
 
 
-def fields_of(sample: Likelihood, plane: FieldFit[PlaneH], rolling: bool) -> dict[MotionModel, FieldFit[Any]]:
+def fields_of(sample: Likelihood, plane: FieldFit, rolling: bool) -> dict[MotionModel, FieldFit]:
     """Return every displacement field, fitted; without a camera there are no rotations."""
-    still = FieldFit(
-        likelihood=sample, family=PlaneH(entries=np.zeros(8)), slow=np.zeros(SLOW), basis=plane.basis
-    )
-    fields: dict[MotionModel, FieldFit[Any]] = {MotionModel.STILL: still}
+    prior = sample.prior
+    fields = {MotionModel.STILL: FieldFit(likelihood=sample, family=Field.plane(np.zeros(8), prior))}
     if sample.has_camera:
-        start = RotationH.from_generator(plane.family.generator(), sample.prior)
-        rotation = fit_field(start, sample)
-        again = fit_field(PlaneH(entries=entries_of(rotation.family.generator())), sample)
+        rotation = fit_field(Field.rotation(rotation_of(plane.family.generator()), prior), sample)
+        again = fit_field(Field.plane(entries_of(rotation.family.generator()), prior), sample)
         plane = max(plane, again, key=lambda fit: fit.log_posterior)
         fields[MotionModel.ROTATION] = rotation
     fields[MotionModel.PLANE] = plane
     if rolling:
-        for still_model, model in ROLLING.items():
-            if still_model in fields:
-                middle = fields[still_model].family
-                family = RollingH(middle=middle, change=np.zeros(3), spread=sample.prior)
-                either = [fit_field(replace(family, axis=axis), sample) for axis in (0, 1)]
-                fields[model] = max(either, key=lambda fit: fit.log_posterior)
+        for still_model in [model for model in ROLLING if model in fields]:
+            middle = fields[still_model].family
+            either = [fit_field(middle.rolling(axis), sample) for axis in (0, 1)]
+            fields[ROLLING[still_model]] = max(either, key=lambda fit: fit.log_posterior)
     return fields
 
 
-def gain_of(plane: FieldFit[Any], fit: Fit) -> float:
+def gain_of(plane: FieldFit, fit: Fit) -> float:
     """Return what parallax along the lines of F gains over the plane alone, in log-likelihood."""
     return plane.likelihood.with_parallax(plane.predicted, plane.slow, fit.point.matrix())
 
 
-def better_through_plane(
-    likelihood: Likelihood, plane: FieldFit[PlaneH], fit: Fit, rng: np.random.Generator
-) -> Fit:
-    """Return the F through the plane and two smears off it, if it gains clearly more than the one given."""
-    off_plane = np.flatnonzero(plane.orders(likelihood).least ** 2 >= c.CUTOFF**2)
-    through = plane_and_parallax(plane.family.generator(), likelihood, off_plane, rng)
-    if through is None:
-        return fit
-    other = fit_from(through, likelihood)
-    return other if gain_of(plane, other) - gain_of(plane, fit) > c.BETTER_GAIN else fit
-
-
-def table_of(fields: dict[MotionModel, FieldFit[Any]], gain: float | None) -> ModelTable:
+def table_of(fields: dict[MotionModel, FieldFit], gain: float | None) -> ModelTable:
     """Return the table of the fields and, where F has a ``gain`` over the plane, of parallax."""
     plane = fields[MotionModel.PLANE]
     log_likelihood = {model: fit.log_posterior for model, fit in fields.items()}
@@ -142,7 +113,7 @@ def table_of(fields: dict[MotionModel, FieldFit[Any]], gain: float | None) -> Mo
     likelihood = plane.likelihood
     odds = probabilities(log_likelihood, likelihood)
     rows = tuple(
-        ModelRow(model=model, parameters=PARAMETERS[model], log_likelihood=value, probability=odds[model])
+        ModelRow(model=model, parameters=c.MODELS[model][0], log_likelihood=value, probability=odds[model])
         for model, value in log_likelihood.items()
     )
     return ModelTable(rows=rows, effective_count=likelihood.effective_count)
@@ -154,8 +125,8 @@ def probabilities(
     """Return the models' probabilities: the one calibrated step, the same for all photographs.
 
     Fields that vary slowly compete with errors that do, too: of their log-likelihoods those of smears with
-    all correlation counted. Parallax does not look like such errors: of its gain a share PARALLAX_SLOPE. Each
-    model has a penalty, which grows with the number of smears by Schwarz's criterion.
+    all correlation counted. Parallax looks less like such errors: of its gain that share to the power of
+    PARALLAX_POWER. Each model has a penalty, which grows with the number of smears by Schwarz's criterion.
     """
     count, plane = likelihood.claimed.effective_count, log_likelihood[MotionModel.PLANE]
     slope = likelihood.claimed.effective_share / likelihood.effective_share
@@ -163,15 +134,14 @@ def probabilities(
     score = []
     for model, value in log_likelihood.items():
         gain = value - plane if model is MotionModel.PARALLAX else 0.0
-        fit = slope * (value - gain) + c.PARALLAX_SLOPE * gain
-        score.append(fit - c.PENALTY[model] - more * PARAMETERS[model])
+        fit = slope * (value - gain) + slope**c.PARALLAX_POWER * gain
+        parameters, penalty = c.MODELS[model]
+        score.append(fit - penalty - more * parameters)
     odds = np.exp(np.array(score) - max(score))
     return dict(zip(log_likelihood, (float(p) for p in odds / odds.sum()), strict=True))
 
 
-def named(
-    table: ModelTable, fields: dict[MotionModel, FieldFit[Any]], fit: Fit, has_consensus: bool
-) -> Choice:
+def named(table: ModelTable, fields: dict[MotionModel, FieldFit], fit: Fit, has_consensus: bool) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
     parallax = table.probability(MotionModel.PARALLAX) or 0.0
     if parallax >= c.PROVEN_FROM:

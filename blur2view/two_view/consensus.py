@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,7 @@ from blur2view.robust import calibration as c
 from blur2view.robust.calibration import MIN_LENGTH_PX, MIN_MATCHES
 from blur2view.robust.field_fit import FieldFit
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import RefineOptions
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.families import Fit
 from blur2view.two_view.options import EstimatorOptions
 
 GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions
@@ -102,12 +98,13 @@ class Inliers:
         return f"{share}% of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
 
 
-def inliers_of(model: Array | FieldFit[Any], likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
+def inliers_of(model: Array | FieldFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
     """Return the inliers of F (3, 3), of the matches' pixels, or of a displacement field.
 
     See `EstimatorOptions.tolerance_px`; chance is measured on the same smears in random directions.
     """
-    sigma_px = likelihood.sigma_px if isinstance(model, np.ndarray) else likelihood.field_sigma_px
+    of_field = isinstance(model, FieldFit)
+    sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px
     tolerance = options.tolerance_px(likelihood.length_px, sigma_px)
 
     def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
@@ -126,45 +123,6 @@ def in_random_directions(matches: SmearMatches) -> SmearMatches:
     angle = np.pi * (GOLDEN * np.arange(len(matches)) % 1.0)
     half = 0.5 * matches.length_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return replace(matches, ends=np.stack([matches.midpoint - half, matches.midpoint + half], axis=1))
-
-
-def consensus(
-    fit: Fit, likelihood: Likelihood, options: EstimatorOptions, rng: np.random.Generator
-) -> tuple[bool, str]:
-    """Return whether there is consensus on the F of a fit, and the figures behind it.
-
-    F must explain more smears than chance. Between MIN_AGREEMENT and SURE_AGREEMENT each half of the image
-    must also predict the other: seven parameters fit a smooth field without any geometry. They do not fit
-    SURE_COUNT smears that err independently.
-    """
-    found = inliers_of(likelihood.pixels(fit.point.matrix()), likelihood, options)
-    beyond = found.beyond_chance
-    if beyond < c.MIN_AGREEMENT:
-        return False, found.figures
-    if beyond >= c.SURE_AGREEMENT or beyond * likelihood.effective_count >= c.SURE_COUNT:
-        return True, found.figures
-    held_out = halves_agreement(fit, likelihood, options, rng)
-    figures = f"{found.figures}; each half of the image predicts {held_out:.0%} of the other beyond chance"
-    return held_out >= c.MIN_HELD_OUT, figures
-
-
-def halves_agreement(
-    fit: Fit, likelihood: Likelihood, options: EstimatorOptions, rng: np.random.Generator
-) -> float:
-    """Return the mean agreement beyond chance of each half of the image with a fit to the other."""
-    middle = likelihood.matches.midpoint
-    axis = int(np.argmax(np.ptp(middle, axis=0)))
-    side = middle[:, axis] > np.median(middle[:, axis])
-    refinement = RefineOptions(effective_share=likelihood.effective_share, max_iterations=c.HELD_OUT_STEPS)
-    beyond = []
-    for fitted in (side, ~side):
-        train = rng.permutation(np.flatnonzero(fitted))[: c.HELD_OUT_MATCHES]
-        if len(train) < MIN_MATCHES:
-            return 0.0
-        point, _ = refine(fit.point, likelihood.subset(train), refinement)
-        held_out = likelihood.subset(np.flatnonzero(~fitted))
-        beyond.append(inliers_of(likelihood.pixels(point.matrix()), held_out, options).beyond_chance)
-    return float(np.mean(beyond))
 
 
 def within_errors(matches: SmearMatches) -> bool:

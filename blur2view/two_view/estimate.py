@@ -13,15 +13,16 @@ from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
+from blur2view.robust.calibration import MIN_AGREEMENT
 from blur2view.robust.homography import pixel_homography
 from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
-from blur2view.two_view.consensus import consensus, inliers_of, insufficient_data, still
+from blur2view.two_view.consensus import inliers_of, insufficient_data, still
 from blur2view.two_view.families import Fit, search_and_fit
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.pose import in_order_of_rotation, with_pose
+from blur2view.two_view.pose import with_pose
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
 # Of two orders in time the one that needs less parallax comes first.
@@ -152,12 +153,14 @@ def as_recorded(
         matches = undistorted(matches, camera)
     likelihood, fits, iterations = search_and_fit(Likelihood.of(matches, camera), options, rng)
     best = min(fits, key=lambda fit: fit.score)
-    has_consensus, figures = consensus(best, likelihood, options, rng)
-    choice = choose(likelihood, fits, rng, has_consensus=has_consensus, rolling=rolling)
+    found = inliers_of(likelihood.pixels(best.point.matrix()), likelihood, options)
+    has_consensus = found.beyond_chance >= MIN_AGREEMENT
+    choice = choose(likelihood, best, rng, has_consensus=has_consensus, rolling=rolling)
     geometry = geometry_of(choice, likelihood, fits, options)
-    geometry = replace(geometry, reason=f"{geometry.reason}: {figures}", iterations=iterations)
+    geometry = replace(geometry, reason=f"{geometry.reason}: {found.figures}", iterations=iterations)
     if likelihood.intrinsics_known:
-        geometry = in_order_of_rotation(with_pose(geometry, likelihood, fits, options), likelihood)
+        field = None if choice.homography is None else choice.homography.family
+        geometry = with_pose(geometry, field, likelihood, fits, options)
     return in_one_order(geometry, matches)
 
 

@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import unit_norm
+from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust import calibration as c
-from blur2view.robust.estimators import SmearEstimator, translation_start
+from blur2view.robust.estimators import SmearEstimator
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import GeneralF, Manifold, TranslationF, camera_from_matrix
-from blur2view.robust.ransac import ransac
-from blur2view.robust.refinement import refine, refining
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.minimal_solvers import meeting_points
+from blur2view.robust.parametrization import CameraF, GeneralF, Manifold, TranslationF
+from blur2view.robust.ransac import ransac, weighted_samples
+from blur2view.robust.refinement import WeightedPoint
 from blur2view.two_view.options import EstimatorOptions
 
 PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GENERAL: 7}
@@ -59,9 +60,15 @@ def search_and_fit(
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
-    """Return the two-parameter F, fitted robustly on the standard deviations as given."""
-    options = RefineOptions(max_iterations=c.STEPS, tolerance=c.TOLERANCE, decided=True)
-    return refine(translation_start(estimator, c.PAIRS, rng), estimator.likelihood.thinned, options)[0]
+    """Return the two-parameter F, fitted on the standard deviations as given."""
+    some = estimator.likelihood.thinned
+    drawn = weighted_samples(estimator.quality, 2, c.PAIRS, rng)
+    points = np.vstack([[0.0, 0.0, 1.0], meeting_points(estimator.likelihood.ends[drawn])])
+    points = points[np.linalg.norm(points, axis=1) > 0.5]
+    cost = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
+    start = TranslationF(epipole=points[int(np.argmin(cost))])
+    *_, best = levenberg_marquardt(WeightedPoint(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
+    return best.point
 
 
 def distinct(matrices: list[Array]) -> list[Array]:
@@ -77,7 +84,7 @@ def distinct(matrices: list[Array]) -> list[Array]:
 def richer_starts(likelihood: Likelihood, matrices: list[Array]) -> tuple[MotionModel, list[Manifold]]:
     """Return the richest plausible model, and its points nearest to the matrices (3, 3)."""
     if likelihood.has_camera:
-        return MotionModel.CAMERA, [camera_from_matrix(F, likelihood.prior) for F in matrices]
+        return MotionModel.CAMERA, [CameraF.from_matrix(F, likelihood.prior) for F in matrices]
     return MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in matrices]
 
 
@@ -112,17 +119,16 @@ def fit_best(
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
     Of several starts the cheapest KEPT take a step each; only the one that is cheapest then is refined on.
     """
-    options = RefineOptions(
-        effective_share=likelihood.effective_share, max_iterations=c.STEPS, tolerance=tolerance, rest=c.REST
-    )
-    trials = [(next(run), run) for run in (refining(start, likelihood, options) for start in starts)]
+    points = (WeightedPoint.likelier(start, likelihood) for start in starts)
+    runs = [levenberg_marquardt(point, c.STEPS, tolerance, c.REST) for point in points]
+    trials = [(next(run), run) for run in runs]
     for kept in c.KEPT:
-        trials = sorted(trials, key=lambda trial: trial[0][1])[:kept]
+        trials = sorted(trials, key=lambda trial: trial[0].cost)[:kept]
         trials = [(next(run, reached), run) for reached, run in trials]
-    reached, run = min(trials, key=lambda trial: trial[0][1])
-    *_, (point, cost) = [reached, *run]
-    score = cost + 2 * PARAMETERS[model] + 2 * float(np.log(ODDS_AGAINST[model])) * likelihood.has_camera
-    return Fit(model=model, point=point, score=score)
+    reached, run = min(trials, key=lambda trial: trial[0].cost)
+    *_, best = [reached, *run]
+    score = best.cost + 2 * PARAMETERS[model] + 2 * float(np.log(ODDS_AGAINST[model])) * likelihood.has_camera
+    return Fit(model=model, point=best.point, score=score)
 
 
 def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:

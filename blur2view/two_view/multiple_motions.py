@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.robust.calibration import CUTOFF, ON_PLANE
-from blur2view.robust.estimators import LocalEstimator
+from blur2view.robust.estimators import SmearEstimator
 from blur2view.robust.field_fit import FieldFit
-from blur2view.robust.homography import PlaneH
+from blur2view.robust.levenberg_marquardt import levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood, mixture
 from blur2view.robust.parametrization import GeneralF
 from blur2view.robust.ransac import RansacOptions, ransac
-from blur2view.robust.refinement import refine
-from blur2view.robust.residuals import RefineOptions
+from blur2view.robust.refinement import WeightedPoint
 from blur2view.two_view.families import residual_scale
 
 SMEARS = 700  # that the two are sought and fitted in
@@ -115,7 +114,7 @@ def leaves_structure(
 
 
 def find_two_motions(
-    likelihood: Likelihood, F: Array, plane: FieldFit[PlaneH], rng: np.random.Generator
+    likelihood: Likelihood, F: Array, plane: FieldFit, rng: np.random.Generator
 ) -> TwoMotions | None:
     """Return two F that explain much more than one, or one that does; None if neither does.
 
@@ -200,16 +199,16 @@ def explained(likelihood: Likelihood, models: list[Array]) -> tuple[Array, float
 
 
 def _search(likelihood: Likelihood, rng: np.random.Generator) -> Array | None:
-    estimator = LocalEstimator(likelihood=likelihood)
-    return ransac(estimator, SEARCH, rng).model
+    return ransac(SmearEstimator(likelihood=likelihood), SEARCH, rng).model
 
 
 def _refit(likelihood: Likelihood, F: Array) -> Array:
     """Return F (3, 3) refined on the seven-parameter manifold, each smear in its better order."""
     if len(likelihood) < 8:
         return F
-    options = RefineOptions(max_iterations=6, decided=True)
-    return refine(GeneralF.from_matrix(F), likelihood, options)[0].matrix()
+    start = WeightedPoint(point=GeneralF.from_matrix(F), likelihood=likelihood)
+    *_, best = levenberg_marquardt(start, 6, 1e-5)
+    return best.point.matrix()
 
 
 def _squared(likelihood: Likelihood, F: Array) -> Array:

@@ -12,27 +12,25 @@ from typing import cast
 
 import numpy as np
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
 from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.robust.field_fit import SLOW, fit_field
-from blur2view.robust.homography import RotationH, cayley
+from blur2view.robust.field_fit import fit_field
+from blur2view.robust.homography import Field, cayley
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import CameraF, CameraPrior
+from blur2view.robust.parametrization import CameraF
 from blur2view.robust.refinement import WeightedPoint
-from blur2view.robust.residuals import RefineOptions
 from blur2view.two_view.consensus import inliers_of
 from blur2view.two_view.families import Fit, fit_best
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
-CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
 # Of 40 scenes with independent noise and 20 % outliers (seeds from 2000 of tests/geometry/test_pose.py) the
 # squared distances of the truth are larger by this than their distribution says, in the median and at 80 %.
-MISSED = 1.7
+MISSED = 2.4
 NARROW_DEG = 8.0  # deviation from which the grid of directions describes the region
 ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
 # Deviation, in lengths of smears, of a rotation beside a translation that may account for any part of them:
@@ -54,30 +52,12 @@ def fit_calibrated(
     return point, oriented_pose(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
 
 
-def curvature(likelihood: Likelihood, point: CameraF) -> Array:
-    """Return the second derivative (5, 5) of half the cost at E, rotation first, by differences.
-
-    All correlation of neighbours is counted. Unlike Gauss-Newton's matrix it knows that a smear whose order
-    or kind is uncertain weighs less.
-    """
-    options = RefineOptions(effective_share=likelihood.claimed.effective_share)
-    state = WeightedPoint.likelier(point, likelihood, options)
-    normal, _ = state.normal_equations()
-    rows = []
-    for k in POSE:
-        delta = CURVATURE_STEP / np.sqrt(normal[k, k] + TINY) * np.eye(len(normal))[k]
-        ahead, behind = (state.moved(s * delta).reweighted().normal_equations()[1] for s in (1, -1))
-        rows.append((ahead - behind)[POSE] / (2 * delta[k]))
-    matrix: Array = 0.5 * (np.array(rows) + np.array(rows).T)
-    return matrix if np.linalg.eigvalsh(matrix)[0] > 0 else normal[np.ix_(POSE, POSE)]
-
-
 def covariance_of(
-    pose: RigidTransform, point: CameraF, likelihood: Likelihood, directions: DirectionLikelihood
+    pose: RigidTransform, point: CameraF, likelihood: Likelihood, region: PoseCovariance
 ) -> PoseCovariance:
-    """Return the covariance of the pose of E at a point."""
-    precision = curvature(likelihood, point)
-    region = directions.region(pose).covariance(pose.translation, pose.rotation_vector)
+    """Return the covariance of the pose of E at a point; ``region`` is that over all directions."""
+    normal, _ = WeightedPoint.likelier(point, likelihood.claimed).normal_equations()
+    precision = normal[np.ix_(POSE, POSE)]
     matrix = np.asarray(MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
     sign = np.copysign(1.0, pose.translation @ point.t)
     local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(point.t))
@@ -89,41 +69,61 @@ def covariance_of(
 
 
 def with_pose(
-    geometry: TwoViewGeometry, likelihood: Likelihood, fits: list[Fit], options: EstimatorOptions
+    geometry: TwoViewGeometry,
+    field: Field | None,
+    likelihood: Likelihood,
+    fits: list[Fit],
+    options: EstimatorOptions,
 ) -> TwoViewGeometry:
     """Return a geometry of known intrinsics with E and the pose; unchanged where there is neither F nor H.
 
-    The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
-    explains the smears alone; else the pose is the rotation, whatever the translation.
+    ``field`` is the homography's. The translation is given where parallax is proven, or its direction known
+    to KNOWN_DEG and no rotation explains the smears alone; else the pose is the rotation, whatever the
+    translation.
     """
     if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
         return geometry
-    if geometry.config is Configuration.PANORAMIC:
-        pose, covariance = pose_of_rotation(likelihood, geometry)
-        reason = f"{geometry.reason}; the pose is the rotation that explains the smears alone"
-        return replace(geometry, cam2_from_cam1=pose, covariance=covariance, reason=reason)
+    if geometry.config is Configuration.PANORAMIC and field is not None:
+        fit, why = fit_field(field, likelihood.claimed), "the rotation that explains the smears alone"
+        vector, spread = fit.family.parameters[:3], fit.covariance()[:3, :3]
+        return with_rotation_alone(geometry, likelihood, vector, spread, why)
     start = next(fit.point for fit in fits if isinstance(fit.point, CameraF))
     directions = DirectionLikelihood.of(likelihood)
     point, oriented = fit_calibrated(likelihood, start, directions)
-    pose = oriented.pose
-    covariance = covariance_of(pose, point, likelihood, directions)
+    mean, region = directions.region(oriented.pose)
+    covariance = covariance_of(oriented.pose, point, likelihood, region)
     given = geometry.parallax is Parallax.PROVEN or covariance.translation_sigma_deg < KNOWN_DEG
     if given or geometry.F is not None:
         geometry = with_essential(geometry, likelihood, oriented, covariance, options)
     if given:
         return geometry
-    region = directions.region(pose)
-    flip = 1.0 if (oriented.swapped == geometry.swapped).mean() >= 0.5 else -1.0
-    wide = region.covariance(pose.translation, region.rotation).matrix.copy()
-    wide[:3, 3:], wide[3:, :3] = 0.0, 0.0
-    wide[3:, 3:] = ANY_DIRECTION * np.eye(2)
+    off = mean - oriented.pose.rotation_vector
     unseen = UNSEEN * float(np.median(likelihood.length_px)) / likelihood.unit_px
-    wide[:3, :3] += unseen**2 * np.eye(3)
+    spread = region.matrix[:3, :3] - np.outer(off, off) + unseen**2 * np.eye(3)
+    why = "the mean rotation over all directions of translation"
+    return with_rotation_alone(geometry, likelihood, mean, spread, why)
+
+
+def with_rotation_alone(
+    geometry: TwoViewGeometry, likelihood: Likelihood, vector: Array, covariance: Array, why: str
+) -> TwoViewGeometry:
+    """Return a geometry whose pose is a rotation alone with smears, F and E in the order of that rotation.
+
+    F beside it is undecided and orders such smears no better than by chance; as E its transpose is equal.
+    """
+    F, E, swapped = geometry.F, geometry.E, against_rotation(vector, likelihood.ends)
+    if F is not None and (swapped_order(F, likelihood.matches.ends) == swapped).mean() < 0.5:
+        F, E = F.T.copy(), None if E is None else E.T.copy()
+    matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
+    matrix[:3, :3] = covariance
     return replace(
         geometry,
-        cam2_from_cam1=rotation_alone(flip * region.rotation),
-        covariance=PoseCovariance(matrix=wide, tangents=np.eye(3)[:2]),
-        reason=f"{geometry.reason}; the pose is the mean rotation over all directions of translation",
+        F=F,
+        E=E,
+        swapped=swapped,
+        cam2_from_cam1=RigidTransform(rotation=cayley(cross_matrix(vector)), translation=np.zeros(3)),
+        covariance=PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2]),
+        reason=f"{geometry.reason}; the pose is {why}",
     )
 
 
@@ -153,43 +153,3 @@ def with_essential(
     return replace(
         geometry, F=F, inlier_mask=found.mask, support_by_chance=found.by_chance, model=MotionModel.CALIBRATED
     )
-
-
-def in_order_of_rotation(geometry: TwoViewGeometry, likelihood: Likelihood) -> TwoViewGeometry:
-    """Return a geometry whose pose is a rotation alone with smears, F and E in the order of that rotation.
-
-    F beside it is undecided and orders such smears no better than by chance; as E its transpose is equal.
-    Other geometries stay as they are.
-    """
-    pose, F, E = geometry.cam2_from_cam1, geometry.F, geometry.E
-    if pose is None or pose.translation.any():
-        return geometry
-    swapped = against_rotation(pose.rotation_vector, likelihood.ends)
-    if F is not None and (swapped_order(F, likelihood.matches.ends) == swapped).mean() < 0.5:
-        F, E = F.T.copy(), None if E is None else E.T.copy()
-    return replace(geometry, F=F, E=E, swapped=swapped)
-
-
-def pose_of_rotation(
-    likelihood: Likelihood, geometry: TwoViewGeometry
-) -> tuple[RigidTransform, PoseCovariance]:
-    """Return the rotation that explains smears alone, ordered as ``swapped``, and its covariance."""
-    if geometry.H is None:
-        raise ValueError("a rotation is refined from its homography, which is missing")
-    claimed, T = likelihood.claimed, likelihood.T
-    fixed = CameraPrior(rotation=likelihood.prior.rotation, log_focal=0.0, principal=0.0)
-    A = T @ geometry.H @ np.linalg.inv(T)
-    A = A / np.cbrt(np.linalg.det(A)) - np.eye(3)
-    even = replace(claimed.matches, shared=replace(claimed.matches.shared, length=0.0, direction_rad=0.0))
-    fit = fit_field(RotationH.from_generator(A, fixed), replace(claimed, matches=even))
-    swapped = np.where(geometry.swapped, -1.0, 1.0)
-    vector = fit.family.rotation * (1.0 if (fit.sign * swapped).sum() >= 0 else -1.0)
-    matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
-    erring = replace(fit, likelihood=claimed, slow=np.zeros(SLOW))
-    matrix[:3, :3] = erring.covariance()[:3, :3]
-    return rotation_alone(vector), PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2])
-
-
-def rotation_alone(vector: Array) -> RigidTransform:
-    """Return the rotation whose motion of points at mid exposure is that of a vector (3,)."""
-    return RigidTransform(rotation=cayley(cross_matrix(vector)), translation=np.zeros(3))

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.arrays import TINY, Array
+from blur2view.geometry.depth import unit_lines
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
 from blur2view.robust.calibration import FREEDOM
@@ -22,8 +23,6 @@ from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.reweighted import reweighted_motion
 
 DIRECTIONS = 400  # half a sphere in steps of about 4 degrees
-RINGS_DEG = (2.0, 0.8, 0.3, 0.12, 0.05)  # about the best direction of the grid, and of every ring
-RING: Array = np.array([[np.cos(angle), np.sin(angle)] for angle in np.arange(6) * np.pi / 3])
 SMEARS = 300  # looked at, or up to twice as many
 STEPS = 6  # of reweighting
 ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears
@@ -78,58 +77,23 @@ class DirectionLikelihood:
 
     @cached_property
     def best(self) -> tuple[Array, Array]:
-        """Rotation vector and translation (3,) of the greatest likelihood."""
-        directions, _, costs, _ = self.grid
-        t = directions[int(np.argmin(costs))]
-        for radius in np.tan(np.radians(RINGS_DEG)):
-            ring = np.vstack([t, t + radius * RING @ plane_basis(t)])
-            ring /= np.linalg.norm(ring, axis=1, keepdims=True)
-            rotations, costs, _ = self.at(ring)
-            t, rotation = ring[int(np.argmin(costs))], rotations[int(np.argmin(costs))]
-        return rotation, t
+        """Rotation vector and translation (3,) of the greatest likelihood on the grid."""
+        directions, rotations, costs, _ = self.grid
+        best = int(np.argmin(costs))
+        return rotations[best], directions[best]
 
-    def region(self, pose: RigidTransform) -> TranslationRegion:
-        """Return what is known of the motion, oriented as a pose of it."""
+    def region(self, pose: RigidTransform) -> tuple[Array, PoseCovariance]:
+        """Return the mean rotation vector (3,) over all directions, and the covariance about a pose."""
         directions, rotations, costs, orders = self.grid
         weight = np.exp(-0.5 * (costs - costs.min()))
+        weight /= weight.sum()
         *_, (order,) = self.at(pose.translation[None])
         sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
-        return TranslationRegion(
-            directions=sign * directions, rotations=sign * rotations, weight=weight / weight.sum()
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TranslationRegion:
-    """The posterior of a motion over directions of its translation."""
-
-    directions: Array  # (G, 3) of one flip of time
-    rotations: Array  # (G, 3) that go with each
-    weight: Array  # (G,) their probabilities
-
-    @cached_property
-    def rotation(self) -> Array:
-        """Mean rotation vector (3,), the translation marginalised."""
-        mean: Array = self.weight @ self.rotations
-        return mean
-
-    def covariance(self, translation: Array, rotation: Array) -> PoseCovariance:
-        """Return the covariance of rotation vector (3,) and direction (3,) about those of a pose."""
-        tangents = plane_basis(translation)
-        cosine = np.clip(self.directions @ translation, -1.0, 1.0)
-        offset = self.directions @ tangents.T
-        offset *= (np.arccos(cosine) / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
-        both = np.concatenate([self.rotations - rotation, offset], axis=1)
-        matrix = (both * self.weight[:, None]).T @ both
+        tangents = plane_basis(pose.translation)
+        offset = sign * directions @ tangents.T
+        angle = np.arccos(np.clip(sign[:, 0] * (directions @ pose.translation), -1.0, 1.0))
+        offset *= (angle / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
+        both = np.concatenate([sign * rotations - pose.rotation_vector, offset], axis=1)
+        matrix = (both * weight[:, None]).T @ both
         matrix[3:, 3:] += np.radians(STEP_DEG) ** 2 / 12 * np.eye(2)
-        return PoseCovariance(matrix=matrix, tangents=tangents)
-
-
-def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
-    """Return unit vectors (G, 2, N) along epipolar lines and across them.
-
-    Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
-    """
-    lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
-    along = lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), TINY)
-    return along, np.stack([-along[:, 1], along[:, 0]], axis=1)
+        return weight @ (sign * rotations), PoseCovariance(matrix=matrix, tangents=tangents)

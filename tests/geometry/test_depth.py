@@ -13,7 +13,7 @@ def parallax(seed: int, rotation_share: float) -> tuple[Array, Array, np.ndarray
     """Parallax of both orders of an exact scene's smears, and which smears are swapped."""
     scene = make_scene(np.random.default_rng(seed), rotation_share=rotation_share)
     ends = scene.camera.rays(scene.ends)
-    middle, displacement = ends.mean(axis=1).T, (ends[:, 1] - ends[:, 0]).T
+    middle, displacement = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     return *parallax_along_lines(rotation_vector(scene.R), scene.t, middle, displacement), scene.swapped
 
 
@@ -34,7 +34,7 @@ def test_translation_alone_decides_every_order() -> None:
 
 def test_exchanging_the_ends_exchanges_the_orders() -> None:
     rng = np.random.default_rng(0)
-    turn, t, middle, displacement = rng.normal(size=3), rng.normal(size=3), *rng.normal(size=(2, 2, 9))
+    turn, t, middle, displacement = rng.normal(size=3), rng.normal(size=3), *rng.normal(size=(2, 9, 2))
     assert np.allclose(
         parallax_along_lines(turn, t, middle, displacement)[::-1],
         parallax_along_lines(turn, t, middle, -displacement),
@@ -51,5 +51,5 @@ def test_feasible_orders_share_and_infeasible_ones_are_improbable() -> None:
 
 def test_the_midpoint_at_the_epipole_says_nothing_and_fails_nothing() -> None:
     t = np.array([0.0, 0.0, 1.0])
-    got = parallax_along_lines(np.zeros(3), t, np.zeros((2, 1)), np.ones((2, 1)))
+    got = parallax_along_lines(np.zeros(3), t, np.zeros((1, 2)), np.ones((1, 2)))
     assert np.isfinite(got).all()

@@ -39,7 +39,6 @@ def test_constraint_is_q_plus_l_and_swapping_flips_l() -> None:
     q_swapped, skew_swapped = epipolar.quadratic_features(ends[:, ::-1])
     assert np.allclose(q_swapped, q)
     assert np.allclose(skew_swapped, -skew)
-    assert np.allclose(epipolar.symmetric_from_vector(vector), S)
 
 
 def test_determinant_of_F_is_blind_to_the_sign_of_a() -> None:
@@ -86,7 +85,7 @@ def test_true_F_explains_its_smears_and_orders_them() -> None:
 
 def test_serrmin_scales_with_the_coordinates() -> None:
     F, ends = random_matrices(7, 1)[0], np.random.default_rng(7).uniform(0, 600, (20, 2, 2))
-    normalised = epipolar.apply_similarity(SIMILARITY, ends)
+    normalised = ends * SIMILARITY[0, 0] + SIMILARITY[:2, 2]
     pixels = sampson.serrmin(epipolar.denormalise(F, SIMILARITY), ends)
     assert np.allclose(pixels * 0.01**2, sampson.serrmin(F, normalised))
 
@@ -114,8 +113,3 @@ def test_epipoles_are_the_null_vectors() -> None:
 def test_a_pure_rotation_has_no_F() -> None:
     with pytest.raises(ValueError, match="pure rotation"):
         epipolar.fundamental_from_pose(np.eye(3), np.eye(3), np.zeros(3))
-
-
-def test_coincident_points_normalise_to_a_shift() -> None:
-    T = epipolar.shared_normalisation(np.ones((4, 2, 2)))
-    assert np.allclose(T, [[1, 0, -1], [0, 1, -1], [0, 0, 1]])

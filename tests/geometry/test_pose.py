@@ -74,7 +74,7 @@ def test_swapping_ends_changes_no_pose() -> None:
 
 @pytest.mark.slow
 def test_known_intrinsics_give_the_pose() -> None:
-    """Median errors over seeds; the assumed camera's F, decomposed, is no better in translation."""
+    """Mean errors over seeds; the assumed camera's F, decomposed, is worse."""
     table = []
     for seed in range(24):
         rng = np.random.default_rng(seed)
@@ -89,9 +89,9 @@ def test_known_intrinsics_give_the_pose() -> None:
             rotation_error(plain.rotation, scene.R)[1],
             translation_direction_error_deg(plain.translation, scene.t),
         ])  # fmt: skip
-    rotation, translation, rotation_plain, translation_plain = np.median(table, axis=0)
-    assert rotation < 0.1 and translation < 4
-    assert rotation < 1.3 * rotation_plain and translation < translation_plain
+    rotation, translation, rotation_plain, translation_plain = np.mean(table, axis=0)
+    assert rotation < 0.15 and translation < 3
+    assert rotation < rotation_plain and translation < translation_plain
 
 
 def test_decomposition_holds_the_pose_and_its_twins() -> None:

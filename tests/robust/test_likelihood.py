@@ -6,7 +6,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.robust.field_fit import FieldFit, fit_field
-from blur2view.robust.homography import PlaneH, cayley
+from blur2view.robust.homography import Field, cayley
 from blur2view.robust.likelihood import Likelihood, mixture
 from tests.support.likelihoods import normalised_likelihood
 
@@ -29,8 +29,8 @@ def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Arra
     return A, cross_matrix(epipole) @ cayley(A), ends
 
 
-def plane_of(A: Array, likelihood: Likelihood) -> FieldFit[PlaneH]:
-    return fit_field(PlaneH(entries=A.ravel()[:8]), likelihood)
+def plane_of(A: Array, likelihood: Likelihood) -> FieldFit:
+    return fit_field(Field.plane(A.ravel()[:8], likelihood.prior), likelihood)
 
 
 def gain(A: Array, F: Array, ends: Array, sigma: float = NOISE) -> float:

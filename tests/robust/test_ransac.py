@@ -18,7 +18,6 @@ class Location:
 
     values: Floats
     sample_size: ClassVar[int] = 1
-    fits: float = 0.0
     inliers: float = 0.0
     scored: list[int] = field(default_factory=list)
     refined: int = 0
@@ -43,9 +42,9 @@ class Location:
         self.refined += 1
         return np.asarray(self.values[np.abs(self.values - model) < 1].mean())
 
-    def shares(self, model: Floats) -> tuple[float, float]:
+    def inlier_share(self, model: Floats) -> float:
         """Give what the test asked for."""
-        return self.fits, self.inliers
+        return self.inliers
 
 
 def problem(seed: int = 0, **shares: float) -> Location:
@@ -62,12 +61,6 @@ def test_finds_the_cluster_and_refines_it() -> None:
 def test_spends_the_budget_when_nothing_fits() -> None:
     found = ransac(problem(), RansacOptions(max_iterations=100, batch=16), np.random.default_rng(1))
     assert found.iterations == 100
-
-
-@pytest.mark.parametrize(("fits", "iterations"), [(0.9, 16), (0.89, 200)])
-def test_stops_when_nine_in_ten_fit(fits: float, iterations: int) -> None:
-    found = ransac(problem(fits=fits), RansacOptions(max_iterations=200), np.random.default_rng(1))
-    assert found.iterations == iterations
 
 
 def test_stops_when_a_better_sample_is_unlikely() -> None:
@@ -104,7 +97,9 @@ def test_an_estimator_without_models_gives_none() -> None:
             """Give something useless."""
             return np.zeros(0)
 
-    found = ransac(Barren(np.zeros(5), fits=1.0), RansacOptions(max_iterations=40), np.random.default_rng(0))
+    found = ransac(
+        Barren(np.zeros(5), inliers=1.0), RansacOptions(max_iterations=40), np.random.default_rng(0)
+    )
     assert found.model is None
     assert found.iterations == 40
 

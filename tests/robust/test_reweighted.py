@@ -1,7 +1,6 @@
 """Reweighted least squares: outliers, unknown signs, a prior, many problems at once."""
 
 import numpy as np
-import pytest
 
 from blur2view.arrays import Array
 from blur2view.robust.reweighted import reweighted_motion
@@ -29,21 +28,6 @@ def test_outliers_do_not_move_it() -> None:
     motion, missed = reweighted_motion(rows, flow, steps=20, scale=by_median)
     assert np.abs(motion - MOTION).max() < 1e-6 < np.abs(plain - MOTION).max()
     assert np.isclose(np.median(missed), 0, atol=1e-6)
-
-
-def test_signs_are_found_from_a_start_on_the_right_side() -> None:
-    rows, flow = flows(1, outliers=0.1)
-    flow = flow * np.random.default_rng(1).choice([-1.0, 1.0], 200)
-    start = MOTION + 0.2
-    motion, _ = reweighted_motion(rows, flow, steps=30, scale=lambda _: 0.2, start=start, ordered=False)
-    assert np.abs(motion - MOTION).max() < 0.02
-    turned, _ = reweighted_motion(rows, flow, steps=30, scale=lambda _: 0.2, start=-start, ordered=False)
-    assert np.allclose(turned, -motion)
-
-
-def test_unknown_signs_need_a_start() -> None:
-    with pytest.raises(ValueError, match="start"):
-        reweighted_motion(*flows(0), steps=1, scale=by_median, ordered=False)
 
 
 def test_a_sure_prior_wins_and_a_vague_one_does_not() -> None:

@@ -11,7 +11,7 @@ from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.pose import in_order_of_rotation
+from blur2view.two_view.pose import with_rotation_alone
 from tests.support.lens import distorted_points
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 from tools.metrics import rotation_error
@@ -127,15 +127,11 @@ def test_F_beside_a_rotation_is_brought_into_its_order(reverse: bool) -> None:
     pose = RigidTransform(rotation=scene.R.T if reverse else scene.R, translation=np.zeros(3))
     none = np.zeros(len(scene.ends), bool)
     given = TwoViewGeometry(
-        F=scene.F,
-        cam2_from_cam1=pose,
-        config=Configuration.PANORAMIC,
-        reason="",
-        inlier_mask=~none,
-        swapped=none,
+        F=scene.F, config=Configuration.PANORAMIC, reason="", inlier_mask=~none, swapped=none
     )
     matches = SmearMatches(ends=scene.ends, sigma_px=np.ones(len(none)))
-    found = in_order_of_rotation(given, Likelihood.of(matches, scene.camera))
+    likelihood = Likelihood.of(matches, scene.camera)
+    found = with_rotation_alone(given, likelihood, pose.rotation_vector, np.eye(3), "a rotation")
     np.testing.assert_array_equal(found.F, scene.F.T if reverse else scene.F)
     ordered = np.where(found.swapped[:, None, None], scene.ends[:, ::-1], scene.ends)
     assert (along(pose, scene.K, ordered) > 0).mean() > 0.99

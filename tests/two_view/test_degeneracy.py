@@ -169,7 +169,7 @@ def test_similarity_of_the_pixels_carries_H_along() -> None:
     S = np.diag([2.0, 2.0, 1.0])
     back = unit_norm(np.linalg.inv(S) @ other.H @ S)
     inverse = unit_norm(np.asarray(np.linalg.inv(one.H)))
-    assert min(np.abs(back - s * H).max() for s in (1, -1) for H in (one.H, inverse)) < 5e-4
+    assert min(np.abs(back - s * H).max() for s in (1, -1) for H in (one.H, inverse)) < 1e-3
 
 
 def fields() -> dict[str, SmearMatches]:

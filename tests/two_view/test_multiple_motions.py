@@ -9,7 +9,6 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust.field_fit import FieldFit
-from blur2view.robust.homography import PlaneH
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view import multiple_motions
@@ -32,7 +31,7 @@ from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
 from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
 
 
-def fitted(scene: DegenerateScene) -> tuple[Likelihood, Fit, FieldFit[PlaneH]]:
+def fitted(scene: DegenerateScene) -> tuple[Likelihood, Fit, FieldFit]:
     """Likelihood and best fit of a scene, and the best homography."""
     rng = np.random.default_rng(0)
     likelihood, fits, _ = search_and_fit(Likelihood.of(scene.matches), EstimatorOptions(), rng)

@@ -11,20 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import (
-    apply_similarity,
-    cross_matrix,
-    denormalise,
-    quadratic_features,
-    shared_normalisation,
-    symmetric_from_vector,
-    unit_norm,
-)
+from blur2view.geometry.epipolar import cross_matrix, denormalise, quadratic_features, unit_norm
 from blur2view.geometry.sampson import serrmin
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.consensus import insufficient_data, still
-from tools.estimators.seven_smears import SAMPLE_SIZE
+from tools.estimators.seven_smears import (
+    SAMPLE_SIZE,
+    apply_similarity,
+    shared_normalisation,
+    symmetric_from_vector,
+)
 
 # Entries of F, row by row, to (S11, S12, S13, S22, S23, S33) and to a: S = (F + F^T) / 2, F - S = [a]x.
 SYMMETRIC: Array = np.asarray(np.linalg.pinv(symmetric_from_vector(np.eye(6)).reshape(6, 9).T), float)

@@ -15,18 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import (
-    apply_similarity,
-    cross_matrix,
-    quadratic_features,
-    shared_normalisation,
-    symmetric_from_vector,
-)
-from blur2view.geometry.rotation import perpendicular
+from blur2view.geometry.epipolar import cross_matrix, quadratic_features
 
 SAMPLE_SIZE = 7
 ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6)))  # (64, 7)
 DOUBLE_ROOT_SLACK = 1e-6  # imaginary part, relative, of a double root that is rounded
+
+
+def symmetric_from_vector(vector: Array) -> Array:
+    """Return the symmetric (..., 3, 3) of (S11, S12, S13, S22, S23, S33), shape (..., 6)."""
+    full: Array = vector[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]]
+    return full.reshape(*vector.shape[:-1], 3, 3)
+
+
 # The nine entries of S + [a]x, row by row, from (S11, S12, S13, S22, S23, S33, a1, a2, a3).
 ENTRIES: Array = np.concatenate(
     [symmetric_from_vector(np.eye(6)).reshape(6, 9), cross_matrix(np.eye(3)).reshape(3, 9)]
@@ -99,3 +100,41 @@ def real_roots(coefficients: Array) -> tuple[NDArray[np.intp], Array, Array]:
     which, k = np.nonzero(np.abs(roots.imag) <= DOUBLE_ROOT_SLACK * np.abs(roots))
     index, root = numbers[which], roots[which, k].real
     return index, np.where(flip[index], 1.0, root), np.where(flip[index], root, 1.0)
+
+
+def shared_normalisation(ends: Array) -> Array:
+    """Return one similarity T (..., 3, 3) of ends (..., N, 2, 2): centroid to 0, mean distance to sqrt(2).
+
+    Two different ones, as for ordered matches, would break the symmetry of swapping the ends of a smear.
+    Coincident points give a pure shift.
+    """
+    points = ends.reshape(*ends.shape[:-3], -1, 2)
+    centre = points.mean(axis=-2)
+    spread = np.linalg.norm(points - centre[..., None, :], axis=-1).mean(axis=-1)
+    scale = np.where(spread > TINY, np.sqrt(2.0) / np.maximum(spread, TINY), 1.0)
+    T = np.zeros((*centre.shape[:-1], 3, 3))
+    T[..., 0, 0] = T[..., 1, 1] = scale
+    T[..., :2, 2] = -scale[..., None] * centre
+    T[..., 2, 2] = 1.0
+    return T
+
+
+def apply_similarity(T: Array, points: Array) -> Array:
+    """Return pixels (..., K, 2) under scale-and-shift similarities T (..., 3, 3); leading axes broadcast."""
+    return points * T[..., 0, 0][..., None, None] + T[..., None, :2, 2]
+
+
+def perpendicular(x: Array, y: Array, z: Array) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Return two orthonormal vectors perpendicular to vectors, all by coordinates.
+
+    References
+    ----------
+    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 6(1), 2017.
+    """
+    norm = np.maximum(np.sqrt(x * x + y * y + z * z), TINY)
+    x, y, z = x / norm, y / norm, z / norm
+    sign = np.copysign(1.0, z)
+    scale = -1.0 / (sign + z)
+    product = x * y * scale
+    first = 1.0 + sign * x * x * scale, sign * product, -sign * x
+    return first, (product, sign + y * y * scale, -y)
