@@ -7,8 +7,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from blur2view import __version__
+from blur2view.cli.arguments.segment import SegmentOptions
 from blur2view.cli.arguments.to_transforms import ToTransformsOptions
-from blur2view.cli.outputs import MASK, png
+from blur2view.cli.outputs import png
 from blur2view.cli.place import refuse_foreign, write_model
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap import GSPLAT
@@ -117,7 +118,7 @@ def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
     found = []
     for name in names:
         called = [name.with_suffix(""), *([PurePath(name.stem)] if stems[name.stem] == 1 else []), name]
-        paths = [folder / f"{one}{MASK[0]}" for one in called]
+        paths = [folder / f"{one}{SegmentOptions.endings[0]}" for one in called]
         found.append(next((path for path in paths if path.is_file()), None))
     missing = [name for name, path in zip(names, found, strict=True) if path is None]
     if missing:

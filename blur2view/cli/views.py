@@ -9,10 +9,10 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
+from blur2view.cli.arguments.to_colmap import ToColmapOptions
 from blur2view.cli.summary import verdict_line
 from blur2view.cli.terminal import complain
-from blur2view.cli.work import EstimatingWork, result_of
+from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
@@ -24,13 +24,12 @@ from blur2view.exposure.time_direction import consecutive_runs, with_time_direct
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.networks.smear_network import Detail
 from blur2view.photographs.inputs import colmap_names
-from blur2view.pipeline import Run
 from blur2view.results.document import FailureDocument
-from blur2view.results.stored import plain, restore
+from blur2view.results.stored import plain
 from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ViewsDocument
 from blur2view.results.verdicts import verdict_of
-from blur2view.runs.job import Job, Result
+from blur2view.runs.job import Job, Outcome
 from blur2view.segmentation.mask import MotionLabel, segment
 
 
@@ -83,81 +82,52 @@ def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], l
     if options.link:
         plans = plan_links(options.db, paths, replace=options.replace)
     for path, plan in zip(paths, plans, strict=True):
-        step = refusal(path, names[path]) if plan is None else plan
-        if isinstance(step, DatabaseError):
-            complain(step)
-            failures.append(FailureDocument(image=str(path), error=str(step)))
+        if plan is None and not storable(names[path]):
+            plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
+        if isinstance(plan, DatabaseError):
+            complain(plan)
+            failures.append(FailureDocument(image=str(path), error=str(plan)))
         else:
-            name = step.image.name if step else names[path]
-            photographs.append(NamedPhotograph(path=path, name=name, plan=step))
+            name = plan.image.name if plan else names[path]
+            photographs.append(NamedPhotograph(path=path, name=name, plan=plan))
     return photographs, failures
 
 
-def refusal(path: Path, name: str) -> DatabaseError | None:
-    """Return why a database cannot name a photograph; None if it can."""
-    if storable(name):
-        return None
-    return DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]):
-    """The work on one photograph, whose field, which is large, is not kept."""
-
-    def __call__(self, job: Job[NamedPhotograph]) -> Result[ExposureViews]:
-        """Return the views of one photograph."""
-        photograph, plan = job.target, job.target.plan
-        # COLMAP does not turn pictures upright
-        masked = plan is not None and self.skip_movers
-        one = self.estimated(
-            job,
-            as_stored=True,
-            camera_of=partial(_camera, self.db, plan, self.run),
-            detail=Detail.PIXELS if masked else Detail.GEOMETRY,
-        )
-        if plan is None:
-            views = views_of(photograph.name, one.estimate)
-        else:
-            moving = None
-            if self.skip_movers:
-                moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-            views = keypoint_views(
-                photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
-            )
-        return result_of(one, views, verdict_line(photograph.name, verdict_of(one), one.estimate.geometry))
-
-    def stored(self, payload: ExposureViews) -> Any:
-        """Return the views in JSON's types."""
-        return plain(payload)
-
-    def restored(self, job: Job[NamedPhotograph], stored: Any) -> ExposureViews:
-        """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
-        views: ExposureViews = restore(ExposureViews, stored)
-        if views.name != job.target.name or (views.usable is None) != (job.target.plan is None):
-            raise ValueError(f"expected the views of {job.target.name}")
-        return views
+def views_outcome(options: ToColmapOptions, job: Job) -> Outcome:
+    """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
+    name, plan = job.target.name, job.target.plan
+    one = estimated(
+        options,
+        job,
+        as_stored=True,  # COLMAP does not turn pictures upright
+        camera_of=partial(_camera, options, plan),
+        detail=Detail.PIXELS if options.skip_movers else Detail.GEOMETRY,
+    )
+    if plan is None:
+        views = views_of(name, one.estimate)
+    else:
+        moving = None
+        if options.skip_movers:
+            moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
+        views = keypoint_views(name, plan.image.keypoints, one.estimate, options.run.options, moving)
+    return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
 
 
 def _camera(
-    database: Path | None,
-    plan: LinkStep | None,
-    run: Run,
-    path: Path,
-    size: tuple[int, int],
-    exif: ExifValues,
+    options: ToColmapOptions, plan: LinkStep | None, path: Path, size: tuple[int, int], exif: ExifValues
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = run.intrinsics.of(path, size, exif)
-    if plan is None or database is None:
+    stated = options.run.intrinsics.of(path, size, exif)
+    if plan is None:
         return stated
-    own = camera_of_database(database, plan.image.camera_id)
+    own = camera_of_database(options.db, plan.image.camera_id)
     if (own.width, own.height) != size:
         raise CameraError(
-            f"{path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
+            f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
             "; give the photograph that the features are from"
         )
-    asked = run.intrinsics.focal_px is not None or run.intrinsics.camera is not None
-    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.image.prior_focal and not asked else stated
+    hinted = plan.image.prior_focal and options.focal is None and options.camera is None
+    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
 
 
 def with_time(

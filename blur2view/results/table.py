@@ -98,29 +98,18 @@ class Row(Document):
         from blur2view.results.verdicts import verdict_of
 
         estimate, geometry, blur = one.estimate, one.estimate.geometry, one.estimate.blur
-        diagonal = math.hypot(*estimate.grid.size)
-        return cls(
-            verdict=geometry.config.name,
-            parallax=str(geometry.parallax),
-            parallax_probability=geometry.parallax_probability,
-            blur=str(blur.kind),
-            smear_px=blur.smear_px,
-            smear_sigma_px=blur.smear_sigma_px,
-            smear_percent=None if blur.smear_px is None else 100 * blur.smear_px / diagonal,
-            defocus_px=blur.defocus_px,
-            defocus_sigma_px=blur.defocus_sigma_px,
-            width_px=blur.width_px,
-            direction_deg=blur.direction_deg,
-            sharpness=blur.sharpness,
-            rotation_deg=None if geometry.cam2_from_cam1 is None else geometry.cam2_from_cam1.angle_deg,
-            frame=one.frame,
-            timestamp_s=one.timestamp_s,
-            **rate_of(geometry, one.exposure_s),
-            time_confidence=estimate.time.confidence,
-            inliers=int(geometry.inlier_mask.sum()),
-            elapsed_s=None if one.timings_s is None else sum(one.timings_s.values()),
-            meaning=verdict_of(one),
-        )
+        stated = {
+            "verdict": geometry.config,
+            "blur": blur.kind,
+            "smear_percent": blur.smear_px and 100 * blur.smear_px / math.hypot(*estimate.grid.size),
+            "rotation_deg": geometry.cam2_from_cam1 and geometry.cam2_from_cam1.angle_deg,
+            "time_confidence": estimate.time.confidence,
+            "inliers": int(geometry.inlier_mask.sum()),
+            "reason": "",
+            "elapsed_s": one.timings_s and sum(one.timings_s.values()),
+            "meaning": verdict_of(one),
+        }
+        return cls.gathered(one, geometry, blur, cls(), **stated, **rate_of(geometry, one.exposure_s))
 
 
 def table_text(rows: Sequence[Row]) -> str:

@@ -1,7 +1,5 @@
 """What a photograph is of use for, by its blur, and why."""
 
-from dataclasses import dataclass
-
 from blur2view.results.table import BLURRED, NO_GEOMETRY, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
 from blur2view.smears.blur import BlurKind
 
@@ -10,27 +8,21 @@ NEAR = 1.1
 and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Use:
-    """What a photograph is of use for, and why, in words; both empty if it failed."""
-
-    name: str = ""
-    reason: str = ""
-
-
 def use_of(
     row: Row, length: float | None, limit: float, max_defocus: float, before: str = "", unit: str = " px"
-) -> Use:
-    """Return the use of a photograph whose median smear has this length, in the limit's unit.
+) -> tuple[str, str]:
+    """Return the use of a photograph whose median smear has this length, in the limit's unit, and why.
+
+    Both are empty if it failed.
 
     Unclear if its blur cannot be told; out of focus, and never sharp, if its radius is above that limit.
     Sharp if its median smear is at most the other limit; within `NEAR` of it if the frame ``before`` is. A
     longer one is of use, as views of its exposure, if F or H explains its smears; else it is unusable.
     """
     if row.error:
-        return Use()
+        return "", ""
     if row.blur == BlurKind.CANNOT_TELL or length is None:
-        return Use(name=UNCLEAR, reason="smooth or too dark: its blur cannot be told")
+        return UNCLEAR, "smooth or too dark: its blur cannot be told"
     radius = row.defocus_px or 0
     defocused = row.blur == BlurKind.OUT_OF_FOCUS or radius > max_defocus
     beyond = f"radius out of focus {radius:.1f} px" + f", above {max_defocus:g} px" * (radius > max_defocus)
@@ -39,9 +31,9 @@ def use_of(
     smear = f"median smear {length:.3g}{unit}, {'at most' if length <= limit else 'above'} {limit:g}{unit}"
     smear += f", but near it as the frame before is {before}" * ((length <= limit) != short)
     if defocused and (short or row.verdict in NO_GEOMETRY):
-        return Use(name=OUT_OF_FOCUS, reason=beyond)
+        return OUT_OF_FOCUS, beyond
     if short:
-        return Use(name=SHARP, reason=smear)
+        return SHARP, smear
     if row.verdict in NO_GEOMETRY:
-        return Use(name=UNUSABLE, reason=f"{smear}; no motion of the camera explains it")
-    return Use(name=BLURRED, reason=f"{smear}; the camera's motion explains it, so that its views are of use")
+        return UNUSABLE, f"{smear}; no motion of the camera explains it"
+    return BLURRED, f"{smear}; the camera's motion explains it, so that its views are of use"

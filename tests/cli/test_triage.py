@@ -114,8 +114,8 @@ def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
 )
 def test_use_follows_smear_and_geometry(smear_px: float | None, verdict: str, before: str, use: str) -> None:
     row = Row(verdict=verdict, smear_px=smear_px, defocus_px=1.0, blur="camera moved")
-    assert use_of(row, smear_px, 3.0, 2.0, before).name == use
-    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before).name == ""
+    assert use_of(row, smear_px, 3.0, 2.0, before)[0] == use
+    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before)[0] == ""
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_what_is_out_of_focus_is_never_sharp(
     blur: str, defocus_px: float | None, smear_px: float, use: str
 ) -> None:
     row = Row(verdict="DEGENERATE", blur=blur, defocus_px=defocus_px, smear_px=smear_px)
-    assert use_of(row, smear_px, 3.0, 2.0).name == use
+    assert use_of(row, smear_px, 3.0, 2.0)[0] == use
 
 
 @pytest.mark.parametrize(

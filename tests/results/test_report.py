@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.report import FOLDERS, shown_names
+from blur2view.cli.arguments.report import shown_names, without_folders
 from blur2view.results.report import Entry, report
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
@@ -110,10 +110,11 @@ def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).touch()
     images = [tmp_path / "a/x.jpg", tmp_path / "b/x.jpg", Path("/secret/y.jpg")]
-    assert shown_names(images) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
-    assert shown_names(images[:1]) == ["x.jpg"]
-    line = "x.jpg: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
-    assert FOLDERS.sub("", line) == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
+    assert list(shown_names(images).values()) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
+    assert shown_names(images[:1]) == {images[0]: "x.jpg"}
+    line = f"{images[0]}: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
+    shown = without_folders(line, images[0], "x.jpg")
+    assert shown == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
 
 
 def test_nothing_is_replaced_unasked(

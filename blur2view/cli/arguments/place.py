@@ -4,8 +4,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import INPUT, Options, option
+from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.arguments.values import share
 
 WRITTEN = """
@@ -42,3 +41,9 @@ class PlaceOptions(Options):
         "blur2view place project.db model frames -o with_views",
         "blur2view to-transforms with_views",
     )
+
+    def execute(self) -> int:
+        """Return the exit code, after writing the model."""
+        from blur2view.cli.place import run
+
+        return run(self)

@@ -2,12 +2,14 @@
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import VIEWS, option, refused
+from blur2view.cli.arguments.option import VIEWS, Rows, option, refused
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
+
+if TYPE_CHECKING:
+    from blur2view.runs.job import Job, Outcome
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -34,19 +36,7 @@ order in time: one photograph does not show which view came first; neighbours in
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToColmapSettings:
-    """Those on which the views of a photograph depend."""
-
-    db: Path = option(MISSING, "DB", names="--db")
-    "the database: a new one, or with --link yours"
-    link: bool = option(False)
-    "add to a database that holds the photographs and their features"
-    skip_movers: bool = option(False, group=VIEWS, rare=True)
-    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ToColmapOptions(ToColmapSettings, PhotographOptions):
+class ToColmapOptions(PhotographOptions):
     """The options of ``blur2view to-colmap``.
 
     Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
@@ -60,6 +50,12 @@ class ToColmapOptions(ToColmapSettings, PhotographOptions):
     """
 
     command = "to-colmap"
+    db: Path = option(MISSING, "DB", names="--db")
+    "the database: a new one, or with --link yours"
+    link: bool = option(False, result=True)
+    "add to a database that holds the photographs and their features"
+    skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
+    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
     replace: bool = option(False, rare=True)
     "with --link: write anew what an earlier call has written (after new features, a new network)"
     backup: bool = option(True, rare=True)
@@ -105,3 +101,15 @@ class ToColmapOptions(ToColmapSettings, PhotographOptions):
     def in_order(self) -> bool | None:
         """Whether neighbours show which view came first; None: those whose names say so."""
         return True if self.sequence is None and self.inputs.one_video else self.sequence
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return the views of one photograph."""
+        from blur2view.cli.views import views_outcome
+
+        return views_outcome(self, job)
+
+    def execute(self) -> int:
+        """Return the exit code, after estimating every photograph and writing all of them at once."""
+        from blur2view.cli.to_colmap import run
+
+        return run(self)

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from blur2view.cli.arguments import values
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import INPUT, Options, option
+from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.colmap import DIALECTS, GSPLAT
 
 KEYS = """
@@ -65,3 +64,9 @@ class ToTransformsOptions(Options):
         "blur2view to-transforms with_views --masks masks -o ngp/transforms.json",
         "blur2view to-transforms with_views --dialect gsplat --max-smear 3 -o splat",
     )
+
+    def execute(self) -> int:
+        """Return the exit code, after writing for the trainer."""
+        from blur2view.cli.to_transforms import run
+
+        return run(self)
