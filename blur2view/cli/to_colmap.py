@@ -1,21 +1,20 @@
 """The command ``blur2view to-colmap``: blurred photographs as images that COLMAP can use."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.run import FAILED, End, manifest_of, open_manifest, run_over
+from blur2view.cli.run import End, manifest_of, open_manifest, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import document_of, name_photographs, with_time
+from blur2view.cli.views import document_of, named_jobs, with_time
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
 from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.photographs.inputs import colmap_names
 from blur2view.results.stored import restore
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
-from blur2view.runs.job import Job
 
 
 def run(options: ToColmapOptions) -> int:
@@ -23,30 +22,26 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    photographs, failures = name_photographs(options)
+    jobs, kept = named_jobs(options)
     path = None if options.dry_run else manifest_of(options, options.db)
     files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
     with open_manifest(options, path, files) as manifest:
         before = _written_before(options)
-        _refuse_loss(options, before, {one.name for one in photographs})
-        left = [one for one in photographs if not one.kept]
-        of_name = {one.name: one for one in left}
-        jobs = [
-            Job(index=index, path=one.path, target=one, source=one.source) for index, one in enumerate(left)
-        ]
-        names = colmap_names(options.inputs) | {one.path: one.name for one in left}
+        of_name = {job.target.name: job for job in jobs if job.refusal is None}
+        _refuse_loss(options, before, of_name.keys())
+        names = {job.path: job.target.name for job in jobs}
         finished = run_over(options, jobs, manifest, names=names)
         views = [restore(ExposureViews, one.payload) for _, one in finished.outcomes if not one.error]
-        names_written = {one.name for one in views}
+        written = {one.name for one in views}
         interrupted = finished.end is End.INTERRUPTED
-        incomplete = options.link or not views or (before or set()) - names_written
+        incomplete = options.link or not views or (before or set()) - written
         if finished.end is End.BROKEN or (interrupted and incomplete):
             return finished.exit_code
-        _refuse_loss(options, before, names_written)
+        _refuse_loss(options, before, written)
         views = with_time(options, views, {name: one.path for name, one in of_name.items()})
         backup = None
         if options.link and not options.dry_run:
-            planned = [(of_name[one.name].plan, one) for one in views]
+            planned = [(of_name[one.name].target.plan, one) for one in views]
             links = [(plan, one) for plan, one in planned if plan is not None]
             backup = write_links(options.db, links, backup=options.backup)
         elif views and not options.dry_run:
@@ -56,14 +51,14 @@ def run(options: ToColmapOptions) -> int:
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
         photographs=[document_of(of_name[one.name], one) for one in views],
-        kept=[{"image": str(one.path), "name": one.name} for one in photographs if one.kept],
-        failures=[*failures, *finished.failures],
+        kept=[{"image": str(job.path), "name": job.target.name} for job in kept],
+        failures=finished.failures,
     )
     if options.json:
         print(document.to_json())
     elif options.verbosity > QUIET:
         print(summary(document, linked=options.link, verbosity=options.verbosity))
-    return FAILED if failures and not interrupted else finished.exit_code
+    return finished.exit_code
 
 
 def _written_before(options: ToColmapOptions) -> set[str] | None:
@@ -77,9 +72,9 @@ def _written_before(options: ToColmapOptions) -> set[str] | None:
     return stored_photographs(options.db) if ours and not options.dry_run else None
 
 
-def _refuse_loss(options: ToColmapOptions, before: set[str] | None, names: set[str]) -> None:
+def _refuse_loss(options: ToColmapOptions, before: set[str] | None, names: Collection[str]) -> None:
     """Refuse to write these photographs alone where views of others are there."""
-    lost = sorted((before or set()) - names)
+    lost = sorted((before or set()).difference(names))
     if lost:
         views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
         raise OutputError(

@@ -21,8 +21,7 @@ from blur2view.photographs.extraction import extract, extracted_names, refuse_ot
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
-from blur2view.results.table import BLURRED, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
-from blur2view.results.uses import NEAR, use_of
+from blur2view.results.table import BLURRED, NEAR, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row, use_of
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.blur import BlurKind
 

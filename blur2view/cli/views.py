@@ -11,7 +11,6 @@ from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
 from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import complain
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
@@ -24,7 +23,6 @@ from blur2view.exposure.time_direction import consecutive_runs, with_time_direct
 from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.networks.smear_network import Detail
 from blur2view.photographs.inputs import colmap_names
-from blur2view.results.document import FailureDocument
 from blur2view.results.stored import plain
 from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ViewsDocument
@@ -34,30 +32,41 @@ from blur2view.segmentation.mask import MotionLabel, segment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NamedPhotograph:
-    """One photograph of a call: its path, its name in the database, and its plan if it is linked."""
+class Named:
+    """What a photograph is called in the database, and its plan if it is linked."""
 
-    path: Path
     name: str
     plan: LinkStep | None = None
 
-    @property
-    def kept(self) -> bool:
-        """Whether its views are in the project already and stay as they are."""
-        return self.plan is not None and self.plan.step is Step.KEEP
 
-    @property
-    def source(self) -> str:
-        """What views depend on besides the picture: their name, and the features that are moved."""
-        return self.name + ("" if self.plan is None else f" {self.plan.image.digest.hex()}")
+def named_jobs(options: ToColmapOptions) -> tuple[list[Job], list[Job]]:
+    """Return the jobs, those that cannot be stored refused, and those whose views are there already."""
+    jobs: list[Job] = []
+    kept: list[Job] = []
+    paths, names = options.inputs.paths, colmap_names(options.inputs)
+    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
+    if options.link:
+        plans = plan_links(options.db, paths, replace=options.replace)
+    for path, plan in zip(paths, plans, strict=True):
+        if plan is None and not storable(names[path]):
+            plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
+        if isinstance(plan, DatabaseError):
+            jobs.append(Job(index=len(jobs), path=path, target=Named(name=names[path]), refusal=plan))
+            continue
+        name, source = names[path], names[path]
+        if plan is not None:  # views depend on the features that are moved, too
+            name, source = plan.image.name, f"{plan.image.name} {plan.image.digest.hex()}"
+        job = Job(index=len(jobs), path=path, target=Named(name=name, plan=plan), source=source)
+        (kept if plan is not None and plan.step is Step.KEEP else jobs).append(job)
+    return jobs, kept
 
 
-def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocument:
+def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
-    geometry, plan, count = views.geometry, photograph.plan, len(matched(views))
+    geometry, plan, count = views.geometry, job.target.plan, len(matched(views))
     unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
     return ViewsDocument(
-        image=str(photograph.path),
+        image=str(job.path),
         name=views.name,
         views=views.names,
         action="add" if plan is None else plan.step.value,
@@ -71,26 +80,6 @@ def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocum
         time_known=views.time.known,
         time_confidence=views.time.confidence,
     )
-
-
-def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], list[FailureDocument]]:
-    """Return the photographs with their names and plans, and those that cannot be stored, before any work."""
-    photographs: list[NamedPhotograph] = []
-    failures: list[FailureDocument] = []
-    paths, names = options.inputs.paths, colmap_names(options.inputs)
-    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
-    if options.link:
-        plans = plan_links(options.db, paths, replace=options.replace)
-    for path, plan in zip(paths, plans, strict=True):
-        if plan is None and not storable(names[path]):
-            plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
-        if isinstance(plan, DatabaseError):
-            complain(plan)
-            failures.append(FailureDocument(image=str(path), error=str(plan)))
-        else:
-            name = plan.image.name if plan else names[path]
-            photographs.append(NamedPhotograph(path=path, name=name, plan=plan))
-    return photographs, failures
 
 
 def views_outcome(options: ToColmapOptions, job: Job) -> Outcome:

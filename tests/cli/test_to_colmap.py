@@ -14,9 +14,11 @@ from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.to_colmap import summary
-from blur2view.cli.views import NamedPhotograph, document_of
+from blur2view.cli.views import Named, document_of
+from blur2view.colmap.link import LinkStep
 from blur2view.colmap.mapping import mapper_options
 from blur2view.results.to_colmap import ToColmapDocument
+from blur2view.runs.job import Job
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.colmap.test_link import link_of, only_plan
 from tests.support.colmap_check import check_database
@@ -179,11 +181,16 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
     assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
+def named(plan: LinkStep) -> Job:
+    """Return a photograph that is linked."""
+    return Job(index=0, path=Path("a/still.png"), target=Named(name="still.png", plan=plan))
+
+
 def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
     views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
     unusable = replace(views, usable=np.zeros(len(views.points_open), bool))
-    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), unusable)
+    document = document_of(named(plan), unusable)
     assert document.reason == "no feature of yours has a smear that can be used"
     whole = ToColmapDocument(
         target="p.db", dry_run=False, backup="b.bak", photographs=[document], kept=[], failures=[]
@@ -197,7 +204,7 @@ def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: P
 def test_linked_photographs_say_where_depth_and_order_are_from(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
     views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
-    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), views)
+    document = document_of(named(plan), views)
     open_ = replace(document, translation_known=False, time_known=True, time_confidence=0.99)
     whole = ToColmapDocument(
         target="p.db", dry_run=False, backup=None, photographs=[open_], kept=[], failures=[]

@@ -10,8 +10,7 @@ import pytest
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
 from blur2view.cli.triage import Classifier
-from blur2view.results.table import Row
-from blur2view.results.uses import use_of
+from blur2view.results.table import Row, use_of
 from tests.support.calls import Call
 from tests.support.colour_code import forward_motion
 from tests.support.tables import table
