@@ -92,13 +92,8 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, name
     if options.verbosity > SHORT:
         for name in placement.left:
             lines.append(f"  {printable(name)} left out: too few of its points have smears")
-    if missing := len(_photographs(placement) - set(names)):
+    posed = {image.name for image in placement.model.images.values() if image.has_pose}
+    if missing := len({name for name in posed if not name.endswith((OPEN, CLOSE))}.difference(names)):
         frames = printable(str(options.photographs))
         lines.append(f"{frames}: lacks {missing} photographs of the model, which have no views; {ALL_FRAMES}")
     return "\n".join(lines)
-
-
-def _photographs(placement: Placement) -> set[str]:
-    """Return the registered photographs of a model, views not counted."""
-    posed = {image.name for image in placement.model.images.values() if image.has_pose}
-    return {name for name in posed if not name.endswith((OPEN, CLOSE))}

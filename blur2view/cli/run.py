@@ -152,7 +152,10 @@ def run_over(
                 if options.jsonl:
                     failure = {"image": str(job.path), "error": outcome.error}
                     print(json.dumps(failure if outcome.error else outcome.payload), flush=True)
-                _warn(options, bar, job.path, outcome.warnings, warned)
+                for warning in outcome.warnings:  # one about each option: of most photographs it is the same
+                    if (about := warning.partition(" ")[0]) not in warned and options.verbosity > QUIET:
+                        complain(Blur2ViewError(f"{job.path}: {warning}"), bar.say)
+                    warned.add(about)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
                 done.append((job.path, outcome if keeps else replace(outcome, payload=None)))
@@ -172,17 +175,6 @@ def run_over(
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     _print_end(run, len(jobs), manifest, total=options.prints and line is None)
     return run
-
-
-def _warn(
-    options: PhotographOptions, bar: Progress, path: Path, warnings: Iterable[str], known: set[str]
-) -> None:
-    """Print one warning about each option, which becomes known: of most photographs it is the same."""
-    for warning in warnings:
-        option = warning.partition(" ")[0]
-        if option not in known and options.verbosity > QUIET:
-            complain(Blur2ViewError(f"{path}: {warning}"), bar.say)
-        known.add(option)
 
 
 def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:

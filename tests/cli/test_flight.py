@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.cli.triage import KEPT
-from tests.support.calls import Call, call_program
+from tests.support.calls import call_program
 from tests.support.tables import table
 
 GSD_M, SPEED_M_S = 0.02, 10.0  # a metre is 50 pixels: 500 pixels a second
@@ -61,13 +60,3 @@ def test_a_flight_keeps_what_moved_by_less_than_a_ground_sample(
     again = ("triage", flight, "--gsd", "2cm", "--csv", sheet, *lists, "--resume", "--focal", 800)
     assert call_program(capsys, *again, "--max-smear", "10cm", "--jobs", 1) == 0
     assert len(training.read_text().split()) == 3  # of at most 5 px
-
-
-def test_lists_of_one_run_are_files_of_their_own(flight: Path, call: Call, tmp_path: Path) -> None:
-    same = [word for option in KEPT for word in (option, tmp_path / "a.txt")]
-    assert "two results would be one file" in call("triage", flight, *same).line
-    (tmp_path / "mine.txt").write_text("mine")
-    refused = call("triage", flight, "--keep-for-poses", tmp_path / "mine.txt")
-    assert "name another with --keep-for-poses" in refused.line
-    for wrong, complaint in ((("--gsd", "2"), "with its unit"), (("--max-smear", "2cm"), "needs --gsd")):
-        assert complaint in call("triage", flight, *wrong).err

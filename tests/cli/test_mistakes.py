@@ -1,5 +1,6 @@
 """One mistake of each kind: it costs one line, with the remedy, and the exit code is not zero."""
 
+import os
 import shlex
 import shutil
 import sqlite3
@@ -65,6 +66,34 @@ MISTAKES = [
     ("estimate ''", "an input is empty; is it a variable that is not set?"),
     ("estimate a.png -o ''", "-o is empty"),
     ("estimate a.png --csv=", "--csv is empty"),
+    ("estimate a.jpg --foca 800", "--foca is no option of estimate; did you mean --focal?"),
+    ("report a.png --resume", "--resume is not for report: a page is drawn anew"),
+    ("to-colmap a.png --db .", "exists"),
+    ("estimate names.txt", "if it lists photographs, write @names.txt"),
+    ("estimate loop.jpg -o out", "loop.jpg: "),
+    ("estimate a\0.png", "a\\x00.png: "),
+    ("estimate a.png --model a\0", "a\\x00: "),
+    ("report a.png -o a\0", "a path has no null character"),
+    ("estimate a.png --camera 'PINH\0OLE 4 4 4'", "unknown model PINH\\x00OLE"),
+    ("estimate a.png --max-memory 1e-5", "--max-memory 1"),
+    ("estimate a.png -o notes.txt/below", "results cannot be written there"),
+    ("estimate a.png -o o2 --csv o2/a.json", "two results would be one file"),
+    ("segment a.png -o o2 --csv o2/a.motion.json", "two results would be one file"),
+    ("estimate a.png --csv o2/.estimate.manifest.jsonl -o o2", "two results would be one file"),
+    ("triage a.png empty --csv .k.txt.manifest.jsonl --keep k.txt", "two results would be one file"),
+    ("to-colmap a.png --db a.db --csv a.db-wal", "two results would be one file"),
+    ("triage a.png --keep-for-poses a.txt --keep-for-training a.txt", "two results would be one file"),
+    ("triage a.png --keep-for-poses mine.html", "name another with --keep-for-poses"),
+    ("triage a.png --gsd 2", "expected a distance with its unit as 2cm"),
+    ("triage a.png --max-smear 2cm", "needs --gsd"),
+    ("triage a.png --csv a.png --overwrite", "would replace a photograph"),
+    ("triage a.png --keep a.png --overwrite", "would replace a photograph"),
+    ("triage @names.txt --csv names.txt", "names.txt: "),
+    ("triage @names.txt --keep names.txt --overwrite", "names.txt: names the photographs of this call"),
+    ("triage a.png --keep endless", "is no list of an earlier call"),
+    ("report a.png -o a.png --overwrite", "would replace a photograph; name another with -o"),
+    ("report a.png -o empty", "empty: is a folder; name the page with -o"),
+    ("report a.png -o pipe --overwrite", "is no page of an earlier call"),
 ]
 WRONG_VALUES = [
     "estimate a.png --beta 0",
@@ -100,6 +129,10 @@ def folder(tmp_path: Path, still: Path, monkeypatch: pytest.MonkeyPatch) -> Path
         (tmp_path / name).mkdir()
     (tmp_path / "film/clip.mp4").touch()
     (tmp_path / "linked/a.jpg").symlink_to(".git/annex/a.jpg")
+    (tmp_path / "loop.jpg").symlink_to("loop.jpg")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "names.txt").write_text("a.png\na.png\n")
     (tmp_path / "utf16.txt").write_text("a.png\n", encoding="utf-16")
     with closing(sqlite3.connect(tmp_path / "project.db")) as database:
         database.execute("CREATE TABLE images (name TEXT)")
@@ -113,7 +146,7 @@ def folder(tmp_path: Path, still: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 def test_a_mistake_costs_one_line_with_its_remedy(
     folder: Path, words: str, remedy: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = sorted(folder.rglob("*"))
+    before, picture = sorted(folder.rglob("*")), (folder / "a.png").read_bytes()
     try:
         code = cli.main(shlex.split(words))
     except SystemExit as usage:
@@ -124,6 +157,7 @@ def test_a_mistake_costs_one_line_with_its_remedy(
     assert line.startswith("blur2view") and remedy in line
     assert sorted(folder.rglob("*")) == before
     assert (folder / "notes.txt").read_text() == (folder / "mine.html").read_text() == "mine"
+    assert (folder / "a.png").read_bytes() == picture
 
 
 @pytest.mark.parametrize("words", WRONG_VALUES)

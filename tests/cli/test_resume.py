@@ -12,7 +12,6 @@ import pytest
 from blur2view import pipeline
 from blur2view.errors import ImageError
 from blur2view.photographs.image import read_pixels
-from blur2view.runs.manifest import Manifest, Settings
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import announcing, contents, write_photographs, write_video
@@ -180,11 +179,6 @@ def test_resume_with_fewer_photographs_drops_none(call: Call, folder: Path, here
     assert done == 1 and told in done.err
 
 
-def test_a_page_is_not_gone_on_with_and_says_why(call: Call, folder: Path, here: Path) -> None:
-    done = call("report", folder, "--resume")
-    assert done == 2 and "--resume is not for report: a page is drawn anew" in done.line
-
-
 @pytest.mark.parametrize("command", ["estimate", "to-colmap"])
 def test_photograph_whose_line_was_changed_is_done_again_and_nothing_is_printed_of_others(
     again: Call, tmp_path: Path, command: str
@@ -195,27 +189,6 @@ def test_photograph_whose_line_was_changed_is_done_again_and_nothing_is_printed_
     done = again(command, "--resume", *["--no-timings"] * (command == "estimate"))
     assert done == 0 and done.line.endswith("a line was cut off or changed; that photograph is done again")
     assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_manifest_that_is_no_file_is_one_line_before_any_work(
-    again: Call, tmp_path: Path, command: str
-) -> None:
-    manifest = Path(COMMANDS[command][1])
-    manifest.parent.mkdir(exist_ok=True)
-    os.mkfifo(manifest)
-    done = again(command, "--resume")
-    assert (done, done.out) == (1, "") and "is no manifest of blur2view; rename or remove it" in done.line
-    assert manifest.is_fifo() and not any(one.is_file() for one in tmp_path.iterdir())
-
-
-def test_second_call_into_a_folder_is_refused_in_one_line_while_the_first_runs(again: Call) -> None:
-    Path("out").mkdir()
-    settings = Settings(command="estimate", version="1", options={})
-    with Manifest(Path(COMMANDS["estimate"][1]), settings, resume=False):
-        done = again("estimate", "--resume")
-    assert done == 1 and "another call writes there" in done.line and '"estimates"' not in done.out
-    assert again("estimate") == 0
 
 
 def test_a_video_whose_last_failure_is_its_end_is_not_stopped(

@@ -92,17 +92,6 @@ def test_mask_for_a_program_replaces_no_file_of_others(run: Call, walker: Path, 
     assert mine.read_bytes() == b"mine"
 
 
-@pytest.mark.parametrize("program", ["colmap", "nerfstudio", "instant-ngp"])
-def test_a_photograph_without_a_name_is_one_failure(
-    run: Call, walker: Path, tmp_path: Path, program: str
-) -> None:
-    names = tmp_path / "names.txt"
-    names.write_text(f"/\n{walker}\n")
-    done = run(f"@{names}", "-o", tmp_path / "out", "--masks", program)
-    assert done == 1 and done.err.count("\n") == 1
-    assert (tmp_path / "out" / "a.mask.png").is_file()
-
-
 def test_same_seed_gives_the_same_bytes(run: Call, walker: Path, tmp_path: Path) -> None:
     for name in ("one", "two"):
         run(walker, "-o", tmp_path / name)

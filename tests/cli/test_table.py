@@ -30,17 +30,6 @@ def test_every_command_writes_the_same_rows(
     assert float(first[0]["rotation_deg"]) >= 0
 
 
-@pytest.mark.parametrize("words", [["--csv", "frames/still.png"], ["--keep", "frames/still.png"]])
-def test_no_photograph_is_replaced_by_a_table_or_a_list(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
-    monkeypatch.chdir(frames.parent)
-    before = (frames / "still.png").read_bytes()
-    for more in ([], ["--overwrite"]):
-        assert call("triage", "frames", *words, *more) == 1
-    assert (frames / "still.png").read_bytes() == before
-
-
 def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) -> None:
     sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
     sheet.write_text("a,b\n")
@@ -52,25 +41,6 @@ def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) ->
     for command, option in (("triage", "--keep"), ("report", "-o")):
         assert "two results would be one file" in call(command, frames, "--csv", one, option, one).line
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
-        ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
-        ["estimate", "--csv", "o2/.estimate.manifest.jsonl", "-o", "o2"],
-        ["triage", "--csv", ".k.txt.manifest.jsonl", "--keep", "k.txt"],
-        *(["to-colmap", "--db", "a.db", "--csv", f"{name}"] for name in ("a.db-wal", ".a.db.manifest.jsonl")),
-    ],
-)
-def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
-    monkeypatch.chdir(frames.parent)
-    done = call(words[0], "frames", *words[1:])
-    assert done == 1 and "two results would be one file" in done.err
-    assert [path.name for path in frames.parent.iterdir()] == ["frames"]
 
 
 def test_refused_table_leaves_no_folder(frames: Path, call: Call, tmp_path: Path) -> None:

@@ -71,17 +71,6 @@ def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     assert "1 sharp, 0 blurred but of use, 1 unusable, 1 failed; " in last
 
 
-@pytest.mark.parametrize("option", ["--keep", "--csv"])
-def test_list_of_the_photographs_is_not_replaced(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, option: str
-) -> None:
-    monkeypatch.chdir(frames)
-    Path("all.txt").write_text("chaos.png\nstill.png\n")
-    done = call("triage", "@all.txt", option, "all.txt", "--overwrite")
-    assert done == 1 and "all.txt" in done.line
-    assert Path("all.txt").read_text() == "chaos.png\nstill.png\n"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
 def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
@@ -165,13 +154,6 @@ def test_what_no_list_holds_is_not_counted_as_kept(frames: Path, call: Call, tmp
     assert done == 1 and "a\\nb.png: has a line break" in done.line
     assert (tmp_path / "keep.txt").read_text() == "c d.png\nstill.png\n"
     assert "; 2 kept; wrote" in done.out
-
-
-@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")
-def test_a_list_that_would_be_waited_for_is_refused(call: Call, moving: Path, tmp_path: Path) -> None:
-    (tmp_path / "keep.txt").symlink_to("/proc/kmsg")
-    done = call("triage", moving, "--keep", tmp_path / "keep.txt")
-    assert done == 1 and "is no list of an earlier call" in done.err
 
 
 @pytest.mark.slow

@@ -117,22 +117,6 @@ def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
     assert shown == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
 
 
-def test_nothing_is_replaced_unasked(
-    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = tmp_path / "page.html"
-    page.write_text("mine")
-    assert call(moving) == 1 and page.read_text() == "mine"
-    before = moving.read_bytes()
-    assert call(moving, "-o", moving, "--overwrite") == 1 and moving.read_bytes() == before
-    assert call(moving, "-o", tmp_path) == 1
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 3 and all(" -o" in line for line in lines)
-    page.unlink()
-    assert call(moving) == 0 and call(moving) == 0
-    assert page.read_bytes().startswith(b"<!doctype html>")
-
-
 @pytest.mark.slow
 def test_nothing_is_written_if_every_photograph_fails(
     call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -183,7 +167,3 @@ def test_page_forbids_loading_and_foreign_scripts() -> None:
         value for _, a in markup.elements for key, value in a.items() if key in ("src", "href", "srcset")
     ]
     assert addresses and all(re.match("data:|#", str(address)) for address in addresses)
-
-
-ENTRY: dict[str, Any] = {"name": "a", "kind": "flat", "verdict": "PLANAR", "text": ""}
-ENTRY |= {"content": '{"document": "{}"}'}

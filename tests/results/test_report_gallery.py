@@ -11,18 +11,7 @@ from playwright.sync_api import Browser, Page
 
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.results.report import Entry, report
-from tests.support.report_browser import (
-    AMBER,
-    CYAN,
-    Opener,
-    Visits,
-    click_at,
-    near,
-    numbers,
-    settle,
-    toggle,
-    value,
-)
+from tests.support.report_browser import AMBER, CYAN, Opener, click_at, near, numbers, settle, toggle, value
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
 
@@ -82,19 +71,6 @@ def test_gallery_is_walked_with_the_keyboard(opened: Opener) -> None:
     assert page.evaluate("document.activeElement.getAttribute('href')") == "#photo-3"
     page.go_back()
     title.get_by_text("c.png").wait_for()
-
-
-def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
-    visits = Visits(browser=browser, folder=tmp_path)
-    page = visits.open(*gallery_entries())
-    page.evaluate("document.getElementById('photo-data-3').textContent = '{'")
-    assert page.locator("#notice").is_hidden()
-    with page.expect_event("pageerror"):
-        page.evaluate("location.hash = '#photo-3'")
-    assert page.locator("#notice").inner_text().startswith("The page is damaged: ")
-    assert len(visits.messages) == 1
-    visits.messages.clear()
-    visits.close()
 
 
 def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:

@@ -61,11 +61,11 @@ class EstimateOptions(FolderOptions):
     listed = "estimates"
     endings = (".smear.npz", ".png", ".json")
 
+    output: Path | None = option(None, "DIR", names="-o --output")
+    "write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below"
     full_field: bool = option(False, rare=True, result=True)
     """write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 bytes a
     pixel"""
-    output: Path | None = option(None, "DIR", names="-o --output")
-    "write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below"
 
     tables: ClassVar[dict[str, Rows]] = {
         "configurations, in COLMAP's names": CONFIGURATIONS,
@@ -90,7 +90,7 @@ class EstimateOptions(FolderOptions):
 
         one = estimated(self, job, detail=Detail.PIXELS if self.full_field else Detail.GEOMETRY)
         document = EstimateDocument.of(one)
-        summary = estimate_summary(document, one.estimate, job.files, self.verbosity)
+        summary = estimate_summary(document, one.estimate, job.files, self.verbosity) if self.prints else ""
         contents = partial(estimate_contents, one, full_field=self.full_field)
         return with_files(job, one, document, summary, contents)
 

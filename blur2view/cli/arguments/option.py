@@ -8,6 +8,7 @@ offered.
 from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
@@ -90,7 +91,8 @@ class Options:
 
     def execute(self) -> int:
         """Return the exit code of the command, after running it; what it needs is imported only now."""
-        raise NotImplementedError
+        command = import_module(f"blur2view.cli.{self.command.replace('-', '_')}")
+        return int(command.run(self))
 
 
 def texts(kind: type) -> dict[str, str]:

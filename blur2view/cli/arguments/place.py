@@ -41,9 +41,3 @@ class PlaceOptions(Options):
         "blur2view place project.db model frames -o with_views",
         "blur2view to-transforms with_views",
     )
-
-    def execute(self) -> int:
-        """Return the exit code, after writing the model."""
-        from blur2view.cli.place import run
-
-        return run(self)

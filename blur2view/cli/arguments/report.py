@@ -46,10 +46,10 @@ class ReportOptions(PhotographOptions):
     """
 
     command = "report"
-    mask: bool = option(True)
-    "without the motion mask: faster"
     output: Path = option(Path("report.html"), "HTML", names="-o --output")
     "the page (default: %(default)s); one of an earlier call is replaced, unless all fail"
+    mask: bool = option(True)
+    "without the motion mask: faster"
     overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
     resume: bool = refused()
     "a page is drawn anew, from the photographs"

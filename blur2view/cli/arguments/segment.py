@@ -44,6 +44,8 @@ class SegmentOptions(FolderOptions):
     listed = "masks"
     endings = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 
+    output: Path | None = option(None, "DIR", names="-o --output")
+    "write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below"
     threshold: float = option(THRESHOLD, "P", convert=probability, result=True)
     """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
     what moves, and marks more of what stands still"""
@@ -53,8 +55,6 @@ class SegmentOptions(FolderOptions):
     to-transforms --masks DIR puts them where these trainers look)"""
     unobservable: str = option("keep", choices=("keep", "ignore"), rare=True, result=True)
     "what --masks makes of unobservable pixels (default: keep)"
-    output: Path | None = option(None, "DIR", names="-o --output")
-    "write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below"
     sequence: bool | None = False
     exposure: float | None = None
     readout: float | None = refused()
@@ -103,7 +103,7 @@ class SegmentOptions(FolderOptions):
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
-        summary = mask_summary(document, mask, job.files, self.verbosity)
+        summary = mask_summary(document, mask, job.files, self.verbosity) if self.prints else ""
 
         def contents() -> list[bytes]:
             ignore, formats = self.unobservable == "ignore", map(MaskFormat, dict.fromkeys(self.masks or ()))

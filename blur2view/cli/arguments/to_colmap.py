@@ -50,12 +50,6 @@ class ToColmapOptions(PhotographOptions):
     """
 
     command = "to-colmap"
-    db: Path = option(MISSING, "DB", names="--db")
-    "the database: a new one, or with --link yours"
-    link: bool = option(False, result=True)
-    "add to a database that holds the photographs and their features"
-    skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
-    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
     replace: bool = option(False, rare=True)
     "with --link: write anew what an earlier call has written (after new features, a new network)"
     backup: bool = option(True, rare=True)
@@ -64,10 +58,16 @@ class ToColmapOptions(PhotographOptions):
     "estimate, say what would be written, and write nothing"
     json: bool = option(False)
     "print one JSON document instead of the summaries, see below"
+    db: Path = option(MISSING, "DB", names="--db")
+    "the database: a new one, or with --link yours"
+    link: bool = option(False, result=True)
+    "add to a database that holds the photographs and their features"
     sequence: bool | None = option(None, group=VIEWS)
     """the photographs are a video in this order, whatever they are called: neighbours show which view came
     first. Without it those do that lie in one folder and whose names differ by one in their number, which is
     as good where no frame is left out; with --no-sequence nothing is concluded from neighbours"""
+    skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
+    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
     timings: bool = True
     exposure: float | None = None
     readout: float | None = refused()
@@ -107,9 +107,3 @@ class ToColmapOptions(PhotographOptions):
         from blur2view.cli.views import views_outcome
 
         return views_outcome(self, job)
-
-    def execute(self) -> int:
-        """Return the exit code, after estimating every photograph and writing all of them at once."""
-        from blur2view.cli.to_colmap import run
-
-        return run(self)

@@ -64,9 +64,3 @@ class ToTransformsOptions(Options):
         "blur2view to-transforms with_views --masks masks -o ngp/transforms.json",
         "blur2view to-transforms with_views --dialect gsplat --max-smear 3 -o splat",
     )
-
-    def execute(self) -> int:
-        """Return the exit code, after writing for the trainer."""
-        from blur2view.cli.to_transforms import run
-
-        return run(self)

@@ -136,9 +136,3 @@ class TriageOptions(PhotographOptions):
 
         one = estimated(self, job, detail=Detail.RANKING)
         return outcome_of(one, None, verdict_of(one))
-
-    def execute(self) -> int:
-        """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-        from blur2view.cli.triage import run
-
-        return run(self)
