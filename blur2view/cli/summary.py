@@ -93,7 +93,8 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
         used += f"; {document.num_inliers} ({_share(document)}) fit"
     lines = [geometry.reason, used]
     for name, matrix in (("F", geometry.F), ("H", geometry.H), ("E", geometry.E)):
-        lines += [] if matrix is None else _matrix_lines(name, matrix)
+        rows = ["  ".join(f"{value: .6e}" for value in row) for row in (() if matrix is None else matrix)]
+        lines += [f"{f'{name} = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
     if geometry.F is not None and geometry.H is None:  # beside H they would read as certain
         lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
     lines += _pose_lines(document, geometry)
@@ -157,11 +158,6 @@ def _pose_lines(document: EstimateDocument, geometry: TwoViewGeometry) -> list[s
     direction = ", ".join(f"{value:z.3f}" for value in pose.translation)
     line += f"; translation towards ({direction})"
     return [line + (f" (+/- {covariance.translation_sigma_deg:.1f} degrees)" if covariance else "")]
-
-
-def _matrix_lines(name: str, matrix: Array) -> list[str]:
-    rows = ["  ".join(f"{value: .6e}" for value in row) for row in matrix]
-    return [f"{f'{name} = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
 
 
 def _point(epipole: Array) -> str:

@@ -1,7 +1,7 @@
 """A run over many photographs: skips what is done, does the rest in any order, gives outcomes in order."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -51,7 +51,11 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
         try:
             if job.refusal is not None:
                 raise job.refusal
-            if (outcome := _found(job, manifest)) is not None:
+            outcome = None
+            if manifest is not None and manifest.knows(job):
+                with suppress(OSError):  # reading it will say why
+                    outcome = manifest.find(replace(job, digest=_digest(job.path)))
+            if outcome is not None:
                 waiting[job.index] = job, outcome
             elif (frame := frame_of(job.path)) is not None:  # a video is read once, in order
                 yield _read_frame(job, *frame)
@@ -86,16 +90,6 @@ def _read_frame(job: Job, video: Path, number: int) -> Job:
     after = with_contents(one for one in job.neighbours if one.steps > 0)
     time_s = frame_time(video, number)
     return replace(read, frame=number, timestamp_s=time_s, neighbours=before + after)
-
-
-def _found(job: Job, manifest: Manifest | None) -> Outcome | None:
-    """Return what an earlier call made of a photograph that is as it was."""
-    if manifest is None or not manifest.knows(job):
-        return None
-    try:
-        return manifest.find(replace(job, digest=_digest(job.path)))
-    except OSError:  # reading it will say why
-        return None
 
 
 _video_digest = cache(file_digest)

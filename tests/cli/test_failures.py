@@ -17,12 +17,6 @@ from tests.support.calls import Call
 from tests.support.many_photographs import command, environment
 
 
-def test_quiet_call_prints_failures_only(run: Call, still: Path, tmp_path: Path) -> None:
-    printed = run(still, tmp_path / "absent.jpg", "--quiet")
-    assert printed == 1
-    assert printed.out == "" and len(printed.lines) == 1
-
-
 def test_control_characters_of_a_name_are_printed_as_escapes(run: Call, still: Path, tmp_path: Path) -> None:
     odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
     printed = run(odd, tmp_path / "absent\n.png")
@@ -115,16 +109,3 @@ def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
         running.stdout.close()
         assert running.stderr.read() == b""
     assert running.returncode == 141
-
-
-@pytest.mark.slow
-def test_standard_input_that_is_no_list_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "t.png").write_bytes(b"\x89PNG\r\n")
-    strict = environment() | {"PYTHONIOENCODING": "utf-8:strict"}
-    with (tmp_path / "t.png").open("rb") as file:
-        done = subprocess.run(
-            command("estimate", "-"), env=strict, stdin=file, capture_output=True, text=True, check=False
-        )
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("blur2view: ") and "no such file" in line

@@ -41,25 +41,6 @@ def test_only_results_of_an_earlier_call_are_replaced(
         (out / name).write_bytes(ours)
 
 
-def test_full_disk_while_overwriting_keeps_the_old_results(
-    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "out"
-    assert run(moving, "-o", out) == 0
-    before = contents(out)
-
-    write = Path.write_bytes
-
-    def full(self: Path, content: bytes) -> int:
-        if ".png." in self.name:  # the second file
-            raise OSError(28, "No space left on device")
-        return write(self, content)
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    assert run(moving, "-o", out, "--overwrite", "--beta", "0.1") == 1
-    assert contents(out) == before
-
-
 def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
     run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -90,16 +90,6 @@ def test_other_options_are_done_again_and_named(
     assert len(read) == 5
 
 
-def test_other_network_is_done_again(
-    run: Call, folder: Path, tmp_path: Path, read: list[str], tiny_model: Path
-) -> None:
-    shutil.copy(tiny_model, tmp_path / "copy.onnx")
-    for model, count in ((tiny_model, 5), (tmp_path / "copy.onnx", 0), ("default", 5)):
-        read.clear()
-        assert run(folder, "-o", tmp_path / "out", "--resume", "--model", model) == 0
-        assert len(read) == count
-
-
 def test_each_output_of_triage_goes_on_from_what_was_done_for_another(again: Call, read: list[str]) -> None:
     assert again("triage") == 0
     read.clear()
@@ -130,20 +120,6 @@ def test_resume_replaces_no_result_of_another_photograph(
     assert call(command, other, "-o", out, "--resume", "--overwrite") == 0 and contents(out) != before
 
 
-def test_resume_does_again_what_has_another_name_now(
-    run: Call, folder: Path, tmp_path: Path, read: list[str]
-) -> None:
-    other = tmp_path / "other" / "000.png"
-    other.parent.mkdir()
-    shutil.copy(folder / "001.png", other)
-    out = tmp_path / "out"
-    assert run(folder / "000.png", folder / "001.png", "-o", out) == 0
-    read.clear()
-    assert run(folder / "000.png", other, "-o", out, "--resume") == 0
-    assert read == ["000.png", "000.png"]
-    assert (out / "in" / "000.json").exists() and (out / "other" / "000.json").exists()
-
-
 def test_resume_prints_the_documents_of_what_was_done_before(again: Call) -> None:
     one, two = (again("estimate", "--resume") for _ in range(2))
     assert one.out == two.out and len(one.document["estimates"]) == 2
@@ -164,19 +140,6 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: 
         done = call("to-colmap", folder, "--db", new, *words)
         assert done == 1 and "exists; choose another --db" in done.line
     assert new.read_bytes() == b"theirs"
-
-
-def test_resume_with_fewer_photographs_drops_none(call: Call, folder: Path, here: Path) -> None:
-    target = ["--db", "new.db"]
-    photographs = [folder / name for name in ("000.png", "001.png", "002.png")]
-    assert call("to-colmap", *target, *photographs) == 0
-    before = contents(here)
-    told = "the views of 1 photograph (002.png) would be lost, as this call names them otherwise"
-    done = call("to-colmap", *target, *photographs[:2], "--resume")
-    assert done == 1 and told in done.err and contents(here) == before
-    photographs[2].write_text("bad")
-    done = call("to-colmap", *target, *photographs, "--resume")
-    assert done == 1 and told in done.err
 
 
 @pytest.mark.parametrize("command", ["estimate", "to-colmap"])

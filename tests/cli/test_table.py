@@ -30,28 +30,6 @@ def test_every_command_writes_the_same_rows(
     assert float(first[0]["rotation_deg"]) >= 0
 
 
-def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) -> None:
-    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
-    sheet.write_text("a,b\n")
-    keep.write_text("still.png\nsomething else\n")
-    for words in (("--csv", sheet), ("--keep", keep)):
-        assert "of an earlier call" in call("triage", frames, *words, "--overwrite").line
-    assert sheet.read_text() == "a,b\n" and "something else" in keep.read_text()
-    one = tmp_path / "one"
-    for command, option in (("triage", "--keep"), ("report", "-o")):
-        assert "two results would be one file" in call(command, frames, "--csv", one, option, one).line
-    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
-
-
-def test_refused_table_leaves_no_folder(frames: Path, call: Call, tmp_path: Path) -> None:
-    (tmp_path / "there.csv").write_text("a,b\n")
-    (tmp_path / "file").touch()
-    words = ("estimate", frames / "still.png")
-    assert call(*words, "-o", tmp_path / "new", "--csv", tmp_path / "there.csv") == 1
-    assert call(*words, "-o", tmp_path / "file" / "new", "--csv", tmp_path / "sheets" / "t.csv") == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "frames", "there.csv"]
-
-
 @pytest.mark.parametrize(
     ("command", "words"),
     [("report", ["-o", "a.html"]), ("triage", ["--keep", "a.html"]), ("to-colmap", ["--db", "a.html"])],

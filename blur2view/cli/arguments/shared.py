@@ -121,9 +121,17 @@ class PhotographOptions(Options):
     onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "run", self._run())
-        object.__setattr__(self, "inputs", self._inputs())
-        object.__setattr__(self, "digest", self._digest())
+        from blur2view.networks.model_file import model_path
+        from blur2view.photographs.inputs import list_photographs
+        from blur2view.photographs.video import frame_numbers
+        from blur2view.runs.job import file_digest
+
+        frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
+        stdin, model = None if sys.stdin is None else sys.stdin.buffer, model_path(self.model)
+        inputs = list_photographs(self.images, recursive=self.recursive, frames=frames, stdin=stdin)
+        digest = file_digest(model) if model.is_file() else ""
+        for name, value in (("run", self._run()), ("inputs", inputs), ("digest", digest)):
+            object.__setattr__(self, name, value)
         if self.dask is not None and callable(self.run.intrinsics.camera):
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
@@ -140,21 +148,6 @@ class PhotographOptions(Options):
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
         return not self.json and not self.jsonl and self.verbosity > QUIET
-
-    def _inputs(self) -> "Inputs":
-        from blur2view.photographs.inputs import list_photographs
-        from blur2view.photographs.video import frame_numbers
-
-        frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
-        stdin = None if sys.stdin is None else sys.stdin.buffer
-        return list_photographs(self.images, recursive=self.recursive, frames=frames, stdin=stdin)
-
-    def _digest(self) -> str:
-        from blur2view.networks.model_file import model_path
-        from blur2view.runs.job import file_digest
-
-        path = model_path(self.model)
-        return file_digest(path) if path.is_file() else ""
 
     def _run(self) -> "Run":
         from blur2view.camera.intrinsics import Intrinsics
