@@ -186,8 +186,8 @@ def test_line_and_document_give_one_reason_and_say_where_depth_and_order_are_fro
         f"still.png: add, no matches: {document.reason} [{document.config}]",
         "p.db: wrote 2 images and 3 pairs of 1 photograph; backup b.bak",
     ]
-    known = {"translation_known": False, "time_known": True, "time_confidence": 0.99}
-    open_ = replace(document_of(named(plan), views), **known)
+    linked = document_of(named(plan), views)
+    open_ = replace(linked, translation_known=False, time_known=True, time_confidence=0.99)
     line, total = summary(replace(whole, photographs=[open_]), linked=True).splitlines()
     assert "translation undecided" in line and "order in time known by neighbours (99 % sure)" in line
     assert total.endswith("undecided: the depth of their points comes from your other photographs")
