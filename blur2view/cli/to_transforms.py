@@ -81,9 +81,7 @@ def _masks(
     """Return the masks that the trainer reads by their paths, and name them in the frames where it asks."""
     names = [PurePath(os.path.relpath(path, images)) for path in frames]
     program, files, found = MaskFormat(options.dialect), dict[Path, bytes](), _found_masks(folder, names)
-    for (photograph, frame), name, mask in zip(
-        frames.items(), names, _found_masks(folder, names), strict=True
-    ):
+    for (photograph, frame), name, mask in zip(frames.items(), names, found, strict=True):
         labels = as_stored(stored_labels(mask), photograph)
         size = tuple(frame.get(key, content.get(key)) for key in ("w", "h"))
         if labels.shape[::-1] != size:
