@@ -5,7 +5,6 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +63,7 @@ def run_with_files(options: FolderOptions) -> int:
                 remove_left_over(paths, folders)
     if options.json:
         done = [one.payload for _, one in finished.outcomes if not one.error]
-        document = {options.listed: done, "failures": list(map(asdict, finished.failures))}
+        document = {options.listed: done, "failures": finished.failures}
         print(json.dumps(document, indent=2, allow_nan=False))
     return finished.exit_code
 

@@ -19,7 +19,6 @@ from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
 from blur2view.photographs.inputs import colmap_names
-from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
 from blur2view.runs.manifest import Manifest, Settings
@@ -50,9 +49,9 @@ class Finished:
     seconds: float
 
     @property
-    def failures(self) -> list[FailureDocument]:
-        """The photographs that failed."""
-        return [FailureDocument(image=str(path), error=one.error) for path, one in self.outcomes if one.error]
+    def failures(self) -> list[dict[str, str]]:
+        """The photographs that failed, as documents have them."""
+        return [failure(path, one) for path, one in self.outcomes if one.error]
 
     @property
     def skipped(self) -> int:
@@ -150,8 +149,8 @@ def run_over(
                     lines = lines[: 1 if len(jobs) > 1 and options.verbosity == SHORT else None]
                     bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
                 if options.jsonl:
-                    failure = {"image": str(job.path), "error": outcome.error}
-                    print(json.dumps(failure if outcome.error else outcome.payload), flush=True)
+                    document = failure(job.path, outcome) if outcome.error else outcome.payload
+                    print(json.dumps(document, allow_nan=False), flush=True)
                 for warning in outcome.warnings:  # one about each option: of most photographs it is the same
                     if (about := warning.partition(" ")[0]) not in warned and options.verbosity > QUIET:
                         complain(Blur2ViewError(f"{job.path}: {warning}"), bar.say)
@@ -203,6 +202,11 @@ def _print_end(run: Finished, count: int, manifest: Manifest | None, *, total: b
             line += f" after {len(run.outcomes)} of {plural(count, 'photograph')}"
             line += "; what is done is kept, the same call with --resume goes on" if manifest else ""
         print(line, file=sys.stderr)
+
+
+def failure(path: Path, outcome: Outcome) -> dict[str, str]:
+    """Return what a document says of a photograph that failed."""
+    return {"image": str(path), "error": outcome.error}
 
 
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job]:

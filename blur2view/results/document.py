@@ -1,4 +1,4 @@
-"""The base of all documents, and that of a photograph that failed."""
+"""The base of all documents."""
 
 import ast
 import inspect
@@ -6,7 +6,7 @@ import json
 import re
 import textwrap
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from enum import Enum
 from typing import Any, Self
 
@@ -80,13 +80,3 @@ def _json(value: Any) -> Any:
     if isinstance(value, Enum):
         return str(value)
     return value.tolist() if hasattr(value, "tolist") else list(value) if isinstance(value, tuple) else value
-
-
-@dataclass(frozen=True, kw_only=True)
-class FailureDocument(Document):
-    """A photograph that failed."""
-
-    image: str
-    """The photograph as it was named."""
-    error: str
-    """What is wrong and how to mend it, one line."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from blur2view.results.document import Document, FailureDocument
+from blur2view.results.document import Document
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,5 +53,5 @@ class ToColmapDocument(Document):
     """One object per photograph that was written, see below."""
     kept: list[dict[str, str]]
     """Photographs whose views are in the database already: image, name."""
-    failures: list[FailureDocument]
+    failures: list[dict[str, str]]
     """Photographs that failed: image, error."""
