@@ -21,7 +21,6 @@ from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, views_of
-from blur2view.networks.smear_network import Detail
 from blur2view.photographs.inputs import colmap_names
 from blur2view.results.stored import plain
 from blur2view.results.table import NO_GEOMETRY
@@ -85,13 +84,8 @@ def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
 def views_outcome(options: ToColmapOptions, job: Job) -> Outcome:
     """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
     name, plan = job.target.name, job.target.plan
-    one = estimated(
-        options,
-        job,
-        as_stored=True,  # COLMAP does not turn pictures upright
-        camera_of=partial(_camera, options, plan),
-        detail=Detail.PIXELS if options.skip_movers else Detail.GEOMETRY,
-    )
+    # COLMAP does not turn pictures upright
+    one = estimated(options, job, as_stored=True, camera_of=partial(_camera, options, plan))
     if plan is None:
         views = views_of(name, one.estimate)
     else:

@@ -36,9 +36,9 @@ class Detail(StrEnum):
     """What a photograph is read for."""
 
     PIXELS = "pixels"
-    """Smears of every pixel, and masks: every window is read."""
+    """Smears of every pixel: every window is read."""
     GEOMETRY = "geometry"
-    """The camera's motion: of photographs above ``max_pixels`` some thousand windows spread over them."""
+    """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
     RANKING = "ranking"
     """The order of photographs by their blur: of all but small ones a few hundred windows."""
 

@@ -60,6 +60,8 @@ class ThingOptions:
     smear_px: tuple[float, float] = (3.0, 60.0)
     area: tuple[float, float] = (0.008, 0.45)
     part_share: float = 0.35
+    clutter_share: float = 0.4
+    plain_share: float = 0.25
     blob_share: float = 0.15
     own_colour_share: float = 0.25
     focus_share: float = 0.15
@@ -219,7 +221,7 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
     width, height = options.size
     kind = KINDS[int(rng.choice(len(KINDS), p=options.kinds))]
     camera, things = kind(rng, options)
-    things = with_parts(rng, things, options)
+    things = with_clutter(rng, camera, with_parts(rng, things, options), options)
     paths = [camera, *(path for path, _ in things)]
     fields = np.stack([path.smears(cell_centres(options.size)) for path in paths])
     longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
@@ -232,6 +234,8 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
         outline, colour = outlined(rng, options.size, area, centre, options)
         piece = surface(rng, pick(rng, sources), width, height, 0)
         piece = np.asarray(cv2.resize(piece, options.size)) if piece.shape[:2] != (height, width) else piece
+        if rng.random() < options.plain_share:
+            piece = plainer(rng, piece)
         layers.append(padded(filled(piece, outline, colour), margin))
     radii = sample_radii(rng, len(layers), still=kind is unmoved, options=options)
     layers = [defocused(rng, layer, radius) for layer, radius in zip(layers, radii, strict=True)]
@@ -260,6 +264,25 @@ def with_parts(
             length = 0.5 * log_uniform(rng, options.smear_px)
             found.append((relative(rng, path, length, options.size[1]), True))
     return found[:5]
+
+
+def with_clutter(
+    rng: np.random.Generator, camera: Motion, things: list[tuple[Motion, bool]], options: ThingOptions
+) -> list[tuple[Motion, bool]]:
+    """Return things and, among some, one or two that stand, nearer to the camera than the surroundings."""
+    if not any(by_itself for _, by_itself in things) or rng.random() >= options.clutter_share:
+        return things
+    for _ in range(rng.integers(1, 3)):
+        k = float(rng.uniform(1.0, 2.0))
+        nearer = replace(camera, shift=k * camera.shift, bend=k * camera.bend)
+        things.insert(int(rng.integers(len(things) + 1)), (nearer, False))
+    return things
+
+
+def plainer(rng: np.random.Generator, piece: Array) -> Array:
+    """Return a surface (H, W, 3) of less contrast, as walls, furniture and cloth have."""
+    mean = piece.mean(axis=(0, 1), keepdims=True)
+    return np.asarray(mean + log_uniform(rng, (0.03, 0.5)) * (piece - mean), piece.dtype)
 
 
 def sample_radii(rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions) -> list[float]:

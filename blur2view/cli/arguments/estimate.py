@@ -96,7 +96,9 @@ class EstimateOptions(FolderOptions):
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph; tell a person what may be of use next."""
-        code = super().execute()
+        from blur2view.cli.outputs import run_with_files
+
+        code = run_with_files(self)
         if code == 0 and self.prints and sys.stdout.isatty():
             print(f"next: {self._next()}")
         return code

@@ -66,12 +66,11 @@ class ReportOptions(PhotographOptions):
 
         from blur2view.cli.summary import verdict_line
         from blur2view.cli.work import estimated, outcome_of
-        from blur2view.networks.smear_network import Detail
         from blur2view.results.report import Entry
         from blur2view.results.verdicts import verdict_of
         from blur2view.segmentation.mask import segment
 
-        one, mask = estimated(self, job, detail=Detail.PIXELS if self.mask else Detail.GEOMETRY), None
+        one, mask = estimated(self, job), None
         start = time.perf_counter()
         if self.mask:
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))

@@ -92,13 +92,12 @@ class SegmentOptions(FolderOptions):
         from blur2view.cli.outputs import png, with_files
         from blur2view.cli.summary import mask_summary
         from blur2view.cli.work import estimated
-        from blur2view.networks.smear_network import Detail
         from blur2view.results.estimate import EstimateDocument
         from blur2view.results.mask_overlay import draw_motion
         from blur2view.segmentation.formats import GREY, MaskFormat
         from blur2view.segmentation.mask import segment
 
-        one = estimated(self, job, detail=Detail.PIXELS)
+        one = estimated(self, job)
         start = time.perf_counter()
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
@@ -112,3 +111,9 @@ class SegmentOptions(FolderOptions):
             return list(map(png, (*masks, GREY[mask.labels], levels, draw_motion(one.image, mask))))
 
         return with_files(job, one, document, summary, contents)
+
+    def execute(self) -> int:
+        """Return the exit code, after segmenting every photograph."""
+        from blur2view.cli.outputs import run_with_files
+
+        return run_with_files(self)

@@ -200,9 +200,3 @@ class FolderOptions(PhotographOptions):
     def beside(self, photograph: Path) -> tuple[Path, ...]:
         """Return further files of a photograph of this name, below the folder, which are written first."""
         return ()
-
-    def execute(self) -> int:
-        """Return the exit code, after the work on every photograph."""
-        from blur2view.cli.outputs import run_with_files
-
-        return run_with_files(self)

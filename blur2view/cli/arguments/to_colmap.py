@@ -1,6 +1,7 @@
 """``blur2view to-colmap``: its options and its help."""
 
 from dataclasses import MISSING, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -104,6 +105,5 @@ class ToColmapOptions(PhotographOptions):
 
     def __call__(self, job: "Job") -> "Outcome":
         """Return the views of one photograph."""
-        from blur2view.cli.views import views_outcome
-
-        return views_outcome(self, job)
+        outcome: Outcome = import_module("blur2view.cli.views").views_outcome(self, job)  # which imports this
+        return outcome
