@@ -19,9 +19,11 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.movers.parts import THRESHOLD
-from blur2view.movers.probability import moving_probability
+from blur2view.movers.probability import Moving, moving_probability
+from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
-from blur2view.photographs.image import read_content, read_pixels
+from blur2view.photographs.content import read_content
+from blur2view.photographs.image import read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
@@ -49,6 +51,7 @@ class Run:
     exposure_s: float | None = None
     readout_s: float | None = None
     max_memory_gib: float = MAX_MEMORY_GIB
+    gyroscope: bool = False  # whether rates have the sign of one
 
     def __post_init__(self) -> None:
         if not self.max_memory_gib > 0:
@@ -90,6 +93,10 @@ class Estimate:
         Whether neighbouring frames decided which end of the exposure came first.
     timestamp_s : float or None
         When it was taken, as `estimate_frames` was told, seconds.
+    moving : Moving or None
+        What moves by itself if the camera is at rest, where that was asked; `segment` begins with it.
+    execution : Execution
+        What ran the network, and runs that of `segment`.
     """
 
     grid: SmearGrid
@@ -102,6 +109,8 @@ class Estimate:
     shutter: RollingShutter | None = None
     time: TimeDirection = field(default_factory=TimeDirection)
     timestamp_s: float | None = None
+    moving: Moving | None = None
+    execution: Execution = field(default_factory=Execution)
 
     def __repr__(self) -> str:
         height, width = self.grid.shape
@@ -169,11 +178,11 @@ def estimate(
         If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
         be used.
     """
+    of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
     if camera is not None:
-        of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
         require("camera", camera, Camera, of)
     if isinstance(image, str | os.PathLike):
-        path, content = Path(image), read_content(Path(image))
+        content = read_content(path := Path(image))
         image = read_pixels(path, content=content)
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
     image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
@@ -181,10 +190,9 @@ def estimate(
         network = SmearNetwork(network)
     clock = [time.perf_counter()]
     grid = network.predict(image, detail=detail)
-    moving = None
-    if is_mixed(grid):  # seen from a camera at rest, what moves must not pass for the camera's motion
-        moving = moving_probability(image, grid).share_of(grid, THRESHOLD)
-    blur = blur_of(grid, image, moving)
+    # seen from a camera at rest, what moves must not pass for the camera's motion
+    moving = moving_probability(image, grid, execution=network.execution) if is_mixed(grid) else None
+    blur = blur_of(grid, image, None if moving is None else moving.share_of(grid, THRESHOLD))
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())
@@ -203,6 +211,8 @@ def estimate(
         timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
         camera=camera,
         shutter=shutter if shutter is not None and shutter.readout_s else None,
+        moving=moving,
+        execution=network.execution,
     )
 
 
@@ -241,9 +251,8 @@ def estimate_file(
     """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
 
     Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` is that of the file, where it has been read already, ``as_stored`` as of `read_image`,
-    ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of options or EXIF. ImageError,
-    CameraError or ModelError if the file, its camera or shutter, or the network cannot be used.
+    ``content`` and ``as_stored`` are as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives
+    intrinsics, by default of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     start = time.perf_counter()
     image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
@@ -283,10 +292,9 @@ def _contradictions(run: Run, camera: Camera | None, exif: ExifValues) -> tuple[
 
 def _shutter(path: Path, run: Run, exif: ExifValues) -> RollingShutter | None:
     """Return the rolling shutter of a photograph, None where the options name none."""
-    exposure_s = run.exposure_s or exif.exposure_s
     if not run.readout_s:
         return None
-    if exposure_s is None:
+    if (exposure_s := run.exposure_s or exif.exposure_s) is None:
         raise CameraError(f"{path}: --readout needs the exposure time, EXIF names none; add --exposure S")
     towards = rows_towards(frame[0]) if (frame := frame_of(path)) else exif.rows_towards
     return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=towards)

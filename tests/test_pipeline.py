@@ -10,13 +10,15 @@ from PIL import Image
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
-from blur2view.errors import ImageError
+from blur2view.errors import ImageError, ModelError
+from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.stored import plain
 from blur2view.segmentation.mask import segment
+from blur2view.smears.selection import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 
@@ -139,6 +141,12 @@ def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
             estimate_two_view(wrong)  # type: ignore[arg-type]
     with pytest.raises(ImageError, match="none.mp4: no such file"):
         read_video("none.mp4")
+    with pytest.raises(ValueError, match="is a folder; give map"):
+        estimate_frames(Path(__file__).parent)
+    with pytest.raises(ValueError, match="grid must be a blur2view.SmearGrid, as of network.predict"):
+        select_matches(PICTURE)  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match="gpu: is no execution provider .*onnxruntime-gpu"):
+        SmearNetwork(providers="gpu")
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ import sys
 from types import TracebackType
 
 EXTRA_OF = {  # a module that tools import: what to install
-    "matplotlib": "train",
     "onnx": "train",
     "pillow_heif": "test",
     "playwright": "test",

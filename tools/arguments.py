@@ -1,8 +1,15 @@
-"""Command lines of tools: help, and paths, looked at before any work, so that a wrong one costs one line."""
+"""Command lines of tools, read off the signatures of their `main`: an option is written once.
+
+Paths are looked at before any work, so that a wrong one costs one line.
+"""
 
 import argparse
-import multiprocessing
+import inspect
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 
 def existing(text: str) -> Path:
@@ -23,17 +30,46 @@ def target(text: str) -> Path:
     return path
 
 
-def parser_of(text: str | None) -> argparse.ArgumentParser:
-    """Return a parser whose help shows a module's docstring as it stands."""
-    return argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+Existing = Annotated[Path, existing]
+Target = Annotated[Path, target]
 
 
-def scene_parser(text: str | None, scenes: int, size: tuple[int, int]) -> argparse.ArgumentParser:
-    """Return a parser of a tool that renders so many scenes of a size into a folder."""
-    parser = parser_of(text)
-    parser.add_argument("out", type=Path, help="folder to write")
-    parser.add_argument("--scenes", type=int, default=scenes, help="(default: %(default)s)")
-    parser.add_argument("--photos", type=existing, help="folder of further photographs used as textures")
-    parser.add_argument("--size", type=int, nargs=2, default=size, metavar=("WIDTH", "HEIGHT"))
-    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count(), help="processes")
-    return parser
+def run(main: Callable[..., object]) -> None:
+    """Call a tool's ``main`` with what the command line gives; the help is the docstring of its module.
+
+    A parameter is an argument if it has no default, else, and if it is keyword-only, an option. ``list[T]``
+    and ``Sequence[T]`` take one or more, ``tuple[T, T]`` two, ``Literal`` one of its values, a bool is a
+    switch; of ``Annotated[T, ...]`` a function reads the text, and a string is the help.
+    """
+    text, raw = sys.modules[main.__module__].__doc__, argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=text, formatter_class=raw)
+    hints = get_type_hints(main, include_extras=True)
+    for name, parameter in inspect.signature(main).parameters.items():
+        words, default = _words(hints[name]), parameter.default
+        option = parameter.kind is parameter.KEYWORD_ONLY
+        if default is not parameter.empty:
+            option, words["default"] = True, default
+            if default is not None and default is not False and default != ():
+                words["help"] = f"{words.get('help', '')} (default: %(default)s)".strip()
+        elif option:
+            words["required"] = True
+        parser.add_argument(f"--{name.replace('_', '-')}" if option else name, **words)
+    given = vars(parser.parse_args())
+    pairs = {name for name, hint in hints.items() if get_origin(hint) is tuple}
+    main(**{name: tuple(value) if name in pairs else value for name, value in given.items()})
+
+
+def _words(hint: Any) -> dict[str, Any]:
+    """Return what argparse is told of a type."""
+    origin, of = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _words(of[0]) | {"help" if isinstance(one, str) else "type": one for one in of[1:]}
+    if origin in (Union, UnionType):
+        return _words(next(one for one in of if one is not NoneType))
+    if origin in (list, Sequence):
+        return _words(of[0]) | {"nargs": "+"}
+    if origin is tuple:
+        return _words(of[0]) | {"nargs": len(of)}
+    if origin is Literal:
+        return {"choices": of}
+    return {"action": "store_true"} if hint is bool else {"type": hint}

@@ -1,9 +1,9 @@
 """Measures of smears, of F and of poses: arrays in, arrays out."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_vector
@@ -178,3 +178,46 @@ def squared_distance(
         u = np.arctan2(length, pose.translation @ flip.translation) * across / max(length, TINY)
         errors.append(np.concatenate([rotation_vector(flip.rotation @ pose.rotation.T), u])[part])
     return min(float(error @ inverse @ error) for error in errors)
+
+
+def average_precision(score: AnyArray, moving: NDArray[np.bool_]) -> float:
+    """Return the mean precision at every moving pixel, ranked by score: 1 if all of them come first.
+
+    Equal scores share the precision at their end.
+    """
+    if not moving.any():
+        return float("nan")
+    order = np.argsort(-score, kind="stable")
+    ranked, truth = score[order], moving[order]
+    last = np.searchsorted(-ranked, -ranked, side="right")  # of those that are equal
+    return float((np.cumsum(truth)[last - 1] / last)[truth].mean())
+
+
+def auc(sharp: ArrayLike, blurred: ArrayLike) -> float:
+    """Return the area under the ROC curve: how often a blurred picture has the larger value; ties count half.
+
+    ValueError without a value of each.
+    """
+    low, high = _sorted(sharp, blurred)
+    below = [np.searchsorted(low, high, side).mean() / len(low) for side in ("left", "right")]
+    return float(np.mean(below))
+
+
+def best_accuracy(sharp: ArrayLike, blurred: ArrayLike) -> tuple[float, float]:
+    """Return the accuracy of the best threshold, and of another the mean of the shares right of both classes.
+
+    The second does not gain by calling all pictures what most are. ValueError without a value of each.
+    """
+    low, high = _sorted(sharp, blurred)
+    bounds = np.concatenate([low, high, [np.inf]])  # from which on a picture is called blurred
+    kept = np.searchsorted(low, bounds)
+    found = len(high) - np.searchsorted(high, bounds)
+    accuracy = (kept + found) / (len(low) + len(high))
+    return float(accuracy.max()), float((kept / len(low) + found / len(high)).max() / 2)
+
+
+def _sorted(sharp: ArrayLike, blurred: ArrayLike) -> tuple[Array, Array]:
+    low, high = (np.sort(np.asarray(values, float).ravel()) for values in (sharp, blurred))
+    if not len(low) or not len(high):
+        raise ValueError(f"expected values of both classes, got {len(low)} and {len(high)}")
+    return low, high

@@ -25,6 +25,19 @@ def record_table(head: str, row: str, records: Iterable[Mapping[str, Any]]) -> l
     return table(head, ([row.format_map(record)] for record in records))
 
 
+def filled(page: str, parts: Mapping[str, Iterable[str]]) -> str:
+    """Return a page, whose words are by hand, with other lines from ``<!-- NAME -->`` to ``<!-- end -->``.
+
+    ValueError if a mark is missing.
+    """
+    for name, lines in parts.items():
+        before, mark, rest = page.partition(f"<!-- {name} -->\n")
+        if not mark or "<!-- end -->" not in rest:
+            raise ValueError(f"the page has no mark {name}")
+        page = before + mark + "\n".join(lines) + "\n" + rest[rest.index("<!-- end -->") :]
+    return page
+
+
 def publish(text: str, path: Path | None) -> None:
     """Print a page, and write it where a path is given, whose folder is made."""
     print(text)

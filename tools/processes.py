@@ -3,11 +3,14 @@
 import multiprocessing
 import multiprocessing.pool
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 import cv2
 
+T = TypeVar("T")
+R = TypeVar("R")
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -27,3 +30,11 @@ def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
         yield pool
         pool.close()  # let the workers end by themselves: pycolmap prints a trace when it is killed
         pool.join()
+
+
+def mapped(work: Callable[[T], R], items: Iterable[T], processes: int, chunk: int = 1) -> list[R]:
+    """Return the results of all items in order, by so many processes of one thread, or by this one."""
+    if processes == 1:
+        return [work(item) for item in items]
+    with single_threaded_pool(processes) as pool:
+        return pool.map(work, items, chunksize=chunk)

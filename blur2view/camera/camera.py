@@ -16,7 +16,6 @@ from blur2view.camera.colmap_camera import (
     normalised_points,
     parse_camera,
     possible_focal,
-    rescaled_matrix,
     to_colmap,
 )
 from blur2view.errors import CameraError
@@ -191,14 +190,10 @@ class Camera:
                 f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
                 f"{width}x{height}:{hint} Give the camera of this picture"
             )
-        source = f"{self.source}, scaled by {scale:.4g}"
-        if self.distorted:
-            resized = colmap_camera(self.model, self.width, self.height, self.params)
-            resized.rescale(width, height)
-            camera = Camera.from_colmap(resized, source)
-            return replace(camera, log_focal_sigma=self.log_focal_sigma)
-        K = rescaled_matrix(self.K, scale)
-        return replace(self, K=K, width=width, height=height, model="PINHOLE", params=(), source=source)
+        resized = colmap_camera(self.model, self.width, self.height, self.params)
+        resized.rescale(width, height)
+        camera = Camera.from_colmap(resized, f"{self.source}, scaled by {scale:.4g}")
+        return replace(camera, log_focal_sigma=self.log_focal_sigma)
 
 
 def _sides(image_size: tuple[int, int]) -> tuple[int, int]:

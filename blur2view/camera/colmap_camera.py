@@ -44,50 +44,37 @@ def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
 
     As written: `colmap_camera` checks them. CameraError if the string is not of that form.
     """
-    words = text.replace(",", " ").split()
-    if len(words) < 4:
-        raise _malformed(text, "is neither a camera string nor a database")
     try:
-        width, height = (int(word) for word in words[1:3])
-        params = tuple(float(word) for word in words[3:])
+        model, width, height, *params = text.replace(",", " ").split()
+        return model.upper(), int(width), int(height), tuple(map(float, params))
     except ValueError:
-        raise _malformed(text, "width and height must be whole numbers, parameters numbers") from None
-    return words[0].upper(), width, height, params
-
-
-def _malformed(text: str, why: str) -> CameraError:
-    example = "for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
-    return CameraError(f"camera {text!r}: {why}; write MODEL WIDTH HEIGHT PARAMS..., {example}")
+        form = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
+        raise CameraError(f"camera {text!r}: is neither a database nor of the form {form}") from None
 
 
 def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
     """Return the pycolmap.Camera; CameraError if the model is unknown or a parameter cannot be."""
     import pycolmap  # 0.7 s, so only where a camera has more than a focal length
 
+    def names(model: str) -> str:
+        return str(pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info)
+
     known = [name for name in pycolmap.CameraModelId.__members__ if name != "INVALID"]
-    text = f"{model} {width} {height} {' '.join(f'{value:g}' for value in params)}".strip()
     if model not in known:
-        raise CameraError(f"camera {text!r}: unknown model {model}; COLMAP's are {', '.join(known)}")
-    expected = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info
-    if len(params) != len(expected.split(",")):
-        raise CameraError(f"camera {text!r}: {model} has the parameters {expected}, got {len(params)} values")
-    if not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
-        raise CameraError(f"camera {text!r}: needs a positive width and height below {MAX_SIDE} pixels")
-    camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
-    if not (np.abs(params) <= FOCAL_PX[1]).all() or model == "EQUIRECTANGULAR":
-        raise CameraError(
-            f"camera {text!r}: needs finite parameters up to {FOCAL_PX[1]:g} and a planar image"
-        )
-    if not all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):
-        raise CameraError(f"camera {text!r}: the focal length must be {FOCAL_RANGE}")
-    return camera
-
-
-def rescaled_matrix(K: Array, scale: float) -> Array:
-    """Return K (3, 3) of a picture resized by a factor: its corners, not pixel centres, keep their place."""
-    resized = np.diag([scale, scale, 1.0]) @ K
-    resized[:2, 2] = from_colmap(scale * to_colmap(K[:2, 2]))
-    return resized
+        why = f"unknown model {model}; COLMAP's are {', '.join(known)}"
+    elif len(params) != len(names(model).split(",")):
+        why = f"{model} has the parameters {names(model)}, got {len(params)} values"
+    elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
+        why = f"needs a positive width and height below {MAX_SIDE} pixels"
+    elif not (np.abs(params) <= FOCAL_PX[1]).all() or model == "EQUIRECTANGULAR":
+        why = f"needs finite parameters up to {FOCAL_PX[1]:g} and a planar image"
+    else:
+        camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
+        if all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):
+            return camera
+        why = f"the focal length must be {FOCAL_RANGE}"
+    text = f"{model} {width} {height} {' '.join(f'{value:g}' for value in params)}".strip()
+    raise CameraError(f"camera {text!r}: {why}")
 
 
 def normalised_points(camera: Any, points: Array) -> Array:

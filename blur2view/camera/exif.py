@@ -54,11 +54,10 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
         return ExifValues()
     focal_px, focal_tags = _focal(tags, size)
-    if focal_px is not None and not possible_focal(focal_px):
-        focal_px, focal_tags = None, ""
+    possible = possible_focal(focal_px)
     return ExifValues(
-        focal_px=focal_px,
-        focal_tags=focal_tags,
+        focal_px=focal_px if possible else None,
+        focal_tags=focal_tags if possible else "",
         exposure_s=_positive(tags, "ExposureTime"),
         rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
     )
@@ -71,15 +70,15 @@ def disagreement(option: str, stated: float | None, read: float | None, unit: st
     return [f"{option} says {stated:.4g} {unit}, EXIF {read:.4g} {unit}"]
 
 
-def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, str]:
-    """Return the focal length in pixels and the tags it is from."""
+def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float, str]:
+    """Return the focal length in pixels, 0 without one, and the tags it is from."""
     film_mm = _positive(tags, "FocalLengthIn35mmFilm")
     if film_mm is not None:
         return film_mm * float(np.hypot(*size)) / DIAGONAL_35MM, "FocalLengthIn35mmFilm"
     lens_mm, resolution = _positive(tags, "FocalLength"), _positive(tags, "FocalPlaneXResolution")
     unit_mm = MM_PER_UNIT.get(int(_positive(tags, "FocalPlaneResolutionUnit") or 2))
     if lens_mm is None or resolution is None or unit_mm is None:
-        return None, ""
+        return 0.0, ""
     taken = max(_positive(tags, "ExifImageWidth") or 0, _positive(tags, "ExifImageHeight") or 0)
     resized = max(size) / taken if taken else 1.0
     return lens_mm * resolution / unit_mm * resized, "FocalLength, FocalPlaneXResolution"

@@ -66,6 +66,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+MEANT = {
+    "-i --input --inputs --image --images --photos --files": "the names of photographs alone",
+    "--list --file-list": "@LIST, a file of names",
+    "--gpu --cuda --device --use-gpu": "--provider cuda",
+    "--threads --workers --num-workers -j": "--jobs",
+    "--intrinsics --calib --calibration -K": "--camera",
+    "--fps --stride --step --skip": "--every",
+    "--exif": "--camera exif",
+}
+"""What other programs call options, and ours."""
+
+
 def parse(arguments: Sequence[str] | None) -> Options:
     """Return the options; wrong usage ends the program with one line, which names what may be meant."""
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -103,6 +115,8 @@ def check_command(parser: CommandParser, words: Sequence[str]) -> None:
         parser.error(f"{first} goes after {command}")
     if not named or named[0] in COMMANDS or first == COMPLETION:
         return
+    if named[0] == "help":
+        parser.error(f"write {' '.join(['blur2view', *named[1:2], '--help'])}")
     near = get_close_matches(named[0], COMMANDS, 1)
     if near:
         parser.error(f"{named[0]} is no command; did you mean {near[0]}?")
@@ -122,8 +136,11 @@ def check_option(parser: CommandParser, word: str, *, known: bool) -> None:
         parser.error(f"{word} is not for {command}: {why}")
     if owners := [f"blur2view {other}" for other in COMMANDS if word in option_names(other)]:
         parser.error(f"{word} is an option of {', '.join(owners)}, not of {command}")
-    near = get_close_matches(word, sorted(names), 1, 0.75)
-    parser.error(f"{word} is no option of {command}" + "".join(f"; did you mean {name}?" for name in near))
+    near = [name for name in sorted(names) if len(name) > 3 and word.startswith(name)]
+    near += get_close_matches(word, sorted(names), 1, 0.75)
+    near += [meant for said, meant in MEANT.items() if word in said.split()]
+    remedy = "".join(f"; did you mean {name}?" for name in near[:1])
+    parser.error(f"{word} is no option of {command}{remedy}")
 
 
 def option_names(command: str) -> set[str]:

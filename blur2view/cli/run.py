@@ -19,6 +19,7 @@ from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
 from blur2view.photographs.inputs import colmap_names
+from blur2view.photographs.timestamps import timestamps_of
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
 from blur2view.runs.manifest import Manifest, Settings
@@ -211,10 +212,18 @@ def failure(path: Path, outcome: Outcome) -> dict[str, str]:
 
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job]:
     """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
-    neighbours = neighbours_of(options.inputs.paths, options.sequence)
+    paths, table = options.inputs.paths, options.timestamps
+    neighbours = neighbours_of(paths, options.sequence).items()
+    times = [None] * len(paths) if table is None else timestamps_of(paths, table)
     jobs = [
-        Job(index=index, path=path, neighbours=beside)
-        for index, (path, beside) in enumerate(neighbours.items())
+        Job(
+            index=index,
+            path=path,
+            neighbours=beside,
+            timestamp_s=time_s,
+            source="" if table is None else f"{time_s}",
+        )
+        for index, ((path, beside), time_s) in enumerate(zip(neighbours, times, strict=True))
     ]
     planned = (
         replace(job, refusal=files) if isinstance(files, OutputError) else replace(job, files=files)

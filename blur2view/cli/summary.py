@@ -90,7 +90,7 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
         used += f", of median length {length:.1f} px, uncertain to {sigma:.1f} px"
     if geometry.F is not None or geometry.H is not None:
-        used += f"; {document.num_inliers} ({_share(document)}) fit"
+        used += f"; {document.num_inliers} fit"
     lines = [geometry.reason, used]
     for name, matrix in (("F", geometry.F), ("H", geometry.H), ("E", geometry.E)):
         rows = ["  ".join(f"{value: .6e}" for value in row) for row in (() if matrix is None else matrix)]

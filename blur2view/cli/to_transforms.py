@@ -13,9 +13,16 @@ from blur2view.cli.outputs import png
 from blur2view.cli.place import refuse_foreign, write_model
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap import GSPLAT
-from blur2view.colmap.gsplat import MODEL, PHOTOGRAPHS, keep_photographs
 from blur2view.colmap.models import pictures_of, project_text, read_model
-from blur2view.colmap.transforms import PLY_KEY, point_cloud, transforms, with_views
+from blur2view.colmap.transforms import (
+    MODEL,
+    PHOTOGRAPHS,
+    PLY_KEY,
+    keep_photographs,
+    point_cloud,
+    transforms,
+    with_views,
+)
 from blur2view.errors import OutputError
 from blur2view.output_files import check_file, is_ours, unwritable, write_files, writing
 from blur2view.segmentation.formats import MaskFormat, as_stored, stored_labels

@@ -17,10 +17,16 @@ from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
 from blur2view.output_files import check_file, writable_folders, write_text
-from blur2view.photographs.extraction import extract, extracted_names, refuse_others
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
-from blur2view.photographs.selection import sharpest, sharpest_of_each, thumbnail
+from blur2view.photographs.selection import (
+    extract,
+    extracted_names,
+    refuse_others,
+    sharpest,
+    sharpest_of_each,
+    thumbnail,
+)
 from blur2view.results.table import BLURRED, NEAR, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row, use_of
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.blur import BlurKind
@@ -226,6 +232,9 @@ def closing_line(finished: Finished, options: TriageOptions, kept: int) -> str:
     parts = [uses + f", {counts['']} failed" * bool(counts[""])]
     if options.keep is not None or options.extract is not None:
         parts.append(f"{kept} kept" if kept else f"none is kept: {hint(rows, options)}")
+    for name, listed in KEPT.items():
+        if name in options.lists and not any(counts[use] for use in listed):
+            parts.append(f"{name} names none, as none is {' or '.join(listed)}")
     table, lists = options.csv if finished.has_table else None, written_lists(options, whole=whole).values()
     written = table, *lists, options.extract if kept and whole else None
     files = " and ".join(printable(str(path)) for path in written if path is not None)

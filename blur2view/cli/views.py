@@ -15,12 +15,11 @@ from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
-from blur2view.colmap.project import DatabaseMatcher, database_names, storable
+from blur2view.colmap.project import database_matcher, database_names, storable
 from blur2view.errors import CameraError, DatabaseError
-from blur2view.exposure.linked_views import keypoint_views
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
-from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.photographs.inputs import colmap_names
 from blur2view.results.stored import plain
 from blur2view.results.table import NO_GEOMETRY
@@ -125,7 +124,7 @@ def with_time(
     runs = consecutive_runs(names, in_order=bool(options.in_order))
     matcher: Callable[[int, int], Any]
     if options.link:
-        matcher = DatabaseMatcher(options.db, names)
+        matcher = database_matcher(options.db, names)
     else:
         matcher = photograph_matcher([paths[name] for name in names])
     return with_time_direction(views, runs, matcher)

@@ -48,7 +48,7 @@ def estimated(options: PhotographOptions, job: Job, **how: Any) -> FileEstimate:
     """
     network = network_of(options.model, options.provider, options.digest)
     one = estimate_file(job.path, network, options.run, job.content, **how)
-    time_s = job.timestamp_s if job.frame is not None else timestamp_of(job.path)
+    time_s = timestamp_of(job.path) if job.timestamp_s is None else job.timestamp_s
     one = replace(one, frame=job.frame, timestamp_s=time_s, timed=options.timings)
     if not job.neighbours:
         return one

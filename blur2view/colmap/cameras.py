@@ -50,14 +50,21 @@ def camera_of_database(
     path = Path(path)
     try:
         with open_read_only(path) as database:
+            ids = [row[0] for row in database.execute("SELECT camera_id FROM cameras LIMIT 11")]
+            some = ", ".join(map(str, ids[:10])) + " ..." * (len(ids) > 10) or "none"
             if camera_id is None:
                 camera_id = _camera_of(path, database, image_name)
+            if camera_id is None and len(ids) != 1:
+                why = f"knows no image {Path(image_name).name} and has several cameras or none ({some})"
+                raise CameraError(f"{path}: {why}; name one as {path}:ID")
+            camera_id = int(ids[0]) if camera_id is None else camera_id
             sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
             row = database.execute(sql, (camera_id,)).fetchone()
             if row is None:
-                raise CameraError(f"{path}: has no camera {camera_id}; it has {_some(database)}")
+                raise CameraError(f"{path}: has no camera {camera_id}; it has {some}")
     except DatabaseError as error:
-        raise CameraError(str(error)) from None
+        remedy = "; or write its line out: MODEL WIDTH HEIGHT PARAMS..." if path.suffix == ".txt" else ""
+        raise CameraError(f"{error}{remedy}") from None
     model, width, height, params = row  # of any type
     try:
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
@@ -71,24 +78,12 @@ def camera_of_database(
     return Camera.from_colmap(camera, f"database, camera {camera_id}")
 
 
-def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int:
-    """Return the camera of the image whose name is the longest suffix of the path, else the only one."""
+def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int | None:
+    """Return the camera of the image whose name is the longest suffix of the path, None without one."""
     for name in suffixes(Path(image_name)) if image_name and storable(image_name) else ():
         row = database.execute("SELECT camera_id FROM images WHERE name = ?", (name,)).fetchone()
         if row is not None and isinstance(row[0], int):
             return row[0]
         if row is not None:  # a blob, NULL or text
             raise CameraError(f"{path}: the camera of image {name!a} is no number; is it COLMAP's?")
-    ids = database.execute("SELECT camera_id FROM cameras LIMIT 2").fetchall()
-    if len(ids) == 1:
-        return int(ids[0][0])
-    raise CameraError(
-        f"{path}: knows no image {Path(image_name).name} and has several cameras or none "
-        f"({_some(database)}); name one as {path}:ID"
-    )
-
-
-def _some(database: sqlite3.Connection) -> str:
-    """Return the ids of cameras as a message names them: ten, or "none"."""
-    ids = [str(row[0]) for row in database.execute("SELECT camera_id FROM cameras LIMIT 11")]
-    return ", ".join(ids[:10]) + " ..." * (len(ids) > 10) or "none"
+    return None

@@ -1,10 +1,10 @@
-"""A fresh COLMAP database of blurred photographs: two virtual images of each."""
+"""Both virtual images of blurred photographs in a COLMAP database: their rows, and a fresh database."""
 
 import os
 import shutil
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Sequence
+from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
-from blur2view.colmap.rows import add_image, put_keypoints, put_pair
-from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE
+from blur2view.colmap.project import ProjectImage, has_frames, own_views
+from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, add_camera, put_image, put_keypoints, put_pair
 from blur2view.errors import DatabaseError
 from blur2view.exposure.end_order import GUESSED_FOCAL
+from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
 from blur2view.output_files import half_written, remove_left_over
@@ -44,23 +45,80 @@ def write_database(
     a file of this name is replaced, once the new one is whole.
     DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name.
     """
-    names = [views.name for views in photographs]
+    names, path = [views.name for views in photographs], Path(path)
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
+    if not replace:
+        refuse_existing(path)
+    beside = half_written(path)
+    try:
+        remove_left_over({path}, [path.parent])
+        _write_views(beside, photographs)
+        if replace and path.is_file():
+            # settle its log or journal, or SQLite would apply it to what takes its place; it may be in use
+            with database_errors(path), closing(connect(path, "mode=rw")) as old:
+                old.execute("PRAGMA journal_mode = DELETE")
+                old.execute("SELECT 1 FROM sqlite_master")
+        else:
+            refuse_existing(path)  # may have come meanwhile
+        beside.replace(path)
+    except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
+        why = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _write_views(path: Path, photographs: Iterable[ExposureViews]) -> None:
+    """Write a database of views, the file itself by pycolmap."""
+    import pycolmap
+
+    with TemporaryDirectory() as folder:  # where its write-ahead log disturbs nobody
+        pycolmap.Database.open(Path(folder) / "new.db").close()
+        shutil.copyfile(Path(folder) / "new.db", path)
     cameras: list[Any] = []
-    camera_ids = []
-    for views in photographs:
-        camera = colmap_camera_of(views.camera, views.size)
-        if camera not in cameras:
-            cameras.append(camera)
-        camera_ids.append(1 + cameras.index(camera))
-    with new_database(Path(path), cameras, replace=replace) as database:
-        for views, camera_id in zip(photographs, camera_ids, strict=True):
-            first, last = (add_image(database, name, camera_id, with_frame=True) for name in views.names)
-            put_keypoints(database, first, views.points_open)
-            put_keypoints(database, last, views.points_close)
-            put_pair(database, (first, last), views.geometry, matched(views), inliers(views))
-            mark_views(database, views, (first, last))
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
+        database.execute("PRAGMA foreign_keys = ON")
+        database.executescript(f"BEGIN; {VIEWS_TABLE}")
+        for views in photographs:
+            camera = colmap_camera_of(views.camera, views.size)
+            if camera not in cameras:
+                cameras.append(camera)
+                add_camera(database, camera)
+            put_views(database, views, 1 + cameras.index(camera))
+        database.execute("COMMIT")
+
+
+def put_views(
+    database: sqlite3.Connection, views: ExposureViews, camera_id: int, photograph: ProjectImage | None = None
+) -> None:
+    """Write both images of a photograph and their pair, in place of those that it had.
+
+    Of a photograph of a project also its pairs with both, and the table ``blur2view_views`` says what of it
+    they are made from.
+    """
+    own = {} if photograph is None else own_views(database, photograph.name)
+    with_frame = photograph is None or has_frames(database)
+    ids, sides = [], zip(("open", "close"), views.names, (views.points_open, views.points_close), strict=True)
+    for role, name, points in sides:
+        image_id, _ = own.get(role, (None, None))
+        image_id = put_image(database, name, camera_id, image_id, with_frame=with_frame)
+        put_keypoints(database, image_id, points)
+        time = int(views.time.known), views.time.confidence
+        source = None if photograph is None else photograph.digest
+        row = (image_id, views.name, role, views.geometry.config.name, *time, source)
+        database.execute("INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?)", row)
+        ids.append(image_id)
+    first, last = ids
+    whole, used = views.geometry, inliers(views)
+    pairs = {(first, last): whole}
+    if photograph is not None:
+        used = np.flatnonzero(whole.inlier_mask)
+        for end, geometry in ((first, whole.reversed()), (last, whole)):
+            pairs[photograph.image_id, end] = half_geometry(geometry, views.camera, views.size)
+    for pair, geometry in pairs.items():
+        put_pair(database, pair, geometry, matched(views), used)
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
@@ -106,58 +164,6 @@ def stored_photographs(path: Path) -> set[str]:
         return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
 
 
-def _write_cameras(path: Path, cameras: Iterable[Any]) -> None:
-    """Write a database of cameras, pycolmap.Camera, each with a rig of its own; OSError if that fails."""
-    import pycolmap
-
-    with TemporaryDirectory() as folder:  # where its write-ahead log disturbs nobody
-        try:
-            with pycolmap.Database.open(Path(folder) / "new.db") as opened:
-                for camera in cameras:
-                    sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
-                    rig = pycolmap.Rig()
-                    rig.add_ref_sensor(sensor)
-                    opened.write_rig(rig)
-        except RuntimeError as error:  # of pycolmap alone
-            raise OSError(str(error)) from None
-        shutil.copyfile(Path(folder) / "new.db", path)
-
-
-@contextmanager
-def new_database(
-    path: Path, cameras: Iterable[Any] = (), *, replace: bool = False
-) -> Iterator[sqlite3.Connection]:
-    """Open a COLMAP database beside the path, and rename it when all is written.
-
-    It holds nothing but cameras, pycolmap.Camera, numbered from 1, each with a rig of its own.
-    """
-    if not replace:
-        refuse_existing(path)
-    beside = half_written(path)
-    try:
-        remove_left_over({path}, [path.parent])
-        _write_cameras(beside, cameras)
-        with closing(sqlite3.connect(beside, isolation_level=None)) as database:
-            database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
-            database.execute("PRAGMA foreign_keys = ON")
-            database.executescript(f"BEGIN; {VIEWS_TABLE}")
-            yield database
-            database.execute("COMMIT")
-        if replace and path.is_file():
-            # settle its log or journal, or SQLite would apply it to what takes its place; it may be in use
-            with database_errors(path), closing(connect(path, "mode=rw")) as old:
-                old.execute("PRAGMA journal_mode = DELETE")
-                old.execute("SELECT 1 FROM sqlite_master")
-        else:
-            refuse_existing(path)  # may have come meanwhile
-        beside.replace(path)
-    except (sqlite3.Error, OSError) as error:
-        why = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
-    finally:
-        beside.unlink(missing_ok=True)
-
-
 def matched(views: ExposureViews) -> NDArray[np.int_]:
     """Return the indices of the usable points if their order is known up to time reversal, else of none."""
     if views.usable is not None:
@@ -180,13 +186,3 @@ def translation_known(geometry: TwoViewGeometry) -> bool:
     """Return whether the camera is known to have moved: parallax is proven, or the pose has a direction."""
     pose = geometry.cam2_from_cam1
     return geometry.parallax is Parallax.PROVEN or (pose is not None and bool(pose.translation.any()))
-
-
-def mark_views(
-    database: sqlite3.Connection, views: ExposureViews, ids: Sequence[int], source: bytes | None = None
-) -> None:
-    """Write to ``blur2view_views`` whose views both images are, how sure their order is, their source."""
-    for image_id, role in zip(ids, ("open", "close"), strict=True):
-        time = int(views.time.known), views.time.confidence
-        row = (image_id, views.name, role, views.geometry.config.name, *time, source)
-        database.execute("INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?)", row)

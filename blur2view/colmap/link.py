@@ -4,32 +4,26 @@ Per photograph two images, their keypoints, and three pairs: photograph-open, ph
 Rows of the user are read, never written.
 """
 
-import os
 import sqlite3
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
 
-import numpy as np
-
 from blur2view.colmap.connection import connect, open_for_writing, open_read_only
-from blur2view.colmap.database import mark_views, matched
+from blur2view.colmap.database import put_views
 from blur2view.colmap.project import (
     ProjectImage,
-    has_frames,
     image_names,
     longest_suffix,
     own_views,
     read_image,
     views_are_whole,
 )
-from blur2view.colmap.rows import add_image, put_keypoints, put_pair, set_camera
 from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema
 from blur2view.errors import DatabaseError
-from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import half_written, remove_left_over
 
@@ -142,7 +136,7 @@ def write_links(
             database.execute(VIEWS_TABLE)
             before = _rows_of_the_user(database)
             for plan, views in links:
-                _write_link(database, plan.image, views)
+                put_views(database, views, plan.image.camera_id, plan.image)
             if _rows_of_the_user(database) != before:
                 raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
@@ -162,38 +156,9 @@ def _rows_of_the_user(database: sqlite3.Connection) -> dict[str, int]:
     }
 
 
-def _write_link(database: sqlite3.Connection, image: ProjectImage, views: ExposureViews) -> None:
-    own = own_views(database, image.name)
-    frames = has_frames(database)
-    sides = {"open": (views.names[0], views.points_open), "close": (views.names[1], views.points_close)}
-    ids = []
-    for role, (name, points) in sides.items():
-        if role in own:
-            number = own[role][0]
-            set_camera(database, number, image.camera_id, with_frame=frames)
-        else:
-            number = add_image(database, name, image.camera_id, with_frame=frames)
-        put_keypoints(database, number, points)
-        ids.append(number)
-    first, last = ids
-    whole, inliers = views.geometry, np.flatnonzero(views.geometry.inlier_mask)
-    geometries = {
-        (image.image_id, first): half_geometry(whole.reversed(), views.camera, views.size),
-        (image.image_id, last): half_geometry(whole, views.camera, views.size),
-        (first, last): whole,
-    }
-    for pair, geometry in geometries.items():
-        put_pair(database, pair, geometry, matched(views), inliers)
-    mark_views(database, views, ids, image.digest)
-
-
 def back_up(path: Path) -> Path:
     """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
-    stamp = time.strftime("%Y%m%dT%H%M%S")
-    candidates = (
-        path.with_name(f"{path.name}.{stamp}{end}.bak") for end in ("", *map("-{}".format, range(1000)))
-    )
-    copy = next(candidate for candidate in candidates if not os.path.lexists(candidate))
+    copy = path.with_name(f"{path.name}.{datetime.now():%Y%m%dT%H%M%S.%f}.bak")
     beside = half_written(path)
     try:
         # not `open_read_only`, whose look at the header would end the lock of this process's transaction

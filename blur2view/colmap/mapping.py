@@ -49,14 +49,14 @@ Photographs and views of a linked project, all anew, one by one or at once::
 """
 
 import os
+import sqlite3
 import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.database import new_database
 from blur2view.colmap.project import image_names
-from blur2view.colmap.schema import IMAGE_TABLES, insertion, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 
@@ -162,44 +162,26 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
     """
     import pycolmap
 
+    names = name + OPEN, name + CLOSE
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "exposure.db"  # pycolmap writes to what it opens
-        image_ids = _copy_exposure(Path(database), name, copy)
+        with open_read_only(Path(database)) as source, closing(sqlite3.connect(copy)) as target:
+            ids = image_names(source)
+            if not set(names) <= ids.keys():
+                raise DatabaseError(f"{database}: has no views of {name}; add them with blur2view to-colmap")
+            source.backup(target)
         with pycolmap.Database.open(copy) as opened:
-            images = [opened.read_image(image_id) for image_id in image_ids]
+            images = [opened.read_image(ids[view]) for view in names]
             camera = opened.read_camera(images[0].camera_id)
-            geometry = opened.read_two_view_geometry(*image_ids)
+            geometry = opened.read_two_view_geometry(*(ids[view] for view in names))
         if geometry.cam2_from_cam1 is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
         if not geometry.cam2_from_cam1.translation.any():
             raise DatabaseError(f"{database}: the translation of {name} is undecided: nothing to triangulate")
-        model = pycolmap.Reconstruction()
+        model, options = pycolmap.Reconstruction(), mapper_options()
+        options.image_names = names
         model.add_camera_with_trivial_rig(camera)
         for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
             view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
             model.add_image_with_trivial_frame(view, pose)
-        return pycolmap.triangulate_points(model, copy, folder, folder, True, mapper_options(), False)
-
-
-def _copy_exposure(path: Path, name: str, copy: Path) -> tuple[int, int]:
-    """Return the ids of both views of a photograph, copied with their pair to a database of their own."""
-    with open_read_only(path) as database:
-        ids = image_names(database)
-        first, last = (ids.get(name + end) for end in (OPEN, CLOSE))
-        if first is None or last is None:
-            raise DatabaseError(f"{path}: has no views of {name}; add them with blur2view to-colmap")
-        of_views = f"image_id IN ({first}, {last})"
-        of_pair = f"pair_id = {pair_id(first, last)}"
-        conditions = {
-            "cameras": f"camera_id IN (SELECT camera_id FROM images WHERE image_id = {first})",
-            "images": of_views,
-            "keypoints": of_views,
-            "matches": of_pair,
-            "two_view_geometries": of_pair,
-        }
-        with new_database(copy) as target:
-            for table, condition in conditions.items():
-                columns = IMAGE_TABLES[table]
-                rows = database.execute(f"SELECT {', '.join(columns)} FROM {table} WHERE {condition}")
-                target.executemany(insertion(table, columns), rows)
-    return first, last
+        return pycolmap.triangulate_points(model, copy, folder, folder, True, options, False)

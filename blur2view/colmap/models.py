@@ -4,9 +4,8 @@ import mmap
 import os
 import struct
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +21,7 @@ BEYOND = 1e30  # of any number in a model
 MAX_PROJECT = 1 << 20  # bytes
 
 
-@dataclass(frozen=True, kw_only=True)
-class FoundModel:
+class FoundModel(NamedTuple):
     """The folder of a model, how many photographs it has, and how many others a mapper made beside it."""
 
     folder: Path
@@ -64,14 +62,10 @@ def _check_model(folder: Path, model: Any) -> None:
         try:
             name = image.name
         except UnicodeDecodeError:
-            remedy = f"rename it, and {remedy}"
-            raise DatabaseError(
-                f"{folder}: the name of image {image.image_id} is no UTF-8; {remedy}"
-            ) from None
+            why = f"the name of image {image.image_id} is no UTF-8; rename it, and {remedy}"
+            raise DatabaseError(f"{folder}: {why}") from None
         if image.has_pose and not _possible(image.cam_from_world().matrix()):
             raise DatabaseError(f"{folder}: image {name} has a pose that is nowhere; {remedy}")
-        if image.camera_id not in model.cameras:
-            raise DatabaseError(f"{folder}: image {name} has no camera; {remedy}")
 
 
 def _possible(values: Any) -> bool:
@@ -100,36 +94,22 @@ def _check_file(path: Path) -> None:
     with open_regular(path) as file:
         if path.name not in RECORDS:
             return
+        before, number, part = RECORDS[path.name]
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             at = 8
             for _ in range(struct.unpack_from("<Q", content)[0]):
-                at = _end_of_record(path.name, content, at)
+                at += before
+                if path.name == "images.bin":
+                    at = content.find(b"\0", at) + 1 or len(content)  # behind the name
+                at += struct.calcsize(number) + part * int(struct.unpack_from(number, content, at)[0])
                 if at > len(content):
                     raise ValueError(f"{path}: ends within a record")
 
 
-def _end_of_record(kind: str, content: mmap.mmap, at: int) -> int:
-    """Return where a record ends, or the least of it, given where it begins."""
-    before, number, part = RECORDS[kind]
-    if kind == "images.bin":
-        at = (content.find(b"\0", at + before) + 1 or len(content)) - before  # behind the name
-    count = int(struct.unpack_from(number, content, at + before)[0])
-    at += before + struct.calcsize(number)
-    if kind != "rigs.bin":
-        return at + count * part
-    for sensor in range(count):
-        at += part + (sensor > 0 and 1 + 56 * content[at + part])
-    return at
+RECORDS = {"images.bin": (64, "<Q", 24), "points3D.bin": (43, "<Q", 8), "frames.bin": (64, "<I", 16)}
+"""Of a record: bytes before the number of its parts, but for a name; that number; bytes of a part.
 
-
-RECORDS = {
-    "cameras.bin": (23, "<B", 0),  # and its parameters
-    "images.bin": (64, "<Q", 24),
-    "points3D.bin": (43, "<Q", 8),
-    "frames.bin": (64, "<I", 16),
-    "rigs.bin": (4, "<I", 8),
-}
-"""Of a record: bytes before the number of its parts, but for a name; that number; bytes of a part."""
+What cameras.bin and rigs.bin announce pycolmap checks itself."""
 
 
 def find_model(folder: Path) -> FoundModel:

@@ -33,6 +33,9 @@ FIRST_GUESS, ROUNDS, LONGEST = 0.5, 5, 1.0  # of exposure over frame interval
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 
+Runs = list[tuple[list[int], Trajectory]]  # of frames that follow one another
+
+
 @dataclass(frozen=True, kw_only=True)
 class Placement:
     """A reconstruction with virtual views.
@@ -106,18 +109,26 @@ def place_views(
     linked = _read_linked(Path(database), reconstruction, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-    runs = _runs(linked, names)
+    poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
+    numbers = {name: str(number) for number, name in enumerate(names or ())}
+    named = [numbers.get(one.photograph.name, one.photograph.name) for one in linked]
+    runs = [(run, Trajectory(poses=poses[run])) for run in consecutive_runs(named)]
     read = [_frame(reconstruction, one) for one in linked]
     frames, used = _with_velocities(read, runs, fraction)
     if fraction is not None:
         frames = _scaled(frames, fraction)
-    guessed = fraction is None and used >= LONGEST and not _turns_known(frames, runs, used)
+    spreads, shares, bends = _weights(frames, runs, used)
+    guessed = fraction is None and used >= LONGEST
+    if guessed:  # unless the trajectory says how most frames turn while the shutter is open
+        guessed = not np.median(shares[[index for run, _ in runs for index in run], 0]) > 0
     if guessed:
         frames, used = _with_velocities(frames, runs, FIRST_GUESS)
-    frames, spreads, bends = _weighed(frames, runs, used)
+        spreads, shares, bends = _weights(frames, runs, used)
     placed: list[str] = []
     left: list[str] = []
-    for one, frame, spread, bend in zip(linked, frames, spreads, bends, strict=True):
+    for one, frame, spread, share, bend in zip(linked, frames, spreads, shares, bends, strict=True):
+        if frame.velocity is not None:
+            frame = replace(frame, velocity=share * frame.velocity)
         motion = exposure_motion(frame, used, spread)
         (left if motion is None else placed).append(one.photograph.name)
         if motion is not None:
@@ -165,17 +176,6 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
     return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
 
 
-Runs = list[tuple[list[int], Trajectory]]  # of frames that follow one another
-
-
-def _runs(linked: list[_Linked], names: Sequence[str] | None) -> Runs:
-    """Return the photographs that follow one another, by their indices, with their trajectories."""
-    poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
-    numbers = {name: str(number) for number, name in enumerate(names or ())}
-    named = [numbers.get(one.photograph.name, one.photograph.name) for one in linked]
-    return [(run, Trajectory(poses=poses[run])) for run in consecutive_runs(named)]
-
-
 def _with_velocities(
     frames: list[ExposedFrame], runs: Runs, fraction: float | None
 ) -> tuple[list[ExposedFrame], float]:
@@ -194,33 +194,18 @@ def _with_velocities(
     return frames, used
 
 
-def _weighed(
-    frames: list[ExposedFrame], runs: Runs, fraction: float
-) -> tuple[list[ExposedFrame], Array, Array]:
-    """Return frames with the velocities to expect, their standard deviations, and bends, (N, 6) each.
+def _weights(frames: list[ExposedFrame], runs: Runs, fraction: float) -> tuple[Array, Array, Array]:
+    """Return standard deviations of velocities, the shares of these to expect, and bends, (N, 6) each.
 
     A bend is how far the middle of both ends is from where the camera is at mid exposure.
     """
-    spreads, bends = np.ones((len(frames), 6)), np.zeros((len(frames), 6))
-    if not np.isfinite(fraction):
-        return frames, spreads, bends
-    for run, trajectory in runs:
+    spreads, shares, bends = np.ones((len(frames), 6)), np.ones((len(frames), 6)), np.zeros((len(frames), 6))
+    for run, trajectory in runs if np.isfinite(fraction) else ():
         own = [frames[index] for index in run]
         spreads[run] = widened(own, fraction, trajectory.spreads(fraction))
-        shares = trajectory.shares(fraction, spreads[run])
-        bends[run] = shares * trajectory.ends(fraction).mean(axis=1)
-        for index, frame, share in zip(run, own, shares, strict=True):
-            frames[index] = replace(frame, velocity=share * frame.velocity)
-    return frames, spreads, bends
-
-
-def _turns_known(frames: list[ExposedFrame], runs: Runs, fraction: float) -> bool:
-    """Return whether the trajectory says anything about how most frames turn while the shutter is open."""
-    shares = []
-    for run, trajectory in runs:
-        spreads = widened([frames[index] for index in run], fraction, trajectory.spreads(fraction))
-        shares.append(trajectory.shares(fraction, spreads)[:, 0])
-    return bool(np.median(np.concatenate(shares)) > 0)
+        shares[run] = trajectory.shares(fraction, spreads[run])
+        bends[run] = shares[run] * trajectory.ends(fraction).mean(axis=1)
+    return spreads, shares, bends
 
 
 def _scaled(frames: list[ExposedFrame], fraction: float) -> list[ExposedFrame]:
@@ -260,7 +245,8 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
 def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
     """Add both images half of the motion before and after the photograph, bent, and what they observe.
 
-    Each is alone in its frame; the rig, which may have more cameras, is that of the photograph.
+    Each is alone in its frame; the rig, which may have more cameras, is that of the photograph. A view
+    observes the photograph's 3D points that project within `MAX_ERROR_PX`.
     """
     import pycolmap
 
@@ -277,19 +263,12 @@ def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
         pose = half * photograph.cam_from_world()
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)
-        _observe(model, one, view.image_id)
-
-
-def _observe(model: Any, one: _Linked, image_id: int) -> None:
-    """Add observations in a new view of its photograph's 3D points that project within `MAX_ERROR_PX`."""
-    import pycolmap
-
-    image, points = model.images[image_id], one.photograph.points2D
-    for index in map(int, one.matched):
-        if not points[index].has_point3D():
-            continue
-        number = points[index].point3D_id
-        projected = image.project_point(model.points3D[number].xyz)
-        if projected is None or not np.linalg.norm(projected - image.points2D[index].xy) < MAX_ERROR_PX:
-            continue
-        model.add_observation(number, pycolmap.TrackElement(image_id, index))
+        image, points = model.images[view.image_id], photograph.points2D
+        for index in map(int, one.matched):
+            if points[index].has_point3D():
+                number = points[index].point3D_id
+                projected = image.project_point(model.points3D[number].xyz)
+                if projected is None:
+                    continue
+                if np.linalg.norm(projected - image.points2D[index].xy) < MAX_ERROR_PX:
+                    model.add_observation(number, pycolmap.TrackElement(view.image_id, index))

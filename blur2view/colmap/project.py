@@ -2,7 +2,7 @@
 
 import hashlib
 import sqlite3
-from collections.abc import Collection, Container, Iterator, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, keypoints_from_blob, matches_from_blob, pair_id
+from blur2view.colmap.schema import (
+    CAMERA_SENSOR,
+    MAX_IMAGES,
+    keypoints_from_blob,
+    matches_from_blob,
+    pair_id,
+    rig_of,
+)
 from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import NO_POINTS
 
@@ -102,17 +109,6 @@ def frame_of(database: sqlite3.Connection, image_id: int) -> int:
     return image_id if row is None else int(row[0])
 
 
-def rig_of(database: sqlite3.Connection, camera_id: int) -> int | None:
-    """Return the id of the rig that a camera belongs to, None if there is none."""
-    sensor = (camera_id, CAMERA_SENSOR)
-    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
-        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
-        row = database.execute(sql, sensor).fetchone()
-        if row is not None:
-            return int(row[0])
-    return None
-
-
 def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
     """Return id and source of the existing views of a photograph that blur2view wrote, by role."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'blur2view_views'").fetchone():
@@ -135,17 +131,16 @@ def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collecti
     return all(database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone() for table, key in wanted)
 
 
-class DatabaseMatcher:
-    """Matches of photographs of a COLMAP database, verified ones where it has them."""
+def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], tuple[Array, Array]]:
+    """Return what gives matched pixels (M, 2) of two photographs of a database by the indices of their names.
 
-    def __init__(self, path: Path, names: Sequence[str]) -> None:
-        self._path, self._names = path, names
+    Verified matches where it has them; none of what it does not know.
+    """
 
-    def __call__(self, first: int, second: int) -> tuple[Array, Array]:
-        """Return matched pixels (M, 2) of two photographs by their indices, none where it has none."""
-        sql = "SELECT image_id FROM images WHERE name = ?"
-        with open_read_only(self._path) as database:
-            rows = [database.execute(sql, (self._names[one],)).fetchone() for one in (first, second)]
+    def matched(first: int, second: int) -> tuple[Array, Array]:
+        with open_read_only(path) as database:
+            sql = "SELECT image_id FROM images WHERE name = ?"
+            rows = [database.execute(sql, (names[one],)).fetchone() for one in (first, second)]
             if None in rows or rows[0] == rows[1]:
                 return NO_POINTS, NO_POINTS
             try:
@@ -155,11 +150,13 @@ class DatabaseMatcher:
                     index = read_matches(database, "matches", id1, id2)
                 points1, points2 = (from_colmap(read_keypoints(database, one)) for one in (id1, id2))
             except ValueError as error:
-                raise DatabaseError(f"{self._path}: matches cannot be read ({error}); match again") from None
+                raise DatabaseError(f"{path}: matches cannot be read ({error}); match again") from None
         inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
         points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
         finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
         return points1[finite], points2[finite]
+
+    return matched
 
 
 def database_names(path: Path) -> list[str]:

@@ -1,10 +1,9 @@
-"""What a COLMAP database is made of, as SQLite sees it: columns, numbers, blobs.
+"""What a COLMAP database is made of, as SQLite sees it: columns, numbers, blobs, rows of views.
 
 All of it is that of pycolmap 4.2, and tests/colmap/test_schema.py compares it with a file that pycolmap
-writes. pycolmap makes our new databases; SQLite writes the rows of views, as it does to a user's database,
-because ``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables and columns,
-turns on write-ahead logging, and stamps its own version even on a newer file, none of it in a transaction
-with what comes after.
+writes. SQLite writes the rows, to our new databases as to a user's, because ``pycolmap.Database.open``
+changes a file before anything is asked of it: it adds tables and columns, turns on write-ahead logging, and
+stamps its own version even on a newer file, none of it in a transaction with what comes after.
 
 What the rows rely on
 ---------------------
@@ -18,34 +17,21 @@ What the rows rely on
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-import sqlite3
-from collections.abc import Collection
 from pathlib import Path
+from sqlite3 import Connection
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import Array
+from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
 from blur2view.errors import DatabaseError
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
-IMAGE_TABLES = {
-    "cameras": ["camera_id", "model", "width", "height", "params", "prior_focal_length"],
-    "images": ["image_id", "name", "camera_id"],
-    "keypoints": ["image_id", "rows", "cols", "data"],
-    "matches": ["pair_id", "rows", "cols", "data"],
-    "two_view_geometries": ["pair_id", "rows", "cols", "data", "config", "F", "E", "H", "qvec", "tvec"],
-}
-"""The columns that our rows rely on, by table; a project may have more as long as they may stay empty."""
-RIG_TABLES = {
-    "rigs": ["rig_id", "ref_sensor_id", "ref_sensor_type"],
-    "rig_sensors": ["rig_id", "sensor_id", "sensor_type"],
-    "frames": ["frame_id", "rig_id"],
-    "frame_data": ["frame_id", "data_id", "sensor_id", "sensor_type"],
-}
-"""Those of COLMAP 3.12 and newer."""
 # Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
@@ -55,15 +41,10 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
 """
 
 
-def insertion(table: str, columns: Collection[str]) -> str:
-    """Return the statement that inserts a row of these columns."""
-    return f"INSERT INTO {table}({', '.join(columns)}) VALUES ({', '.join('?' * len(columns))})"
+def check_schema(path: Path, database: Connection) -> None:
+    """Refuse what is not a COLMAP database of a known version, whole.
 
-
-def check_schema(path: Path, database: sqlite3.Connection) -> None:
-    """Refuse what is not a COLMAP database of a known version, whole, with the tables and columns we use.
-
-    A table or a column that is missing is an error of SQLite's.
+    A table or a column that is missing is an error of SQLite's, and ends the transaction that writes to it.
     """
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
@@ -71,12 +52,8 @@ def check_schema(path: Path, database: sqlite3.Connection) -> None:
             f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
             "update blur2view"
         )
-    schema = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
-    if "trigger" in schema.values():
+    if database.execute("SELECT 1 FROM sqlite_master WHERE type = 'trigger'").fetchone():
         raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
-    rig_tables = RIG_TABLES if {"frames", "rigs"} & schema.keys() else {}
-    for table, columns in (IMAGE_TABLES | rig_tables).items():
-        database.execute(f"EXPLAIN {insertion(table, columns)}", [None] * len(columns))
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
         raise DatabaseError(f"{path}: is damaged ({' '.join(damage.split())}); restore a backup")
@@ -112,16 +89,107 @@ def _values(
     return np.frombuffer(blob, dtype).reshape(rows, cols)
 
 
-def matches_blob(indices: NDArray[np.integer]) -> bytes | None:
+def rig_of(database: Connection, camera_id: int) -> int | None:
+    """Return the id of the rig that a camera belongs to, None if there is none."""
+    sensor = (camera_id, CAMERA_SENSOR)
+    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
+        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
+        row = database.execute(sql, sensor).fetchone()
+        if row is not None:
+            return int(row[0])
+    return None
+
+
+def add_camera(database: Connection, camera: Any) -> int:
+    """Insert a pycolmap.Camera, and a rig of its own; return its id."""
+    camera_id = _insert(
+        database,
+        "cameras",
+        model=int(camera.model.value),
+        width=camera.width,
+        height=camera.height,
+        params=_blob(camera.params),
+        prior_focal_length=int(camera.has_prior_focal_length),
+    )
+    _insert(database, "rigs", ref_sensor_id=camera_id, ref_sensor_type=CAMERA_SENSOR)
+    return camera_id
+
+
+def put_image(database: Connection, name: str, camera_id: int, own: int | None, *, with_frame: bool) -> int:
+    """Insert an image, or give this camera to our own of this id; return its id.
+
+    With a frame of its own, unless the project has none.
+    """
+    if own is None:
+        image_id = _insert(database, "images", name=name, camera_id=camera_id)
+    else:
+        image_id = own
+        database.execute("UPDATE images SET camera_id = ? WHERE image_id = ?", (camera_id, own))
+    if not with_frame:
+        return image_id
+    if own is not None:
+        row = (own, CAMERA_SENSOR)
+        there = "FROM frame_data JOIN frames USING (frame_id) WHERE data_id = ? AND sensor_type = ?"
+        if database.execute(f"SELECT 1 {there} AND sensor_id = ?", (*row, camera_id)).fetchone():
+            return image_id
+        of_own = "FROM frame_data WHERE data_id = ? AND sensor_type = ?"
+        old = database.execute(f"SELECT frame_id {of_own}", row).fetchall()
+        database.execute(f"DELETE {of_own}", row)
+        unused = "frame_id = ? AND frame_id NOT IN (SELECT frame_id FROM frame_data)"
+        database.executemany(f"DELETE FROM frames WHERE {unused}", old)
+    frame_id = _insert(database, "frames", rig_id=rig_of(database, camera_id))
+    sensor = {"sensor_id": camera_id, "sensor_type": CAMERA_SENSOR}
+    _insert(database, "frame_data", frame_id=frame_id, data_id=image_id, **sensor)
+    return image_id
+
+
+def put_keypoints(database: Connection, image_id: int, points: Array) -> None:
+    """Write our pixels (N, 2) as the keypoints of a view, in place of those it had."""
+    database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
+    data = _blob(to_colmap(points), "<f4")
+    _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
+
+
+def put_pair(
+    database: Connection,
+    ids: tuple[int, int],
+    geometry: TwoViewGeometry,
+    matched: NDArray[np.int_],
+    inliers: NDArray[np.int_],
+) -> None:
+    """Write both match tables' rows of a pair with a view, in place of those it had.
+
+    Keypoints of the indices ``matched`` are matched, those of ``inliers`` fit the geometry, whose own masks
+    are not used; it leads from the first image to the second, the row from the smaller id.
+    """
+    geometry = geometry if ids[0] < ids[1] else geometry.reversed()
+    key, pose = pair_id(*ids), geometry.cam2_from_cam1
+    for table in ("matches", "two_view_geometries"):
+        database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
+    both, fit = ({"rows": len(i), "cols": 2, "data": _matches_blob(i)} for i in (matched, inliers))
+    _insert(database, "matches", pair_id=key, **both)
+    _insert(
+        database,
+        "two_view_geometries",
+        pair_id=key,
+        **fit,
+        config=list(Configuration).index(geometry.config),
+        F=_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
+        E=_blob(geometry.E_of_pose),
+        H=_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),
+        qvec=_blob(None if pose is None else quaternion(pose.rotation)),
+        tvec=_blob(None if pose is None else pose.translation),
+    )
+
+
+def _matches_blob(indices: NDArray[np.integer]) -> bytes | None:
     """Return index-aligned matches (i, i) as bytes; None if there are none, as COLMAP has it."""
-    if len(indices) == 0:
-        return None
-    return np.ascontiguousarray(np.stack([indices, indices], axis=1), "<u4").tobytes()
+    return _blob(np.stack([indices, indices], axis=1), "<u4") if len(indices) else None
 
 
-def matrix_blob(matrix: NDArray[np.floating] | None) -> bytes | None:
-    """Return a matrix or vector as bytes, None as None."""
-    return None if matrix is None else np.ascontiguousarray(matrix, "<f8").tobytes()
+def _blob(values: NDArray[Any] | None, dtype: str = "<f8") -> bytes | None:
+    """Return numbers as bytes, None as None."""
+    return None if values is None else np.ascontiguousarray(values, dtype).tobytes()
 
 
 def quaternion(rotation: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -129,3 +197,12 @@ def quaternion(rotation: NDArray[np.floating]) -> NDArray[np.float64]:
     from scipy.spatial.transform import Rotation
 
     return np.roll(Rotation.from_matrix(rotation).as_quat(canonical=True), 1)
+
+
+def _insert(database: Connection, table: str, **row: object) -> int:
+    """Insert a row; return its id."""
+    sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
+    number = database.execute(sql, tuple(row.values())).lastrowid
+    if number is None:
+        raise RuntimeError(f"SQLite gave no id to a row of {table}")
+    return number

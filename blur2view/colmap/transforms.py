@@ -36,11 +36,18 @@ Masks: nerfstudio reads ``mask_path``, of every frame or of none (0 is left out)
 photograph as stored, whatever its EXIF says.
 
 A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
+
+gsplat reads no such file but COLMAP's model, of its photographs alone, at mid exposure:
+``examples/datasets/colmap.py`` reads every image of the model in ``DIR/sparse/0`` and looks for its file
+below ``DIR/images``, so that views, which no file has, end it; of cameras it knows `KNOWN`, and of masks none
+for a single photograph. Every eighth photograph by name is held out. It knows no blur.
 """
 
 import os
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -60,6 +67,8 @@ FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE
 GLOBAL_SHUTTER = [0, 0, 0, 1]
 BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
 PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes the points
+MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
+KNOWN = (*PLAIN, "OPENCV_FISHEYE")  # to it
 RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
 
 
@@ -74,37 +83,28 @@ class ExposedPhotograph:
     smear_px: float | None = None  # median length of what it observes, None without points
 
 
-def exposed_photographs(model: Any) -> list[ExposedPhotograph]:
-    """Return the photographs of a pycolmap.Reconstruction, by name.
+def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
+    """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer or unknown smears.
 
     A photograph that is not registered itself, but both of whose views are, has the pose halfway between.
+    DatabaseError if none is left, or none of the model has both views.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    exposed = []
+    photographs = []
     for name in sorted({name.removesuffix(OPEN).removesuffix(CLOSE) for name in images}):
-        own, opened, closed = (images.get(name + end) for end in ("", OPEN, CLOSE))
-        if opened is not None and closed is not None:
-            ends = _world_from_camera(opened), _world_from_camera(closed)
-            one = ExposedPhotograph(
-                name=name,
-                camera_id=opened.camera_id,
-                middle=_halfway(*ends) if own is None else _world_from_camera(own),
-                ends=ends,
-                smear_px=_smear_px(model, opened if own is None else own, (opened, closed)),
-            )
-            exposed.append(one)
-        elif own is not None:
-            middle = _world_from_camera(own)
-            exposed.append(ExposedPhotograph(name=name, camera_id=own.camera_id, middle=middle))
-    return exposed
-
-
-def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
-    """Return the photographs of a model's folder whose median smear is no longer, or not known.
-
-    DatabaseError if there is none, or none of the model has both views.
-    """
-    photographs = exposed_photographs(model)
+        own, *views = (images.get(name + end) for end in ("", OPEN, CLOSE))
+        ends = None if None in views else (_world_from_camera(views[0]), _world_from_camera(views[1]))
+        if ends is None and own is None:
+            continue
+        shown: Any = views[0] if own is None else own
+        one = ExposedPhotograph(
+            name=name,
+            camera_id=shown.camera_id,
+            middle=_halfway(*ends) if ends and own is None else _world_from_camera(own),
+            ends=ends,
+            smear_px=_smear_px(model, shown, views) if ends else None,
+        )
+        photographs.append(one)
     if all(one.ends is None for one in photographs):
         raise DatabaseError(
             f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
@@ -149,8 +149,8 @@ def transforms(
     for one in photographs:
         own = {} if len(cameras) == 1 else cameras[one.camera_id]
         path = os.path.join(images, one.name).replace(os.sep, "/")
-        motion = _start_and_end(one) if dialect == INSTANT_NGP else _velocities(one, exposure_s)
-        frames.append({"file_path": path, **own, "transform_matrix": one.middle.tolist(), **motion})
+        pose = {"transform_matrix": one.middle.tolist()}
+        frames.append({"file_path": path, **own, **pose, **_motion(one, dialect, exposure_s)})
     times = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
     points = {PLY_KEY: PLY} if model.points3D else {}
     whole = _box(model, photographs) if dialect == INSTANT_NGP else times | points
@@ -159,21 +159,10 @@ def transforms(
 
 def point_cloud(model: Any) -> bytes:
     """Return the points of a model with their colours as binary PLY, as `pycolmap` writes it, signed."""
-    points = model.points3D.values()
-    kinds = [("xyz", "<f4", 3), ("rgb", "u1", 3)]
-    table = np.zeros(len(points), kinds)
-    for row, point in zip(table, points, strict=True):
-        row["xyz"], row["rgb"] = point.xyz, point.color
-    head = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment {SIGNED_BY}",
-        f"element vertex {len(points)}",
-        *(f"property float {axis}" for axis in "xyz"),
-        *(f"property uchar {colour}" for colour in ("red", "green", "blue")),
-        "end_header\n",
-    ]
-    return "\n".join(head).encode() + table.tobytes()
+    with TemporaryDirectory() as folder:
+        model.export_PLY(os.path.join(folder, PLY))
+        head, body = Path(folder, PLY).read_bytes().split(b"element", 1)
+    return head + f"comment {SIGNED_BY}\nelement".encode() + body
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
@@ -204,7 +193,7 @@ def _halfway(first: Array, last: Array) -> Array:
     return np.vstack([pose, LAST_ROW])
 
 
-def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
+def _smear_px(model: Any, image: Any, views: Sequence[Any]) -> float | None:
     """Return the median distance of what an image observes between both views."""
     seen = [place for place, point in enumerate(image.points2D) if point.has_point3D()]
     if not seen:
@@ -221,23 +210,18 @@ def _smear_px(model: Any, image: Any, views: tuple[Any, Any]) -> float | None:
     return float(np.median(length[before])) if before.any() else None
 
 
-def _start_and_end(one: ExposedPhotograph) -> dict[str, Any]:
-    """Return what instant-ngp reads of an exposure."""
+def _motion(one: ExposedPhotograph, dialect: str, exposure_s: float) -> dict[str, Any]:
+    """Return what instant-ngp, or the fork of nerfstudio, reads of an exposure."""
     if one.ends is None:
-        return {}
-    start, end = (pose.tolist() for pose in one.ends)
-    sharp = {} if one.smear_px is None else {"sharpness": 1 / (1 + one.smear_px)}
-    return {**sharp, "transform_matrix_start": start, "transform_matrix_end": end}
-
-
-def _velocities(one: ExposedPhotograph, exposure_s: float) -> dict[str, Any]:
-    """Return what the fork of nerfstudio reads of an exposure."""
-    linear, angular = np.zeros(3), np.zeros(3)
-    if one.ends is not None:
-        first, last = one.ends
-        camera_from_world = one.middle[:3, :3].T
-        linear = camera_from_world @ (last[:3, 3] - first[:3, 3]) / exposure_s
-        angular = camera_from_world @ rotation_vector(last[:3, :3] @ first[:3, :3].T) / exposure_s
+        still = {f"camera_{kind}_velocity": [0.0] * 3 for kind in ("linear", "angular")}
+        return {} if dialect == INSTANT_NGP else still
+    first, last = one.ends
+    if dialect == INSTANT_NGP:
+        sharp = {} if one.smear_px is None else {"sharpness": 1 / (1 + one.smear_px)}
+        return {**sharp, "transform_matrix_start": first.tolist(), "transform_matrix_end": last.tolist()}
+    camera_from_world = one.middle[:3, :3].T
+    linear = camera_from_world @ (last[:3, 3] - first[:3, 3]) / exposure_s
+    angular = camera_from_world @ rotation_vector(last[:3, :3] @ first[:3, :3].T) / exposure_s
     return {"camera_linear_velocity": linear.tolist(), "camera_angular_velocity": angular.tolist()}
 
 
@@ -253,3 +237,23 @@ def _box(model: Any, photographs: list[ExposedPhotograph]) -> dict[str, Any]:
     upright = {"up": (up / norm).tolist()} if norm > 0 else {}
     place = {"aabb_scale": BOX, "scale": scale, "offset": (0.5 - scale * middle).tolist()}
     return {"rolling_shutter": GLOBAL_SHUTTER, **place, **upright}
+
+
+def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
+    """Remove all other images from the pycolmap.Reconstruction of a folder, and points that only they saw.
+
+    DatabaseError if none of the names is registered, or a camera is of a kind that gsplat does not know.
+    """
+    posed = [image for image in model.images.values() if image.has_pose]
+    kept = [image for image in posed if image.name in names]
+    if not kept:
+        raise DatabaseError(f"{folder}: has views alone and no pose of a photograph; name the model of both")
+    for kind in sorted({model.cameras[image.camera_id].model_name for image in kept} - set(KNOWN)):
+        raise DatabaseError(
+            f"{folder}: has a camera {kind}, which gsplat does not know; undistort the photographs first "
+            "with colmap image_undistorter"
+        )
+    for image in posed:
+        if image.name not in names and image.has_pose:  # not with another of its frame
+            model.deregister_frame(image.frame_id)
+    model.tear_down()

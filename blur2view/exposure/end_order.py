@@ -20,7 +20,6 @@ from blur2view.geometry.pose import RigidTransform, order_before_both, oriented_
 from blur2view.geometry.rotation import against_rotation
 from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.smears.matches import SmearMatches
 
 GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses; cheirality needs no better
 
@@ -53,21 +52,22 @@ def open_and_close(ends: Array, swapped: NDArray[np.bool_]) -> tuple[Array, Arra
 
 
 def motion_order(
-    geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None, size: tuple[int, int]
+    geometry: TwoViewGeometry, ends: Array, sampson_px: Array, camera: Camera | None, size: tuple[int, int]
 ) -> MotionOrder:
     """Return the motion to order smears by: that of F, where the pose is not known.
 
-    F, or H, is kept as it is, so that orders agree with it and not its transpose. Without a camera the focal
-    length is the one that COLMAP guesses; ``size`` is width and height of the photograph, pixels.
+    F, or H, is kept as it is, so that orders agree with it and not its transpose. ``ends`` (N, 2, 2) and
+    ``sampson_px`` (N,) are of the smears that it was estimated from. Without a camera the focal length is the
+    one that COLMAP guesses; ``size`` is width and height of the photograph, pixels.
     """
     camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
     pose = geometry.cam2_from_cam1
-    if pose is not None or geometry.F is None or len(matches) == 0:
+    if pose is not None or geometry.F is None or len(ends) == 0:
         return MotionOrder(geometry=geometry, camera=camera, pose=pose)
     E = camera.K.T @ geometry.F @ camera.K
-    forward = forward_share(geometry, camera.undistorted(matches.ends), matches.sampson_px)
+    forward = forward_share(geometry, camera.undistorted(ends), sampson_px)
     inliers = geometry.inlier_mask.astype(float)
-    oriented = oriented_pose(E, camera.rays(matches.ends), forward, inliers)
+    oriented = oriented_pose(E, camera.rays(ends), forward, inliers)
     return MotionOrder(geometry=geometry, camera=camera, pose=oriented.pose)
 
 

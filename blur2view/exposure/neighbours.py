@@ -41,13 +41,8 @@ def photograph_matcher(paths: Sequence[Path]) -> Callable[[int, int], tuple[Arra
 
 
 def features_of(image: NDArray[np.float32]) -> Features:
-    """Return the features of a photograph (H, W, 3), RGB in [0, 1]."""
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return detect(np.asarray(np.rint(255 * grey), np.uint8))
-
-
-def detect(grey: NDArray[np.uint8]) -> Features:
-    """Return SIFT features of a picture (H, W): pixels (N, 2) of the picture as given, and descriptors."""
+    """Return SIFT features of a photograph (H, W, 3), RGB in [0, 1]: its pixels (N, 2), and descriptors."""
+    grey = np.asarray(np.rint(255 * cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)), np.uint8)
     scale = min(1.0, MAX_SIDE / max(grey.shape))
     if scale < 1:
         grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
@@ -65,7 +60,11 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     (points1, descriptors1), (points2, descriptors2) = one, other
     if min(len(points1), len(points2)) < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
-    similarity = unit(descriptors1) @ unit(descriptors2).T
+    unit1, unit2 = (
+        one / np.maximum(np.linalg.norm(one, axis=1, keepdims=True), 1e-6)
+        for one in (descriptors1, descriptors2)
+    )
+    similarity = unit1 @ unit2.T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
     near = np.sqrt(np.maximum(2 - 2 * similarity[rows, best], 0))
@@ -75,12 +74,6 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     if len(chosen) < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
     return verified(points1[chosen], points2[best[chosen]])
-
-
-def unit(descriptors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return descriptors (N, 128) scaled to length 1, so that their products are cosines."""
-    length = np.linalg.norm(descriptors, axis=1, keepdims=True)
-    return np.asarray(descriptors / np.maximum(length, 1e-6), np.float32)
 
 
 def verified(points1: Array, points2: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.exposure.neighbours import Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
-from blur2view.exposure.views import views_in_order, views_of
+from blur2view.exposure.views import views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.photographs.video import read_video
@@ -29,7 +29,7 @@ def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate
     if estimated.shutter is None:
         views, candidates = views_of("frame", estimated), None
     else:  # another motion in the other order in time, or none
-        views = views_in_order("frame", estimated, estimated.geometry.swapped)
+        views = views_of("frame", estimated, estimated.geometry.swapped)
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motions, candidates)
     return replace(estimated, geometry=views.geometry, time=views.time)
@@ -104,6 +104,8 @@ def estimate_frames(
             publisher.publish(message)
     """
     if isinstance(frames, str | os.PathLike):
+        if os.path.isdir(frames):
+            raise ValueError(f"{frames}: is a folder; give map(blur2view.read_image, paths of its frames)")
         frames = read_video(frames)
     if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
         got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"

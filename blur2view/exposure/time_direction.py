@@ -19,7 +19,6 @@ from posixpath import dirname
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -93,9 +92,16 @@ def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> fl
 
 
 def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
-    """Return the mean cosine with one neighbour's motion, and that motion's median length in pixels."""
-    smear, near = smears_at(views, motion.points)
-    velocity = motion.velocity[near]
+    """Return the mean cosine of the smears nearby with one neighbour's motion, and its median length, px."""
+    inliers = views.geometry.inlier_mask
+    if not inliers.any() or not len(motion.points):
+        return 0.0, 0.0
+    start, close = views.points_open[inliers], views.points_close[inliers]
+    from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
+
+    distance, index = cKDTree((start + close) / 2).query(motion.points)
+    near = distance < MAX_DISTANCE * max(views.size)
+    smear, velocity = (close - start)[index[near]], motion.velocity[near]
     moved = velocity.any(axis=1) & smear.any(axis=1)
     if moved.sum() < MIN_MATCHES:
         return 0.0, 0.0
@@ -105,20 +111,6 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
         return 0.0, 0.0
     cosine = (smear * velocity).sum(axis=1) / (length * smeared)
     return float(cosine.mean()), float(np.median(length))
-
-
-def smears_at(views: ExposureViews, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the nearest inlier smears, open to close, (K, 2), and which (M,) of the points have one near."""
-    inliers = views.geometry.inlier_mask
-    if not inliers.any() or not len(points):
-        return np.zeros((0, 2)), np.zeros(len(points), bool)
-    start, close = views.points_open[inliers], views.points_close[inliers]
-    from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
-
-    distance, index = cKDTree((start + close) / 2).query(points)
-    near = distance < MAX_DISTANCE * max(views.size)
-    displacement: Array = (close - start)[index[near]]
-    return displacement, near
 
 
 def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:

@@ -3,16 +3,16 @@
 Where a reconstruction holds the photographs of a video, two things are known beside the smears: how far away
 every feature is, which makes its smear linear in the camera's rotation and translation; and how the camera
 moves from frame to frame, of which the exposure is a fraction, the same in every frame. So the smears measure
-that fraction, and where this frame's motion departs from it. Both are weighed. A cubic spline through the
+that fraction, and where this frame's rotation departs from it. Both are weighed. A cubic spline through the
 poses says what the camera did between them, as surely as it predicts a pose from the others; smears say by
-how much that is too sure, as of a shake that is faster than the frames. ``python -m tools.evaluation.placed``
-measures what comes of it.
+how much that is too sure, as of a shake that is faster than the frames. Of positions the spline alone says
+more: smears err by more than a short exposure's parallax. ``python -m tools.evaluation.placed`` measures what
+comes of it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ INDEPENDENT_SMEARS = 4  # at most: with more, smears are called surer than tools
 MIN_SMEARS = 8  # smears; with fewer a frame's motion is not estimated
 STEPS = 15  # of reweighting: from a trajectory that is far off it takes ten
 REACH = 3  # frames before and after through which the spline about a frame goes
+LEAST_SHARE = 1e-3  # of the largest part of a motion, the standard deviation of a part that is known
 SUREST = 0.01  # of the size of velocities, their least standard deviation
 BEYOND = 3.0  # times less sure where one side has no frame
 FACTORS: Array = np.geomspace(0.25, 1024, 13)  # by which a trajectory may be less sure than it seems
@@ -34,21 +35,13 @@ FREEDOM = 4  # degrees, of Student's t: some frames are outliers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedFrame:
-    """A frame's smears at features of known depth, and the trajectory's velocity there, in checked shapes."""
+    """A frame's smears at features of known depth, and the trajectory's velocity there."""
 
     rays: Array  # (N, 2): x/z, y/z of the features at mid exposure
     displacement: Array  # (N, 2): their smears, open to close, in the same coordinates
     inverse_depth: Array  # (N,): one over the features' z
     # (6,): rotation vector and translation per frame, of cam_later_from_cam_earlier; None without neighbours
     velocity: Array | None
-
-    def __post_init__(self) -> None:
-        count = len(self.inverse_depth)
-        shapes = self.rays.shape, self.displacement.shape, self.inverse_depth.shape
-        if shapes != ((count, 2), (count, 2), (count,)):
-            raise ValueError(f"expected rays (N, 2), displacement (N, 2), inverse_depth (N,), got {shapes}")
-        if self.velocity is not None and self.velocity.shape != (6,):
-            raise ValueError(f"expected a velocity (6,), got {self.velocity.shape}")
 
     @property
     def rows(self) -> Array:
@@ -88,7 +81,7 @@ def exposure_motion(frame: ExposedFrame, fraction: float, spread: Array) -> Arra
     expected, precision = np.zeros(6), np.full(6, TINY)
     if frame.velocity is not None and np.isfinite(fraction):
         expected = fraction * frame.sense * frame.velocity
-        precision = 1 / np.maximum(fraction * spread, 1e-3 * np.abs(expected).max() + TINY) ** 2
+        precision = 1 / np.maximum(fraction * spread, LEAST_SHARE * np.abs(expected).max() + TINY) ** 2
     if len(frame.rays) < MIN_SMEARS:
         return expected if frame.velocity is not None and np.isfinite(fraction) else None
     return _weighed(frame, expected, precision)[0]
@@ -112,31 +105,31 @@ def _weighed(frame: ExposedFrame, expected: Array, precision: Array) -> tuple[Ar
 
 
 def widened(frames: Sequence[ExposedFrame], fraction: float, spreads: Array) -> Array:
-    """Return standard deviations (N, 6) of velocities as large as smears show that they are.
+    """Return standard deviations (N, 6) of velocities: of rotations as large as smears show that they are.
 
     A shake faster than the frames looks like a slow one in their poses: only smears show that it is not. One
-    factor for rotations and one for translations, of largest likelihood (Student's t with
-    `FREEDOM`, for what smears alone say of each frame's motion less that of the trajectory).
+    factor, of largest likelihood (Student's t with `FREEDOM`, for what smears alone say of each frame's
+    rotation less that of the trajectory). Of translations zero: smears of known rotation make them worse.
     """
     apart, own, path = [], [], []
     for frame, spread in zip(frames, spreads, strict=True):
         if frame.velocity is not None and len(frame.rays) >= MIN_SMEARS and np.isfinite(spread).all():
             expected = fraction * frame.sense * frame.velocity
-            motion, information = _weighed(frame, expected, np.full(6, TINY))
-            apart.append(motion - expected)
-            own.append(np.linalg.pinv(information, hermitian=True))
-            path.append((fraction * spread) ** 2)
+            known = 1 / (LEAST_SHARE * np.abs(expected).max() + TINY) ** 2
+            motion, information = _weighed(frame, expected, np.repeat([TINY, known], 3))
+            apart.append((motion - expected)[:3])
+            own.append(np.linalg.pinv(information[:3, :3], hermitian=True))
+            path.append((fraction * spread[:3]) ** 2)
     if not apart:
-        return spreads
+        return np.asarray(spreads * np.repeat([1.0, 0.0], 3))
     d, C, variance = np.array(apart), np.array(own), np.array(path)
     likely = []
-    for factors in product(FACTORS, FACTORS):
-        covariance = C + np.eye(6) * (variance * np.repeat(factors, 3) ** 2)[:, None, :]
+    for factor in FACTORS:
+        covariance = C + np.eye(3) * (variance * factor**2)[:, None, :]
         far = (d * np.linalg.solve(covariance, d[..., None])[..., 0]).sum(axis=1)
         spread_log = np.linalg.slogdet(covariance)[1]
-        likely.append(-0.5 * (spread_log + (FREEDOM + 6) * np.log1p(far / FREEDOM)).sum())
-    factors = list(product(FACTORS, FACTORS))[int(np.argmax(likely))]
-    return np.asarray(spreads * np.repeat(factors, 3))
+        likely.append(-0.5 * (spread_log + (FREEDOM + 3) * np.log1p(far / FREEDOM)).sum())
+    return np.asarray(spreads * np.repeat([FACTORS[int(np.argmax(likely))], 0.0], 3))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

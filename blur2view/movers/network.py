@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.model_file import open_session, patient, session_errors, shipped_file, usable_cores
+from blur2view.networks.model_file import Execution, OnnxNetwork, shipped_file
 
 Floats = NDArray[np.float32]
 
@@ -20,6 +20,8 @@ SHIPPED = "movers.onnx"
 REMEDY = "install blur2view again, or export one with tools/training/export_movers.py"
 INPUTS, OUTPUT = ("places", "cells"), "log_odds"
 """Of float32: places (1, 15, 8 h, 8 w), cells (1, 19, h, w) and log_odds (1, 2, 8 h, 8 w)."""
+CELL_PX = 32
+"""Side of the cells that it was trained on."""
 
 
 class MoverNetwork:
@@ -29,6 +31,8 @@ class MoverNetwork:
     ----------
     path : Path, optional
         An ONNX file written by ``tools/training/export_movers.py``; the shipped one by default.
+    execution : Execution, optional
+        What runs it.
 
     Raises
     ------
@@ -36,12 +40,10 @@ class MoverNetwork:
         If the file is missing, not ONNX, or has other inputs.
     """
 
-    def __init__(self, path: Path | None = None) -> None:
-        self.path = shipped_file(SHIPPED) if path is None else path
-        self._session = open_session(self.path, usable_cores(), remedy=REMEDY)
-        names = tuple(node.name for node in self._session.get_inputs())
-        if names != INPUTS:
-            raise ModelError(f"{self.path}: is not a mover network; {REMEDY}")
+    def __init__(self, path: Path | None = None, execution: Execution | None = None) -> None:
+        self._network = OnnxNetwork(path or shipped_file(SHIPPED), execution or Execution(), REMEDY)
+        if [node.name for node in self._network.session.get_inputs()] != list(INPUTS):
+            raise ModelError(f"{self._network.path}: is not a mover network; {REMEDY}")
 
     def log_odds(self, places: Floats, cells: Floats) -> tuple[Floats, Floats]:
         """Return the log-odds (8 h, 8 w) that places move, and that their smears are read right.
@@ -56,17 +58,14 @@ class MoverNetwork:
         ModelError
             If the network cannot be run on them.
         """
+        height, width = (CELL_PX * side for side in cells.shape[:2])
         inputs = (np.ascontiguousarray(np.moveaxis(each, -1, 0)[None]) for each in (places, cells))
-        try:
-            with patient(cells.shape[0] * cells.shape[1]) as options:
-                (found,) = self._session.run([OUTPUT], dict(zip(INPUTS, inputs, strict=True)), options)
-        except session_errors() as error:
-            raise ModelError(f"{self.path}: cannot be run ({error})") from None
+        (found,) = self._network.run(dict(zip(INPUTS, inputs, strict=True)), (width, height))
         moving, read = found[0]
         return moving, read
 
 
 @cache
-def shipped() -> MoverNetwork:
+def shipped(execution: Execution) -> MoverNetwork:
     """Return the network that ships."""
-    return MoverNetwork()
+    return MoverNetwork(execution=execution)

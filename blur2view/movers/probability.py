@@ -12,8 +12,9 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import PLACE_PX, Picture, of_cells, of_places
-from blur2view.movers.network import shipped
+from blur2view.movers.network import CELL_PX, shipped
 from blur2view.movers.parts import parts_of
+from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import rgb_of
 from blur2view.smears.grid import SmearGrid
 
@@ -23,8 +24,6 @@ ROUNDS = 2
 """Fits of the camera's motion, the second without what moves."""
 MOST_PX = 2_500_000
 """Pixels of a photograph; larger ones are halved until they have no more."""
-CELL_PX = 32
-"""Side of the cells that the network was trained on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,6 +70,7 @@ def moving_probability(
     F: Array | None = None,
     camera: Camera | None = None,
     rng: np.random.Generator | None = None,
+    execution: Execution | None = None,
 ) -> Moving:
     """Return what moves by itself in a photograph.
 
@@ -86,7 +86,10 @@ def moving_probability(
         Whose distortion F is without.
     rng : numpy.random.Generator, optional
         Draws starts of the fit of the camera's motion; without it the camera is at rest.
+    execution : Execution, optional
+        What runs the network; the processor by default.
     """
+    network = shipped(execution or Execution())
     factor = factor_of(grid)
     if factor > 1:
         size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
@@ -99,7 +102,7 @@ def moving_probability(
     motion = np.zeros_like(cells.displacement)
     for _ in range(1 if rng is None else ROUNDS):
         motion = motion if rng is None else camera_field(cells, weight, rng)
-        odds = shipped().log_odds(of_places(picture, cells, motion), of_cells(cells, grid, motion, F))
+        odds = network.log_odds(of_places(picture, cells, motion), of_cells(cells, grid, motion, F))
         moving, read = (np.asarray(1 / (1 + np.exp(-each)), np.float32) for each in odds)
         weight = 1 - at_cells(moving, weight.shape)
     smooth = picture.smooth()

@@ -5,20 +5,21 @@ at d and -d, a pixel or two wide. The network reads it in bins of 5.6 degrees an
 length, robustly: it knows false peaks. Here the cepstra of the windows are sampled about the network's
 smears, by how far these would be turned and scaled, and summed over neighbouring windows, whose errors are
 alike and whose textures are not. The smear is then the mean over the network's own distribution times the
-likelihood of the peak (Bayes).
+likelihood of the peak (Bayes). A cepstrum is even, so that its half of lags y >= 0 is enough.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.networks.half_cepstra import half_cepstra, values_at
-from blur2view.networks.spectra import in_batches
+from blur2view.networks.spectra import NOISE_FLOOR, TAPERS, TREND, WINDOW, in_batches
 from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
 Floats = NDArray[np.float32]
@@ -36,8 +37,14 @@ NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
 and with 1 rho of F is 1.06 and 1.11 times as large)."""
 TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
+CEPSTRUM_RANGE_PX = 3.0, 40.0
+"""Distances from the origin over which the deviation of a cepstrum is taken."""
+MARGIN = 2
+"""Rows before lag 0 that a cubic interpolation needs."""
 PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
+
+ERF = np.vectorize(math.erf, otypes=[np.float32])  # SciPy is slow to import
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,14 +95,14 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
         if not prior.usable.any():
             continue
         corrections = corrections_of(*sampled_peaks(power, prior, threads), prior)
-        own &= at_cells(prior.usable, side) & (cells[..., 2] < UNSURE * length)
-        moved[own] = corrected(cells, at_cells(corrections, side))[own]
+        own &= repeated(prior.usable, side) & (cells[..., 2] < UNSURE * length)
+        moved[own] = corrected(cells, repeated(corrections, side))[own]
     return moved
 
 
-def at_cells(values: NDArray[Any], side: int) -> NDArray[Any]:
-    """Return values of windows (h, w) at the side x side cells of each."""
-    return np.repeat(np.repeat(values, side, 0), side, 1)
+def repeated(cells: NDArray[Any], times: int) -> NDArray[Any]:
+    """Return cells (h, w, ...) as those so many times smaller along both axes that lie in them."""
+    return np.repeat(np.repeat(cells, times, 0), times, 1)
 
 
 def prior_of(cells: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Prior:
@@ -154,7 +161,7 @@ def corrections_of(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
     """
     a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
-    inside = within(a[..., -1]) * within(b[..., -1])
+    inside = ERF(a[..., -1] / 2**0.5) * ERF(b[..., -1] / 2**0.5)
     density *= (inside / density.sum((-2, -1)))[..., None, None]
     log_posterior = np.log(density + 1e-30) + evidence_of(peaks)
     most = log_posterior.max((-2, -1))
@@ -205,12 +212,6 @@ def mean_and_variance(weights: Floats, values: Floats) -> tuple[Floats, Floats]:
     return mean, np.maximum(weights @ values**2 - mean**2, 0)
 
 
-def within(deviations: Floats) -> Floats:
-    """Return the probability that a normal deviate is within so many deviations; SciPy is slow to import."""
-    shares = [math.erf(value) for value in (deviations / 2**0.5).ravel().tolist()]
-    return np.array(shares, np.float32).reshape(deviations.shape)
-
-
 def over_neighbours(values: Floats, weights: Floats) -> Floats:
     """Return the weighted sums of values (h, w, ...) over neighbouring windows along both axes."""
     height, width = values.shape[:2]
@@ -221,3 +222,51 @@ def over_neighbours(values: Floats, weights: Floats) -> Floats:
     )
     down = (rows @ values.reshape(height, -1)).reshape(height, width, -1)
     return np.asarray((columns @ down).reshape(values.shape))
+
+
+def half_cepstra(power: Floats) -> Floats:
+    """Return the halves (n, 50, 96) of the cepstra of power spectra (n, 96, 49), of mean 0 and deviation 1.
+
+    Lags -2 to 47 along y and -48 to 47 along x: the inverse transform as two products of matrices.
+    """
+    taper, down, across, trendless, ring = filters()
+    parts = down @ (np.log(power + np.float32(NOISE_FLOOR)) * taper)
+    parts = parts.reshape(len(power), 2, len(trendless), -1).swapaxes(1, 2)  # sines beside their cosines
+    flat = (parts.reshape(-1, len(across)) @ across).reshape(len(power), -1)
+    flat *= trendless.ravel()
+    mean, square = (flat @ ring)[:, None], ((flat * flat) @ ring)[:, None]
+    flat -= mean
+    flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
+    return np.asarray(flat.reshape(len(power), *trendless.shape))
+
+
+@functools.cache
+def filters() -> tuple[Floats, ...]:
+    """Return what makes the half of a cepstrum of a log power spectrum.
+
+    The spectrum's taper (96, 49); cosines, then sines, along y (2 * 50, 96) and along x (2 * 49, 96); factors
+    by lag, 0 where a spectrum's trend is and 1 where peaks are (50, 96); and the weights of the mean over
+    CEPSTRUM_RANGE_PX, (50 * 96,).
+    """
+    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW), np.arange(WINDOW // 2 + 1)
+    x, y = np.arange(-WINDOW // 2, WINDOW // 2), np.arange(-MARGIN, WINDOW // 2)[:, None]
+    radius, distance = np.hypot(rows[:, None], columns), np.hypot(y, x)
+    taper = np.exp(-((radius / (TAPERS[0] * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
+    taper *= np.where(columns % (WINDOW // 2), 2, 1) / WINDOW**2  # the other half plane is the same
+    down, across = 2 * np.pi / WINDOW * y * rows, 2 * np.pi / WINDOW * columns[:, None] * x
+    trendless = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
+    ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1])
+    weights = (ring * np.heaviside(y, 0.5)).ravel()  # lags of y = 0 are there twice
+    down, across = np.r_[np.cos(down), np.sin(down)], np.r_[np.cos(across), -np.sin(across)]
+    arrays = taper, down, across, trendless, weights / weights.sum()
+    return tuple(array.astype(np.float32) for array in arrays)
+
+
+def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
+    """Return the values of halves of cepstra (n, 50, 96) at lags x + iy, (n, m), each its own; 0 outside."""
+    lags = np.where(lags.imag < 0, -lags, lags)  # a cepstrum is even
+    inside = lags.imag < WINDOW // 2 - 1  # or it would be read off the cepstrum below
+    x = np.where(inside, lags.real + WINDOW // 2, -WINDOW)
+    y = lags.imag + MARGIN + cepstra.shape[1] * np.arange(len(cepstra), dtype=np.float32)[:, None]
+    values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
+    return np.asarray(values, np.float32)

@@ -3,13 +3,13 @@
 import json
 import os
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.input_files import read_regular
 from blur2view.networks.spectra import STEP
@@ -18,7 +18,6 @@ FORMAT = "4"
 OLDER_FORMATS = ("1", "2", "3")
 INPUTS = "grey", "cepstra", "scales", "coarser"
 OUTPUTS = "logits", "radii", "kinds", "features"
-AXES = dict(zip((*INPUTS, *OUTPUTS), (4, 5, 4, 5, 5, 4, 4, 5), strict=True))
 """Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
 logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
 SHIPPED = "smear.onnx"
@@ -70,69 +69,99 @@ def shipped_file(name: str) -> Path:
     return installed if installed.exists() else package.parent / "models" / name
 
 
-def open_session(path: Path, threads: int, providers: Sequence[str] = (), remedy: str = REMEDY) -> Any:
-    """Open an ONNX Runtime session or raise ModelError, which names the remedy.
+def usable_cores() -> int:
+    """Count the cores this process may use, which in a container can be fewer than the machine has."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-    Nothing of the network is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of
-    all networks of the process together. ``providers`` as of `provider_names`.
+
+@dataclass(frozen=True, kw_only=True)
+class Execution:
+    """What runs networks: so many threads, on which the result does not depend, and ONNX Runtime's providers.
+
+    These, such as cuda, coreml or openvino, are tried before the processor.
     """
-    try:
-        content = read_regular(path, MAX_FILE_BYTES)
-    except OSError as error:
-        raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
-    onnxruntime = _onnxruntime()
-    wanted = provider_names(providers)
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.use_deterministic_compute = True
-    options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
-    options.add_session_config_entry("session.use_env_allocators", "1")
-    options.log_severity_level = 4  # only what is fatal: the exception says the rest
-    try:
-        # with its fallback ONNX Runtime would print to stdout and try once more
-        session = onnxruntime.InferenceSession(
-            content,
-            options,
-            providers=[*wanted, CPU],
-            enable_fallback=0,
-            disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
-        )
-    except session_errors():
-        raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
-    if idle := [name for name in wanted if name not in session.get_providers()]:
-        raise ModelError(f"{_short(idle[0])} does not start: a library or a device is missing; leave it out")
-    return session
+
+    threads: int = field(default_factory=usable_cores)
+    providers: tuple[str, ...] = ()
 
 
-def provider_names(providers: Sequence[str]) -> list[str]:
-    """Return ONNX Runtime's names of execution providers, such as cuda, coreml or openvino.
+class OnnxNetwork:
+    """A network that ONNX Runtime has opened.
 
-    ModelError if its build has one of them not.
+    Nothing of it is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of all
+    networks of the process together, and on time.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read or is no network, or there is no such provider; it names the remedy.
     """
+
+    def __init__(self, path: Path, execution: Execution, remedy: str = REMEDY) -> None:
+        self.path, self.execution, self.remedy = path, execution, remedy
+        try:
+            content = read_regular(path, MAX_FILE_BYTES)
+        except OSError as error:
+            raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
+        onnxruntime = _onnxruntime()
+        wanted = _provider_names(execution.providers)
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = execution.threads
+        options.inter_op_num_threads = 1
+        options.use_deterministic_compute = True
+        options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
+        options.add_session_config_entry("session.use_env_allocators", "1")
+        options.log_severity_level = 4  # only what is fatal: the exception says the rest
+        try:
+            # with its fallback ONNX Runtime would print to stdout and try once more
+            self.session = onnxruntime.InferenceSession(
+                content,
+                options,
+                providers=[*wanted, CPU],
+                enable_fallback=0,
+                disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
+            )
+        except Exception:  # of a dozen types of its own, and UnicodeDecodeError of a damaged name
+            raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
+        if idle := [name for name in wanted if name not in self.session.get_providers()]:
+            missing = f"{_short(idle[0])} does not start: a library or a device is missing"
+            raise ModelError(f"{missing}; leave it out")
+
+    def run(self, inputs: dict[str, AnyArray], size: tuple[int, int]) -> list[AnyArray]:
+        """Return all outputs; ModelError if it cannot be run, or takes far longer than it should.
+
+        ``size`` is width and height of the picture, pixels. The run ends at its next operator.
+        """
+        options = _onnxruntime().RunOptions()
+        cells = size[0] * size[1] // STEP**2
+        timer = threading.Timer(PATIENCE_S + PATIENCE_S_A_CELL * cells, setattr, (options, "terminate", True))
+        timer.daemon = True
+        timer.start()
+        try:
+            outputs: list[AnyArray] = self.session.run(None, inputs, options)
+        except Exception:
+            why = "takes too long" if options.terminate else "cannot be run"
+            raise ModelError(f"{self.path}: {why} on {size[0]}x{size[1]} pixels; {self.remedy}") from None
+        finally:
+            timer.cancel()
+        return outputs
+
+
+def _provider_names(providers: Sequence[str]) -> list[str]:
+    """Return ONNX Runtime's names of execution providers; ModelError if its build has one of them not."""
     there = {_short(name): name for name in _onnxruntime().get_available_providers()}
     for name in providers:
         if _short(name) not in there:
             known = ", ".join(there)
-            raise ModelError(f"{name}: is no execution provider of this ONNX Runtime, which has {known}")
+            raise ModelError(
+                f"{name}: is no execution provider of this ONNX Runtime, which has {known}"
+                "; cuda comes with onnxruntime-gpu in its place"
+            )
     return [there[_short(name)] for name in providers if there[_short(name)] != CPU]
 
 
 def _short(provider: str) -> str:
     return provider.lower().removesuffix("executionprovider")
-
-
-@contextmanager
-def patient(cells: int) -> Iterator[Any]:
-    """Yield options of a run that ends it, at its next operator, where it takes far longer than it should."""
-    options = _onnxruntime().RunOptions()
-    timer = threading.Timer(PATIENCE_S + PATIENCE_S_A_CELL * cells, setattr, (options, "terminate", True))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield options
-    finally:
-        timer.cancel()
 
 
 @lru_cache
@@ -154,54 +183,23 @@ def _onnxruntime() -> Any:
     return onnxruntime
 
 
-def usable_cores() -> int:
-    """Count the cores this process may use, which in a container can be fewer than the machine has."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def session_errors() -> tuple[type[Exception], ...]:
-    """Return what ONNX Runtime raises; UnicodeDecodeError where a name in the file is damaged."""
-    from onnxruntime.capi import onnxruntime_pybind11_state as errors
-
-    return (
-        UnicodeDecodeError,
-        errors.Fail,
-        errors.InvalidArgument,
-        errors.InvalidGraph,
-        errors.InvalidProtobuf,
-        errors.NoModel,
-        errors.NotImplemented,
-        errors.RuntimeException,
-    )
-
-
-def read_info(path: Path, session: Any) -> ModelInfo:
-    """Return the metadata of a network of our format; refuse any other."""
+def read_info(network: OnnxNetwork) -> ModelInfo:
+    """Return the metadata of a network of our format; ModelError of any other."""
+    path, remedy = network.path, network.remedy
     try:
-        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
-        nodes = [*session.get_inputs(), *session.get_outputs()]
-        given = [(node.name, node.type, len(node.shape)) for node in nodes]
-    except UnicodeDecodeError:
-        raise ModelError(f"{path}: has damaged metadata (names that are no text); {REMEDY}") from None
-    kind = metadata.get("blur2view_format", "")
-    if kind in OLDER_FORMATS:
-        raise ModelError(f"{path}: is a network of format {kind}, of an earlier version; {REMEDY}")
-    if kind != FORMAT:
-        raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {REMEDY}")
-    if given != [(name, "tensor(float)", axes) for name, axes in AXES.items()]:
-        raise ModelError(f"{path}: has other inputs or outputs than {', '.join(AXES)}; {REMEDY}")
-    features = nodes[INPUTS.index("coarser")].shape[-1]
-    if not isinstance(features, int):
-        raise ModelError(f"{path}: does not fix the number of its features; {REMEDY}")
-    if {metadata.get("stride"), metadata.get("multiple_of")} != {str(STEP)}:
-        raise ModelError(f"{path}: does not read windows {STEP} px apart; {REMEDY}")
-    try:
+        metadata: dict[str, str] = network.session.get_modelmeta().custom_metadata_map
+        kind = metadata.get("blur2view_format", "")
+        if kind in OLDER_FORMATS:
+            raise ModelError(f"{path}: is a network of format {kind}, of an earlier version; {remedy}")
+        if kind != FORMAT:
+            raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {remedy}")
+        shapes = {node.name: node.shape for node in network.session.get_inputs()}
         return ModelInfo(
             model_id=metadata["model_id"],
-            features=features,
+            features=int(shapes[INPUTS[-1]][-1]),
             brightness=float(metadata.get("brightness", "0")),
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )
-    except (KeyError, ValueError, RecursionError) as error:
-        raise ModelError(f"{path}: has damaged metadata ({error}); {REMEDY}") from None
+    except (KeyError, ValueError, RecursionError) as error:  # of a name that is no text a ValueError
+        raise ModelError(f"{path}: has damaged metadata ({error}); {remedy}") from None

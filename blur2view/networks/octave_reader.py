@@ -1,24 +1,30 @@
-"""What a network's file computes on one piece of a photograph: a grid of smears and of the kinds of blur."""
+"""What a network's file computes on one piece of a photograph: a grid of smears and of the kinds of blur.
+
+It reads the photograph's octaves, each half the size of the one before, joined on one axis of lengths.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
-from blur2view.networks.cepstral_peak import refine_on_cepstrum
-from blur2view.networks.model_file import INPUTS, REMEDY, ModelInfo, patient, session_errors
-from blur2view.networks.octaves import doubled, joined, octaves
+from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
+from blur2view.networks.model_file import INPUTS, OnnxNetwork
 from blur2view.networks.spectra import STEP, WINDOW, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
-from blur2view.smears.likelihood import BINS, DIRECTIONS, lengths_px, read_smears, with_unseen
+from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, lengths_px, read_smears, with_unseen
 
 Floats = NDArray[np.float32]
 
+LEVELS = 4
+"""Sizes at most, the photograph's own included: a copy of half the size brings smears of twice the length
+within the network's reach of 2 to 38 px."""
+SMALLEST_PX = 90
+"""Copies with a side below this are not made: a window of the network has 96 px."""
 LEAST_PX = 64
 """Least side of the smallest octave: two cells, more than its mirrored border."""
 LONG_PX = 12.0
@@ -43,37 +49,21 @@ class Octave(NamedTuple):
     features: Floats
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reading:
-    """What is read of a picture.
-
-    Attributes
-    ----------
-    values : ndarray of shape (h, w, 10), float32
-        Double angle and both deviations of smears, radius out of focus, probabilities of the kinds of blur.
-    features : ndarray of shape (h, w, 32, C), float32
-        Of the finest octave that was read.
-    stride : int
-        Pixels a cell.
-    """
-
-    values: Floats
-    features: Floats
-    stride: int
-
-
 class OctaveReader:
     """A network that reads the likelihood of smears in one octave, given the smaller one.
 
     Cell j of its grid is centred at pixel 32 j + 15.5.
     """
 
-    def __init__(self, path: Path, session: Any, info: ModelInfo) -> None:
-        self.path, self.session, self.features = path, session, info.features
-        self.threads = session.get_session_options().intra_op_num_threads
+    def __init__(self, network: OnnxNetwork, features: int) -> None:
+        self.network, self.features = network, features
+        self.threads = network.execution.threads
 
-    def read(self, grey: Floats, levels: int, apart: int = 0) -> Reading:
+    def read(self, grey: Floats, levels: int, apart: int = 0) -> Floats:
         """Return what is read of a picture (H, W) whose sides are multiples of the largest cells'.
+
+        (h, w, 10): double angle and both deviations of smears, radius out of focus, probabilities of the
+        kinds of blur.
 
         Its octaves are read, the smallest first, their logits joined, smears read off them and refined. If
         cells are to be ``apart`` pixels wide, 32 times a power of two, finer octaves have no more windows,
@@ -93,42 +83,30 @@ class OctaveReader:
         cells = with_unseen(cells, kinds[..., CANNOT_TELL])
         values = np.concatenate([cells, read_radii(read.radii)[..., None], kinds], -1)
         values[..., PIXELS] *= 2**k
-        return Reading(values=values, features=read.features, stride=apart or STEP)
+        return values
 
     def read_octave(self, grey: Floats, power: Floats, smaller: Octave | None) -> Octave:
         """Return what an octave and all smaller ones say, given its picture and its power spectra."""
         size = power.shape[:2]
         shape = (*size, DIRECTIONS, self.features)
-        coarse = None if smaller is None else Octave(*(doubled(one, size) for one in smaller))
+        coarse = smaller
+        if smaller is not None and smaller.radii.shape[:2] != size:
+            coarse = Octave(*(repeated(one, 2)[: size[0], : size[1]] for one in smaller))
         above = np.zeros(shape, np.float32) if coarse is None else coarse.features
         cepstra, scales = polar_cepstra(power, self.threads)
-        outputs = self._run(grey[None, None], cepstra[None], scales[None], above[None])
-        shapes = (*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape
-        for output, expected in zip(outputs, shapes, strict=True):
-            if output.shape != (1, *expected):
-                raise ModelError(
-                    f"{self.path}: gives shape {output.shape} instead of {(1, *expected)}; {REMEDY}"
-                )
+        inputs = grey[None, None], cepstra[None], scales[None], above[None]
+        outputs = self.network.run(dict(zip(INPUTS, inputs, strict=True)), grey.shape[::-1])
+        expected = (*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape
+        found = [output.shape for output in outputs]
+        if found != [(1, *one) for one in expected]:
+            raise ModelError(f"{self.network.path}: gives shapes {found}; {self.network.remedy}")
         if not all(np.isfinite(output).all() for output in outputs[:3]):
-            raise ModelError(f"{self.path}: gives values that are not finite; {REMEDY}")
+            raise ModelError(f"{self.network.path}: gives values that are not finite; {self.network.remedy}")
         own = Octave(*(output[0] for output in outputs))
         if coarse is None:
             return own
         smears, radii = joined(own.smears, coarse.smears), joined(own.radii, coarse.radii)
         return own._replace(smears=smears, radii=radii)
-
-    def _run(self, *inputs: Floats) -> list[Floats]:
-        """Return the network's outputs; ModelError if it cannot be run."""
-        height, width = inputs[0].shape[2:]
-        with patient(height * width // STEP**2) as options:
-            try:
-                outputs: list[Floats] = self.session.run(
-                    None, dict(zip(INPUTS, inputs, strict=True)), options
-                )
-            except session_errors():
-                why = "takes too long" if options.terminate else "cannot be run"
-                raise ModelError(f"{self.path}: {why} on {width}x{height} pixels; {REMEDY}") from None
-        return outputs
 
 
 def not_short(read: Octave) -> bool:
@@ -147,3 +125,31 @@ def thinned(windows: Floats) -> Floats:
     h, w = windows.shape[:2]
     every = WINDOW // STEP
     return np.ascontiguousarray(windows[:, :, 1::every, 1::every].swapaxes(1, 2)).reshape(h * STEP, w * STEP)
+
+
+def octave_count(shape: tuple[int, ...], levels: int = LEVELS) -> int:
+    """Return how many sizes of an image (H, W, ...) are read."""
+    return min(levels, 1 + int(np.log2(max(min(shape[:2]) / SMALLEST_PX, 1))))
+
+
+def octaves(grey: Floats, count: int) -> list[Floats]:
+    """Return a picture (H, W) and its smaller copies, 2 x 2 pixels averaged, the smallest last."""
+    levels = [grey]
+    for _ in range(count - 1):
+        height, width = levels[-1].shape
+        half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(half, np.float32))
+    return levels
+
+
+def joined(fine: Floats, coarse: Floats) -> Floats:
+    """Return one octave's logits (h, w, ..., B) plus those of all smaller ones (h, w, ..., C), on one axis.
+
+    A length, or a radius, of the smaller copy is twice as long here, one octave up the axis; what is shorter
+    or longer than an octave can read has one logit for all such lengths.
+    """
+    bins = coarse.shape[-1] + PER_OCTAVE
+    own = np.minimum(np.arange(bins), fine.shape[-1] - 1)
+    smaller = np.maximum(np.arange(bins) - PER_OCTAVE, 0)
+    joint: Floats = fine[..., own] + coarse[..., smaller]
+    return joint

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from enum import StrEnum
-from itertools import product
 
 import cv2
 import numpy as np
@@ -19,14 +18,12 @@ from threadpoolctl import threadpool_limits
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ModelError
 from blur2view.networks.brightness import brightened, gain_of
-from blur2view.networks.model_file import model_path, open_session, read_info, usable_cores
-from blur2view.networks.octave_reader import LEAST_PX, OctaveReader
-from blur2view.networks.octaves import LEVELS, octave_count
+from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
+from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count
 from blur2view.networks.spectra import STEP
-from blur2view.networks.tiles import cells, mirrored, ramps, reflected, spans
+from blur2view.networks.tiles import Tile, tiles_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import DIRECTIONS
 from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]
@@ -40,10 +37,10 @@ class Detail(StrEnum):
     GEOMETRY = "geometry"
     """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
     RANKING = "ranking"
-    """The order of photographs by their blur: of all but small ones a few hundred windows."""
+    """The order of photographs by their blur: some fifty to two hundred windows."""
 
 
-LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 120}
+LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
 # guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
@@ -82,9 +79,11 @@ class SmearNetwork:
         providers: Sequence[str] = (),
     ) -> None:
         self.path = model_path(path)
-        session = open_session(self.path, threads or usable_cores(), providers)
-        self.info = read_info(self.path, session)
-        self._reader = OctaveReader(self.path, session, self.info)
+        providers = [providers] if isinstance(providers, str) else providers
+        self.execution = Execution(threads=threads or usable_cores(), providers=tuple(providers))
+        network = OnnxNetwork(self.path, self.execution)
+        self.info = read_info(network)
+        self._reader = OctaveReader(network, self.info.features)
         self.tiles_at_once = 1  # the result is the same; each takes the memory of one
         self.on_tile: Callable[[int, int], object] = lambda done, count: None
         """Called after each tile of a photograph with the number of tiles done and of all."""
@@ -119,32 +118,16 @@ class SmearNetwork:
         ModelError
             If the network cannot be run or its output is not what its format promises.
         """
-        return self._read(image, levels, detail=detail)[0]
-
-    def with_features(
-        self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS
-    ) -> tuple[SmearGrid, Floats]:
-        """Return what `predict` does, and the features (h, w, 32, C) of the cells, of the finest octave read.
-
-        Where a photograph is read in tiles the features are blended, too.
-        """
-        return self._read(image, levels, detail=detail, with_features=True)
-
-    def _read(
-        self, image: AnyArray, levels: int, *, detail: Detail, with_features: bool = False
-    ) -> tuple[SmearGrid, Floats]:
         spread = self._spread(np.shape(image)[:2], detail)
         step = STEP << max(spread, octave_count(np.shape(image), levels) - 1) if spread else 1
-        shown, grey = shown_and_grey(image, self.info.brightness, step)
-        shape = shown.shape[0], shown.shape[1]
+        shown, grey = shown_and_grey(image, self.info.brightness, step, 1 << spread)
+        flat = _flat(shown)
+        shape = np.shape(image)[0], np.shape(image)[1]
         with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
             if spread:
-                flat = _flat(_small(shown, 1 << spread), STEP)
-                reading = self._reader.read(grey, octave_count(shape, levels), STEP << spread)
-                values, features = reading.values, reading.features
+                values = self._reader.read(grey, octave_count(shape, levels), STEP << spread)
             else:
-                flat = _flat(shown, STEP)
-                values, features = self._in_tiles(grey, flat, levels, with_features=with_features)
+                values = self._in_tiles(grey, flat, levels)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]
         if not np.isfinite(values).all():
@@ -152,8 +135,7 @@ class SmearNetwork:
         values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
         cells, blur = np.split(values, [4], axis=-1)
         window_px = WINDOW_PX << spread  # as if the picture were smaller
-        grid = SmearGrid(cells=cells, blur=blur, stride=STEP << spread, shape=shape, window_px=window_px)
-        return grid, features[:rows, :columns]
+        return SmearGrid(cells=cells, blur=blur, stride=STEP << spread, shape=shape, window_px=window_px)
 
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
@@ -163,48 +145,31 @@ class SmearNetwork:
             return 0
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 
-    def _in_tiles(
-        self, grey: Floats, flat: NDArray[np.bool_], levels: int, *, with_features: bool
-    ) -> tuple[Floats, Floats]:
-        """Return what is read of all windows, (h, w, 10), and features, empty unless wanted; tiles blended.
-
-        Tiles that are flat all over are not read.
-        """
+    def _in_tiles(self, grey: Floats, flat: NDArray[np.bool_], levels: int) -> Floats:
+        """Return what is read of all windows, (h, w, 10), tiles blended; those flat all over are not read."""
         height, width = grey.shape
         tile_px = self.tile_px if height * width > self.max_pixels else max(height, width)
-        piece = min(height, width, tile_px)
-        levels = octave_count((piece, piece), levels)
+        levels = octave_count((min(height, width, tile_px),), levels)
         step = STEP << levels - 1  # whole windows in the smallest octave
-        *sides, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
-        rows, columns = (spans(side, step, tile_px, self.overlap_px) for side in sides)
-        shape = rows[-1].stop // STEP, columns[-1].stop // STEP
-        values = np.zeros((*shape, 5 + len(KINDS)), np.float32)
-        channels = self.info.features if with_features else 0
-        features = np.zeros((*shape, DIRECTIONS, channels), np.float32)
-        weight = np.zeros(shape, np.float32)
-        tiles = list(product(ramps(rows, STEP), ramps(columns, STEP)))
+        height, width, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
+        tiles = tiles_of((height, width), step, tile_px, self.overlap_px, STEP)
+        rows, columns = (cells.stop for cells in tiles[-1].cells)
+        values = np.zeros((rows, columns, 5 + len(KINDS)), np.float32)
+        weight = np.zeros((rows, columns, 1), np.float32)
+
+        def read(tile: Tile) -> Floats | None:
+            return None if flat[tile.cells].all() else self._reader.read(tile.of(grey), levels)
 
         pool = ThreadPoolExecutor(self.tiles_at_once)
         try:
-            windows = [(cells(row, STEP), cells(column, STEP)) for (row, _), (column, _) in tiles]
-            read = pool.map(
-                lambda tile, window: (
-                    None if flat[window].all() else self._reader.read(reflected(grey, *tile), levels)
-                ),
-                [(row, column) for (row, _), (column, _) in tiles],
-                windows,
-            )
-            for done, (tile, window, reading) in enumerate(zip(tiles, windows, read, strict=True), 1):
-                (_, row_weight), (_, column_weight) = tile
-                tile_weight = np.outer(row_weight, column_weight)
-                weight[window] += tile_weight
-                if reading is not None:
-                    values[window] += reading.values * tile_weight[..., None]
-                    features[window] += reading.features[..., :channels] * tile_weight[..., None, None]
+            for done, (tile, found) in enumerate(zip(tiles, pool.map(read, tiles), strict=True), 1):
+                weight[tile.cells] += tile.weight[..., None]
+                if found is not None:
+                    values[tile.cells] += found * tile.weight[..., None]
                 self.on_tile(done, len(tiles))
         finally:
             pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
-        return values / weight[..., None], features / weight[..., None, None]
+        return np.asarray(values / weight, np.float32)
 
 
 def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
@@ -257,17 +222,21 @@ def floats_of(image: AnyArray) -> Floats:
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArray[np.uint8], Floats]:
-    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (H, W, 3) of 8 bits, and its luma.
+def shown_and_grey(
+    image: AnyArray, brightness: float, step: int, times: int = 1
+) -> tuple[NDArray[np.uint8], Floats]:
+    """Return a photograph, as `rgb_of` takes it, so bright: as RGB (h, w, 3) of 8 bits, and its luma (H, W).
 
-    The luma's sides are rounded up to multiples of ``step`` and mirrored there. A strip of rows at a time, so
-    that memory does not hold all of it as RGB floats.
+    The former is so many ``times`` smaller, a power of two up to 256; the luma's sides are rounded up to
+    multiples of ``step`` and mirrored there. A strip of rows at a time, so that memory does not hold all of
+    it as RGB.
     """
     image = photograph_of(image)
     gain = gain_of(image, brightness)
     height, width = image.shape[:2]
     as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
-    shown = image if as_it_is else np.empty((height, width, 3), np.uint8)
+    small = -(-height // times), -(-width // times)
+    shown = image if as_it_is and times == 1 else np.empty((*small, 3), np.uint8)
     grey = np.empty((height + -height % step, width + -width % step), np.float32)
     for first in range(0, height, _STRIP_ROWS):
         rows = slice(first, min(first + _STRIP_ROWS, height))
@@ -276,23 +245,20 @@ def shown_and_grey(image: AnyArray, brightness: float, step: int) -> tuple[NDArr
         grey[rows, :width] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[
             :, :width
         ]  # odd columns are rounded otherwise
-        if not as_it_is:
-            shown[rows] = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)  # rounded, saturated
-    grey[:, width:] = grey[:, mirrored(range(width, grey.shape[1]), width)]
-    grey[height:] = grey[mirrored(range(height, grey.shape[0]), height)]
+        if shown is not image:
+            strip = image[rows] if as_it_is else cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
+            own = shown[first // times : -(-rows.stop // times)]
+            own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
+    below, beside = (np.pad(np.arange(n), (0, -n % step), mode="reflect")[n:] for n in (height, width))
+    grey[:, width:] = grey[:, beside]
+    grey[height:] = grey[below]
     return shown, grey
 
 
-def _small(shown: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """Return a picture so many times smaller."""
-    height, width = (-(-side // times) for side in shown.shape[:2])
-    return np.asarray(cv2.resize(shown, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _flat(shown: NDArray[np.uint8], stride: int) -> NDArray[np.bool_]:
+def _flat(shown: AnyArray) -> NDArray[np.bool_]:
     """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255."""
     window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
     contrast = cv2.subtract(cv2.dilate(shown, window), cv2.erode(shown, window)).reshape(shown.shape)
-    rows, columns = (np.minimum(np.arange(0, n, stride) + stride // 2, n - 1) for n in shown.shape[:2])
+    rows, columns = (np.minimum(np.arange(0, n, STEP) + STEP // 2, n - 1) for n in shown.shape[:2])
     flat: NDArray[np.bool_] = contrast[np.ix_(rows, columns)].max(axis=-1) <= 1
     return flat

@@ -15,7 +15,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -52,27 +51,6 @@ BATCH = 40
 """Windows transformed at a time, which a core's cache holds: bytes do not depend on the threads."""
 CEPSTRA_BATCH = 120
 """Spectra whose cepstra are sampled at a time; matrices of 40 take 1.25 times as long."""
-
-
-@dataclass(frozen=True, eq=False)
-class PolarMap:
-    """The linear map from log spectra to polar samples, split by symmetry.
-
-    Attributes
-    ----------
-    index : ndarray of shape (4 n,), intp
-        Places in a power spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies with
-        0 <= y <= x that say something.
-    mean : ndarray of shape (4 n,)
-        Weights of the mean power from 4 to 40 bins.
-    samples : tuple of ndarray of shape (4, n, 9 * lags)
-        Of both cepstra, in directions 0 to 45 degrees: of what is even under both reflections, odd at the
-        x axis alone, odd at the diagonal alone, odd under both.
-    """
-
-    index: NDArray[np.intp]
-    mean: Floats
-    samples: tuple[Floats, Floats]
 
 
 def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: int = BATCH) -> None:
@@ -112,24 +90,19 @@ def power_spectra(windows: Floats, threads: int = 1) -> Floats:
     power = np.empty((h * w, WINDOW, WINDOW // 2 + 1), np.float32)
 
     def transform(part: slice) -> None:
-        fill_power(power[part], windows[rows[part], columns[part]] - np.float32(0.5))
+        found, half = power[part], WINDOW // 2
+        own = (windows[rows[part], columns[part]] - np.float32(0.5)) * hann()
+        for window in own:
+            cv2.dft(window, window)  # a third of the time of NumPy's; SciPy takes 0.2 s to import
+        own *= own
+        np.add(own[:, :, 1:-1:2], own[:, :, 2:-1:2], out=found[:, :, 1:-1])
+        for column in (0, -1):  # real ones, whose rows are packed in turn
+            found[:, 0, column], found[:, half, column] = own[:, 0, column], own[:, -1, column]
+            found[:, 1:half, column] = own[:, 1:-1:2, column] + own[:, 2:-1:2, column]
+            found[:, half + 1 :, column] = found[:, half - 1 : 0 : -1, column]
 
     in_batches(transform, h * w, threads)
     return power.reshape(h, w, *power.shape[1:])
-
-
-def fill_power(power: Floats, windows: Floats) -> None:
-    """Write the power spectra (n, 96, 49) of windows (n, 96, 96)."""
-    windows *= hann()
-    for window in windows:
-        cv2.dft(window, window)  # a third of the time of NumPy's; SciPy takes 0.2 s to import
-    windows *= windows
-    half = WINDOW // 2
-    np.add(windows[:, :, 1:-1:2], windows[:, :, 2:-1:2], out=power[:, :, 1:-1])
-    for column in (0, -1):  # real ones, whose rows are packed in turn
-        power[:, 0, column], power[:, half, column] = windows[:, 0, column], windows[:, -1, column]
-        power[:, 1:half, column] = windows[:, 1:-1:2, column] + windows[:, 2:-1:2, column]
-        power[:, half + 1 :, column] = power[:, half - 1 : 0 : -1, column]
 
 
 def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
@@ -143,8 +116,22 @@ def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
     cepstra = np.empty((h * w, DIRECTIONS, LAGS), np.float32)
     scales = np.empty((h * w, SCALES), np.float32)
 
+    index, mean_of, samples_of = polar_map()
+
     def transform(part: slice) -> None:
-        scales[part] = fill_cepstra(cepstra[part], spectra[part])
+        eighths = spectra[part].take(index, 1)
+        mean = eighths @ mean_of
+        relative = np.float32(RELATIVE_FLOOR) * mean[:, None] + np.float32(1e-4)
+        floors = np.full_like(relative, NOISE_FLOOR), relative
+        places = np.split(cepstra[part], [len(PEAK_LAGS_PX)], axis=-1)
+        for k, (floor, samples, place) in enumerate(zip(floors, samples_of, places, strict=True)):
+            values = sampled(np.log(eighths + floor), samples)
+            values -= values.mean((1, 2), keepdims=True)
+            square = np.einsum("nkl,nkl->n", values, values) / (values[0].size - 1)
+            deviation = np.sqrt(square) + np.float32(1e-3)
+            np.divide(values, deviation[:, None, None], out=place)
+            scales[part, k] = np.log(deviation) + 3
+        scales[part, 2] = np.log(mean + np.float32(1e-3)) / 3
 
     in_batches(transform, h * w, threads, CEPSTRA_BATCH)
     return cepstra.reshape(h, w, DIRECTIONS, LAGS), scales.reshape(h, w, SCALES)
@@ -155,25 +142,6 @@ def hann() -> Floats:
     """Return the window, (96, 96)."""
     side = np.hanning(WINDOW)
     return np.outer(side, side).astype(np.float32)
-
-
-def fill_cepstra(cepstra: Floats, power: Floats) -> Floats:
-    """Write polar cepstra (n, 32, 45) of power spectra (n, 96 * 49); return their scales (n, 3)."""
-    polar = polar_map()
-    eighths = power.take(polar.index, 1)
-    mean = eighths @ polar.mean
-    relative = np.float32(RELATIVE_FLOOR) * mean[:, None] + np.float32(1e-4)
-    floors = np.full_like(relative, NOISE_FLOOR), relative
-    places = np.split(cepstra, [len(PEAK_LAGS_PX)], axis=-1)
-    scales = []
-    for floor, samples, place in zip(floors, polar.samples, places, strict=True):
-        values = sampled(np.log(eighths + floor), samples)
-        values -= values.mean((1, 2), keepdims=True)
-        square = np.einsum("nkl,nkl->n", values, values) / (values[0].size - 1)
-        deviation = np.sqrt(square) + np.float32(1e-3)
-        np.divide(values, deviation[:, None, None], out=place)
-        scales.append(np.log(deviation) + 3)
-    return np.stack([*scales, np.log(mean + np.float32(1e-3)) / 3], -1)
 
 
 def sampled(logs: Floats, samples: Floats) -> Floats:
@@ -193,8 +161,14 @@ def sampled(logs: Floats, samples: Floats) -> Floats:
 
 
 @functools.cache
-def polar_map() -> PolarMap:
-    """Return the map from log spectra to both cepstra, split by symmetry."""
+def polar_map() -> tuple[NDArray[np.intp], Floats, tuple[Floats, Floats]]:
+    """Return the linear map from log spectra to polar samples, split by symmetry.
+
+    Places (4 n,) in a power spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies
+    with 0 <= y <= x that say something; weights (4 n,) of the mean power from 4 to 40 bins; and samples
+    (4, n, 9 * lags) of both cepstra, in directions 0 to 45 degrees: of what is even under both reflections,
+    odd at the x axis alone, odd at the diagonal alone, odd under both.
+    """
     y, x = (i.ravel() for i in np.indices((FREQUENCIES + 1,) * 2))
     keep = (y <= x) & (x > 1) & (np.hypot(x, y) <= FREQUENCIES)
     x, y = x[keep], y[keep]
@@ -214,7 +188,7 @@ def polar_map() -> PolarMap:
     weights = (mean / mean.sum()).astype(np.float32).ravel()
     rows, columns = np.divmod(index.ravel(), FREQUENCIES + 1)
     index = (rows - FREQUENCIES) % WINDOW * (WINDOW // 2 + 1) + columns
-    return PolarMap(index=index, mean=weights, samples=(first, second))
+    return index, weights, (first, second)
 
 
 def polar_samples(cepstrum: int, directions: range = range(DIRECTIONS)) -> Floats:

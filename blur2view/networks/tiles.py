@@ -1,9 +1,46 @@
 """Cutting a large photograph into overlapping tiles, and the weights that blend their results."""
 
 from collections.abc import Iterator
+from itertools import product
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+
+
+class Tile(NamedTuple):
+    """Where a tile lies, in pixels and in cells, and the weights (h, w) of its cells."""
+
+    pixels: tuple[slice, slice]
+    cells: tuple[slice, slice]
+    weight: Floats
+
+    def of(self, image: Floats) -> Floats:
+        """Return its part of a picture (H, W), which continues mirrored beyond the right and lower border."""
+        part = image[self.pixels]
+        down, right = (axis.stop - axis.start - n for axis, n in zip(self.pixels, part.shape, strict=True))
+        if not (down or right):
+            return part
+        return np.asarray(cv2.copyMakeBorder(part, 0, down, 0, right, cv2.BORDER_REFLECT_101), np.float32)
+
+
+def tiles_of(sides: tuple[int, int], step: int, tile_px: int, overlap_px: int, stride: int) -> list[Tile]:
+    """Return the tiles that cover a picture of these height and width, in cells of ``stride`` pixels."""
+    down, along = (list(ramps(spans(side, step, tile_px, overlap_px), stride)) for side in sides)
+    return [
+        Tile(
+            pixels=(slice(row.start, row.stop), slice(column.start, column.stop)),
+            cells=(
+                slice(row.start // stride, row.stop // stride),
+                slice(column.start // stride, column.stop // stride),
+            ),
+            weight=np.outer(row_weight, column_weight),
+        )
+        for (row, row_weight), (column, column_weight) in product(down, along)
+    ]
 
 
 def spans(side: int, step: int, tile_px: int, overlap_px: int) -> list[range]:
@@ -18,11 +55,6 @@ def spans(side: int, step: int, tile_px: int, overlap_px: int) -> list[range]:
     count = 1 + -(-(padded - tile) // advance)
     starts = np.linspace(0, (padded - tile) // step, count).astype(int) * step
     return [range(start, start + tile) for start in starts.tolist()]
-
-
-def cells(span: range, stride: int) -> slice:
-    """Return the grid cells of a span of pixels."""
-    return slice(span.start // stride, span.stop // stride)
 
 
 def ramps(spans: list[range], stride: int) -> Iterator[tuple[range, NDArray[np.float32]]]:
@@ -40,18 +72,3 @@ def _ramp(count: int) -> NDArray[np.float32]:
     """Return a rise from above 0 to below 1 whose reverse is its complement (raised cosine)."""
     phase = np.pi * (np.arange(count) + 0.5) / count
     return ((1 - np.cos(phase)) / 2).astype(np.float32)
-
-
-def reflected(image: NDArray[np.float32], rows: range, columns: range) -> NDArray[np.float32]:
-    """Return a window of the image, which continues as its mirror image beyond the right and lower border."""
-    height, width = image.shape[:2]
-    if rows.stop <= height and columns.stop <= width:
-        return image[rows.start : rows.stop, columns.start : columns.stop]
-    return image[np.ix_(mirrored(rows, height), mirrored(columns, width))]
-
-
-def mirrored(indices: range, side: int) -> NDArray[np.intp]:
-    """Fold indices into 0 ... side-1 without repeating the border: 0 1 2 1 0 1 2 for side 3."""
-    period = max(2 * side - 2, 1)
-    folded = np.asarray(indices, dtype=np.intp) % period
-    return np.minimum(folded, period - folded) if side > 1 else np.zeros_like(folded)

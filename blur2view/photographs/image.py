@@ -16,10 +16,11 @@ from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
-from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
-from blur2view.photographs.pixels import Pixels, decode_deep, pixels_of, upright
-from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
+from blur2view.input_files import MAX_PIXELS, open_picture
+from blur2view.photographs.content import read_content
 
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+STRIP_ROWS = 256  # copied at a time
 # Anything smaller shows no smear.
 MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
@@ -39,7 +40,7 @@ SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
-LIST_SUFFIXES = frozenset(["", ".txt", ".list", ".lst"])
+LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
@@ -114,42 +115,12 @@ def read_pixels(
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
-def read_content(path: Path, *, beside: bool = False) -> bytes:
-    """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
-
-    ``beside`` is as of `read_frame`. ImageError if it cannot be read, EndOfVideo if the video announces more
-    frames than it has.
-    """
-    frame = frame_of(path)
-    if frame is not None:
-        return bytes(cv2.imencode(".bmp", read_frame(*frame, beside=beside))[1])
-    if is_video(path):
-        frame_numbers(path)  # which says what is wrong, if anything is
-        raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
-    try:
-        return read_regular(path)
-    except FileNotFoundError:
-        remedy = "check the path"
-        if set(path.name) & set("*?["):
-            remedy = "no name fits this pattern, or it stands in quotes"
-        if str(path).startswith("~"):
-            remedy = "write ~ without quotes"
-        if path.is_symlink():
-            remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
-        raise ImageError(f"{path}: no such file; {remedy}") from None
-    except IsADirectoryError:
-        raise ImageError(f"{path}: is a directory; name photographs or a folder that holds some") from None
-    except OSError as error:
-        reason = error.strerror
-        raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
-
-
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
     """Return pixels (H, W) or (H, W, C), upright unless wanted as stored, and the value that means white."""
     try:
-        if is_raw(path, encoded):
+        if _is_raw(path, encoded):
             return _develop(path, encoded, as_stored, max_memory_gib), 65535
-        if is_heic(encoded):
+        if encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
@@ -168,22 +139,22 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
-                return decode_deep(encoded), 65535
+                return _decode_deep(encoded), 65535
             # Pillow's TIFF reader has rotated the picture by now, so ask again
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
-            pixels, white = pixels_of(path, photo)
+            pixels, white = _pixels_of(path, photo)
             if ";12" in stored:
                 white = 4095
             if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
                 pixels = white - pixels  # which Pillow does for 8 bits only
-            return pixels if as_stored else upright(pixels, orientation), white
+            return pixels if as_stored else _upright(pixels, orientation), white
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
         remedy = "convert it to JPEG, PNG or TIFF"
         if encoded.startswith(SQLITE):
             remedy = "a COLMAP database goes to --camera, to-colmap --db or place"
-        elif _may_be_list(path, encoded):
+        elif path.suffix.lower() in LIST_SUFFIXES and not NO_TEXT & set(encoded.decode(errors="replace")):
             remedy = f"if it lists photographs, write @{path}"
         raise ImageError(f"{path}: is not a readable image; {remedy}") from None
     except (ImageError, MemoryError):
@@ -197,24 +168,49 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
-def _may_be_list(path: Path, content: bytes) -> bool:
-    """Return whether a file is text and named as one."""
-    try:
-        content.decode()
-    except UnicodeDecodeError:
-        return False
-    return path.suffix.lower() in LIST_SUFFIXES and b"\0" not in content
+def _pixels_of(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
+    """Return pixels as grey, grey + alpha, RGB or RGBA, and the value that means white."""
+    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
+        grey = np.asarray(photo)
+        if grey.min() < 0 or grey.max() > 65535:
+            raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
+        return grey.astype(np.uint16), 65535
+    if photo.mode == "F":
+        raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
+    mode = "RGBA" if photo.has_transparency_data else "RGB"
+    if photo.mode != mode:
+        photo = photo.convert(mode)
+    width, height = photo.size
+    pixels = np.empty((height, width, len(mode)), np.uint8)
+    for top in range(0, height, STRIP_ROWS):  # at once Pillow would take as much again, twice
+        below = min(top + STRIP_ROWS, height)
+        pixels[top:below] = np.asarray(photo.crop((0, top, width, below)))
+    return pixels, 255
 
 
-def is_raw(path: Path, encoded: bytes) -> bool:
+def _decode_deep(encoded: bytes) -> Pixels:
+    """Return 16-bit colour, decoded, (H, W, 3) or (H, W, 4), RGB order."""
+    pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
+        raise ValueError("its 16-bit pixels cannot be decoded")
+    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
+
+
+def _upright(pixels: Pixels, orientation: int) -> Pixels:
+    """Return pixels upright by an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
+    if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    return pixels
+
+
+def _is_raw(path: Path, encoded: bytes) -> bool:
     """Return whether a file is a RAW photograph, by its name or its first bytes."""
     known = encoded.startswith(RAW_MAGIC) or encoded[8:10] == b"CR" or encoded[4:11] == b"ftypcrx"
     return known or path.suffix.lower() in RAW_SUFFIXES
-
-
-def is_heic(encoded: bytes) -> bool:
-    """Return whether a file is HEIC, by the brands that it names."""
-    return encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS)
 
 
 def _extra(path: Path, kind: str, module: str, convert: str) -> Any:

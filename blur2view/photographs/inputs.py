@@ -125,7 +125,10 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     """
     try:
         content = read()
-        _refuse_other_than_names(content)
+        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            raise ValueError("it is UTF-16; save it as UTF-8")
+        if NO_TEXT.search(content[:4096]):
+            raise ValueError("it is no text; a photograph itself is named by its file")
         text = os.fsdecode(content.removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -136,22 +139,13 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         raise ImageError(
             f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
         )
-    if "\0" in text:
-        names = [name for name in lines if name.strip()]
-    else:
-        lines = [one for one in lines if one.strip() and (one.lstrip()[0] != COMMENT or os.path.lexists(one))]
-        names = [line if os.path.lexists(line) else line.strip() for line in lines]
+    names = [one for one in lines if one.strip()]
+    if "\0" not in text:
+        names = [one if os.path.lexists(one) else one.strip() for one in names]
+        names = [one for one in names if one[0] != COMMENT or os.path.lexists(one)]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
-
-
-def _refuse_other_than_names(content: bytes) -> None:
-    """Raise ValueError of what cannot be a list: text as Windows writes it, a photograph or a video."""
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        raise ValueError("it is UTF-16; save it as UTF-8")
-    if NO_TEXT.search(content[:4096]):
-        raise ValueError("it is no text; a photograph itself is named by its file")
 
 
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:

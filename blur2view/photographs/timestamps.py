@@ -20,13 +20,7 @@ def timestamp_of(name: str | os.PathLike[str]) -> float | None:
     13, 16 or 19 digits seconds, milli-, micro- or nanoseconds since 1970, as of EuRoC's and of ROS
     (``1403636579763555584.png``); anything else, as the number of a frame, is no time.
     """
-    match = re.fullmatch(r"(\d+)(\.\d+)?", Path(name).stem)
-    if match is None:
-        return None
-    whole, decimals = match.groups()
-    if decimals is not None:
-        return float(whole + decimals)
-    return int(whole) * UNIT_S[len(whole)] if len(whole) in UNIT_S else None
+    return _seconds(Path(name).stem)
 
 
 def timestamps_of(
@@ -74,6 +68,10 @@ def _read(table: Path) -> dict[str, float]:
     return times
 
 
-def _seconds(cell: str) -> float | None:
-    """Return the seconds of a cell that is a number, None of any other."""
-    return timestamp_of(f"{cell}.txt") if re.fullmatch(r"\d+(\.\d+)?", cell) else None
+def _seconds(text: str) -> float | None:
+    """Return the seconds that a number stands for, None of any other text."""
+    match = re.fullmatch(r"(\d+)(\.\d+)?", text)
+    if match is None:
+        return None
+    whole, decimals = match.groups()
+    return float(text) if decimals else int(whole) * UNIT_S[len(whole)] if len(whole) in UNIT_S else None

@@ -129,13 +129,14 @@ def read_video(
     """
     video = Path(path)
     numbers = frame_numbers(video, every=every, first=first, last=last)
-    return _frames(_Reader(video), numbers)
+    reader = _Reader(video)
 
+    def frames() -> Iterator[NDArray[np.float32]]:
+        with suppress(EndOfVideo):
+            for number in numbers:
+                yield np.ascontiguousarray(reader.read(number)[..., ::-1], np.float32) / np.float32(255)
 
-def _frames(reader: "_Reader", numbers: range) -> Iterator[NDArray[np.float32]]:
-    with suppress(EndOfVideo):
-        for number in numbers:
-            yield np.ascontiguousarray(reader.read(number)[..., ::-1], np.float32) / np.float32(255)
+    return frames()
 
 
 def frame_time(video: Path, number: int) -> float | None:
@@ -186,19 +187,15 @@ class _Reader:
         announced = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if number >= announced:
             raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
-        if self.broken or announced - self.position <= self._tail(announced):
+        rate = float(self.capture.get(cv2.CAP_PROP_FPS))
+        tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
+        tail = TAIL_AVI if self.video.suffix.lower() == ".avi" else tail
+        if self.broken or announced - self.position <= tail:
             raise EndOfVideo(f"{self.video}: has {self.position} frames")
         self.broken = True
         raise ImageError(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
-
-    def _tail(self, announced: int) -> float:
-        """Return how many frames may be missing at the end of a whole video."""
-        if self.video.suffix.lower() == ".avi":
-            return TAIL_AVI
-        rate = float(self.capture.get(cv2.CAP_PROP_FPS))
-        return min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
 
 
 @lru_cache(maxsize=1)

@@ -25,7 +25,7 @@ class EstimateDocument(Document):
     frame: int | None
     """Number of the frame in its video, from 0."""
     timestamp_s: float | None
-    """Its time in the video, or that which the photograph's name is, seconds."""
+    """Its time in the video, of --timestamps, or that which the photograph's name is, seconds."""
     F: Matrix | None
     """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
     shutter-close, or the reverse: one photograph does not show the direction of time, so F and its transpose
@@ -90,8 +90,8 @@ class EstimateDocument(Document):
     wz: float | None
     """Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure time
     is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
-    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The sign
-    of all three is that of time: see time_known."""
+    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative, as
+    with --gyroscope they do. The sign of all three is that of time: see time_known."""
     sigma_wx: float | None
     sigma_wy: float | None
     sigma_wz: float | None
@@ -153,10 +153,10 @@ class EstimateDocument(Document):
             "E": None if geometry.cam2_from_cam1 is None else geometry.E,
             "time_known": estimate.time.known,
             "time_confidence": estimate.time.confidence,
-            "backward": backward_of(geometry.backward, one.exposure_s),
+            "backward": backward_of(geometry.backward, one),
             "num_matches": len(estimate.matches),
             "num_inliers": int(geometry.inlier_mask.sum()),
         }
-        stated |= pose_of(geometry, one.exposure_s)
+        stated |= pose_of(geometry, one)
         run = one.run
         return cls.gathered(one, geometry, estimate, estimate.blur, run, run.select, run.options, **stated)

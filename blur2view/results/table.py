@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 SHARP, BLURRED, OUT_OF_FOCUS, UNCLEAR, UNUSABLE = "sharp", "blurred", "out of focus", "unclear", "unusable"
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
-DIGITS = 6  # significant ones
+DIGITS = 6  # significant ones; of times so many decimals, which are of years
+TIME = "timestamp_s"
 NEAR = 1.1
 """About the limit by this factor a photograph is as sharp as the one before: compressed again, as Motion JPEG
 and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
@@ -66,14 +67,14 @@ class Row(Document):
     frame: int | None = None
     """Number of the frame in its video, from 0."""
     timestamp_s: float | None = None
-    """Its time in the video, or that which a photograph's name is, seconds."""
+    """Its time in the video, of --timestamps, or that which a photograph's name is, seconds."""
     wx: float | None = None
     wy: float | None = None
     wz: float | None = None
     """Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure time
     is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
-    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative. The sign
-    of all three is that of time: see time_confidence."""
+    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative, as
+    with --gyroscope they do. The sign of all three is that of time: see time_confidence."""
     sigma_wx: float | None = None
     sigma_wy: float | None = None
     sigma_wz: float | None = None
@@ -113,7 +114,7 @@ class Row(Document):
             "elapsed_s": one.timings_s and sum(one.timings_s.values()),
             "meaning": verdict_of(one),
         }
-        return cls.gathered(one, geometry, blur, cls(), **stated, **rate_of(geometry, one.exposure_s))
+        return cls.gathered(one, geometry, blur, cls(), **stated, **rate_of(geometry, one))
 
 
 def table_text(rows: Sequence[Row]) -> str:
@@ -122,9 +123,15 @@ def table_text(rows: Sequence[Row]) -> str:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Row)])
     for one in rows:
-        values = asdict(one).values()
-        writer.writerow([f"{one:.{DIGITS}g}" if isinstance(one, float) else one for one in values])
+        writer.writerow([_shown(name, value) for name, value in asdict(one).items()])
     return text.getvalue()
+
+
+def _shown(name: str, value: object) -> object:
+    """Return a value as the table has it."""
+    if not isinstance(value, float):
+        return value
+    return round(value, DIGITS) if name == TIME else f"{value:.{DIGITS}g}"
 
 
 def use_of(

@@ -98,14 +98,15 @@ BETTER_GAIN = 10.0  # that an F through the plane must gain over the search's: i
 # The one step from the table to probabilities (`choice.probabilities`): by maximum likelihood over 65
 # rendered photographs of rotations, planes, still cameras and parallax of a fifth
 # (`python -m tools.datasets.motion_kinds OUT --scenes 14 --seed 80000`, network smears), and 28 of them whose
-# smears were bent down the rows by 5 to 40 %.
+# smears were bent down the rows by 5 to 40 %. That of a rolling shutter has log 2 besides: its rows are rows
+# or, of a picture that was turned upright, columns.
 PARALLAX_SLOPE = 0.48
 PENALTY = {
     "no motion": 0.0,
     "rotation": 2.0,
-    "rotation, rolling shutter": 4.0,
+    "rotation, rolling shutter": 4.7,
     "plane": 4.7,
-    "plane, rolling shutter": 6.5,
+    "plane, rolling shutter": 7.2,
     "parallax": 5.5,
 }
 PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they had

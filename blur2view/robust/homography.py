@@ -122,14 +122,16 @@ class RotationH(Homographies):
 class RollingH(Homographies, Generic[H]):
     """A homography with a rotation that changes down the rows, read one after the other.
 
-    At height y above the middle (normalised, downwards) the points move by the rotation y change, besides;
-    the prior holds ``change`` to what a hand does while a shutter rolls (`calibration.ROLLING_SPREAD`).
+    At y (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
+    rotation y change, besides; the prior holds ``change`` to what a hand does while a shutter rolls
+    (`calibration.ROLLING_SPREAD`).
     """
 
     dimension: ClassVar[int] = 11  # at most: three more than those of the middle row
     middle: H  # of the middle row
     change: Array  # (3,) radians per unit of y
     spread: CameraPrior
+    axis: int = 1  # 0: x, along which rows follow one another in a picture that was turned upright
 
     def generator(self) -> Array:
         """Return A of shape (3, 3) of the middle row."""
@@ -141,13 +143,13 @@ class RollingH(Homographies, Generic[H]):
 
     def displacement(self, points: Array) -> Array:
         """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
-        changing = points[:, 1:] * chords(cross_matrix(self.change), points)
+        changing = points[:, [self.axis]] * chords(cross_matrix(self.change), points)
         return self.middle.displacement(points) + changing
 
     def derivatives(self, basis: Array, points: Array) -> Array:
         """Return their derivatives (k, N, 2), to first order."""
         changing = np.moveaxis(basis @ entries_of(GENERATORS).T, -1, 0)
-        return np.concatenate([self.middle.derivatives(basis, points), points[:, 1:] * changing])
+        return np.concatenate([self.middle.derivatives(basis, points), points[:, [self.axis]] * changing])
 
     def step(self, delta: Array) -> RollingH[H]:
         """Return the point with delta added to the parameters."""

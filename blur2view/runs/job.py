@@ -10,7 +10,7 @@ from typing import Any
 
 from blur2view.errors import Blur2ViewError, ImageError, RunError, within_memory
 from blur2view.output_files import ResultFiles, unwritable, write_files
-from blur2view.photographs.image import read_content
+from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
 

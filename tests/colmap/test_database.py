@@ -12,6 +12,7 @@ import pytest
 
 from blur2view.camera.camera import Camera
 from blur2view.colmap.database import colmap_camera_of, stored_photographs, write_database
+from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
@@ -76,6 +77,18 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
         assert found.config == int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)
         assert found.F is None and found.cam2_from_cam1 is None
         assert len(database.read_keypoints(1)) == COUNT
+
+
+def test_of_a_turn_alone_nothing_becomes_points(tmp_path: Path) -> None:
+    path, views = tmp_path / "new.db", make_views()
+    still = replace(POSE, translation=np.zeros(3))
+    turn = replace(views.geometry, F=None, E=None, cam2_from_cam1=still, config=Configuration.PANORAMIC)
+    write_database(path, [replace(views, geometry=turn)])
+    with pycolmap.Database.open(path) as database:
+        assert len(database.read_matches(1, 2)) == COUNT
+        assert len(database.read_two_view_geometry(1, 2).inlier_matches) == 0
+    with pytest.raises(DatabaseError, match=r"the translation of a\.jpg is undecided"):
+        triangulate_exposure(path, "a.jpg")
 
 
 def test_cameras_say_how_sure_they_are() -> None:
@@ -157,16 +170,11 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     ("harm", "finding"),
     [
         ("UPDATE keypoints SET rows = 31 WHERE image_id = 1", "keypoints of image 1"),
-        ("UPDATE images SET camera_id = 7", "camera"),
         ("DELETE FROM frame_data WHERE data_id = 2", "no frame"),
         ("UPDATE rigs SET ref_sensor_id = 5", "rig 1 of its frame has no camera 1"),
         ("UPDATE matches SET data = x'', rows = 0", "inliers that are no matches"),
-        ("UPDATE matches SET rows = 29", "bytes for 29 x 2"),
-        ("UPDATE keypoints SET rows = 5, data = substr(data, 1, 40)", "beyond the keypoints"),
-        ("UPDATE matches SET pair_id = pair_id + 5", "no such images"),
         ("UPDATE matches SET rows = 2, data = zeroblob(16)", "occurs twice"),
         ("UPDATE two_view_geometries SET qvec = zeroblob(32)", "qvec"),
-        ("UPDATE two_view_geometries SET F = zeroblob(71)", "71 bytes"),
         ("INSERT INTO keypoints VALUES (77, 0, 2, NULL)", "foreign key"),
     ],
 )  # fmt: skip

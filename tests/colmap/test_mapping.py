@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from blur2view.colmap.database import write_database
-from blur2view.colmap.mapping import MIN_ANGLE_DEG, global_options, mapper_options
+from blur2view.colmap.mapping import MIN_ANGLE_DEG, mapper_options
 from blur2view.geometry.pose import RigidTransform
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, some_views
 from tools.metrics import rotation_error, translation_direction_error_deg
@@ -61,21 +61,6 @@ def test_defaults_find_nothing(database: Path, tmp_path: Path) -> None:
     assert not models(database, options, tmp_path)
 
 
-@pytest.mark.parametrize(
-    "group, name",
-    [
-        ("triangulation", "ignore_two_view_tracks"),
-        ("mapper", "init_min_tri_angle"),
-        ("mapper", "filter_min_tri_angle"),
-    ],
-)
-def test_each_of_these_options_is_needed(database: Path, tmp_path: Path, group: str, name: str) -> None:
-    options, defaults = mapper_options(), pycolmap.IncrementalPipelineOptions()
-    setattr(getattr(options, group), name, getattr(getattr(defaults, group), name))
-    lost = models(database, options, tmp_path)
-    assert sum(model.num_points3D() for model in lost.values()) < 0.6 * COUNT
-
-
 def test_linked_projects_keep_colmaps_angles() -> None:
     options, defaults = mapper_options(linked=True), pycolmap.IncrementalPipelineOptions()
     assert options.triangulation.min_angle == defaults.triangulation.min_angle
@@ -87,10 +72,3 @@ def test_linked_projects_keep_colmaps_angles() -> None:
     assert mapper_options().check() and options.check()
     with pytest.raises(ValueError, match="keep_photographs"):
         mapper_options(keep_photographs=True)
-
-
-def test_global_mapping_ends() -> None:
-    adjustment = global_options().mapper.bundle_adjustment
-    assert (
-        adjustment.refine_focal_length and adjustment.ceres.solver_options.max_solver_time_in_seconds == 600
-    )

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap import placement
 from blur2view.colmap.link import LinkStep, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
@@ -136,19 +134,3 @@ def test_what_cannot_be_placed_is_refused_with_a_remedy(tmp_path: Path) -> None:
     (model / "cameras.bin").write_bytes(b"no cameras")
     with pytest.raises(DatabaseError, match="model: holds no model that can be read; name"):
         place_views(database, model)
-
-
-def test_a_frame_s_rays_are_those_of_the_middle_of_the_exposure() -> None:
-    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", width=160, height=120, params=[200.0, 80, 60])
-    pose = SimpleNamespace(matrix=lambda: np.eye(4)[:3])
-    point = SimpleNamespace(has_point3D=lambda: True, point3D_id=0)
-    photograph = SimpleNamespace(points2D=[point], camera_id=1, cam_from_world=lambda: pose)
-    model = SimpleNamespace(cameras={1: camera}, points3D={0: SimpleNamespace(xyz=np.array([0.0, 0.0, 4.0]))})
-    ends = np.array([[100.0, 60.0]]), np.array([[120.0, 60.0]])
-    first, last = (pycolmap.Image(keypoints=points) for points in ends)
-    frame = placement._frame(
-        model, placement._Linked(photograph=photograph, views=(first, last), matched=np.array([0]))
-    )
-    np.testing.assert_allclose(frame.rays, [[0.15, 0.0]])
-    np.testing.assert_allclose(frame.displacement, [[0.1, 0.0]])
-    np.testing.assert_allclose(frame.inverse_depth, [0.25])

@@ -17,8 +17,8 @@ from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
-from blur2view.colmap.project import DatabaseMatcher, database_names
-from blur2view.errors import Blur2ViewError, DatabaseError
+from blur2view.colmap.project import database_matcher, database_names
+from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
 from tests.support.sql import run_sql
@@ -36,7 +36,7 @@ def steps(path: Path) -> list[Step]:
 
 READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has found what is there
     "camera": lambda path: camera_of_database(path, None, f"/data/{NAMES[0]}").known,
-    "matches": lambda path: len(DatabaseMatcher(path, [NAMES[0], f"{NAMES[0]}#open"])(0, 1)[0]) > 0,
+    "matches": lambda path: len(database_matcher(path, [NAMES[0], f"{NAMES[0]}#open"])(0, 1)[0]) > 0,
     "names": lambda path: set(NAMES) < set(database_names(path)),
     "plans": lambda path: steps(path) == [Step.KEEP],
     "placed": lambda path: len(place_views(path, path.parent.parent / "model").placed) == FRAMES,
@@ -118,12 +118,6 @@ def test_a_database_that_another_program_writes_to_is_read_as_it_was(path: Path)
         other.communicate(b"")
 
 
-def test_reading_does_not_write(path: Path) -> None:
-    rollback_journal(path)
-    with pytest.raises(Blur2ViewError, match="readonly"), open_read_only(path) as database:
-        database.execute("DELETE FROM images")
-
-
 def test_a_change_while_reading_is_noticed(path: Path) -> None:
     words = "changed while it was read.*another program"
     with pytest.raises(Blur2ViewError, match=words), open_read_only(path) as database:
@@ -184,11 +178,3 @@ def test_what_is_wrong_is_one_clear_line(
     if isinstance(other, sqlite3.Connection):
         other.close()
     assert contents(path) == before or fault is locked
-
-
-@pytest.mark.skipif(not Path("/proc/self/comm").exists(), reason="Linux alone has such files")
-def test_a_file_of_the_system_is_no_database(tmp_path: Path) -> None:
-    odd = tmp_path / "odd.db"
-    odd.symlink_to("/proc/self/comm")  # /proc/kmsg, another one, would wait for ever
-    with pytest.raises(DatabaseError, match="is no regular file"), open_read_only(odd):
-        pass

@@ -7,7 +7,7 @@ import pytest
 
 from blur2view import Camera, ExposureViews, RigidTransform, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.camera.colmap_camera import colmap_camera
-from blur2view.exposure.end_order import forward_share, motion_order
+from blur2view.exposure.end_order import motion_order
 from blur2view.exposure.views import other_translation, share_in_front
 from blur2view.geometry.sampson import sampson
 from tests.exposure.test_time_direction import clip, views
@@ -19,6 +19,13 @@ def found_in(scene: Scene, camera: Camera | None = None) -> tuple[SmearMatches, 
     sigma = np.maximum(0.5, 0.12 * scene.length_px)
     matches = scene.matches(sigma)
     return matches, estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
+
+
+def swapped_in(
+    scene: Scene, geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None = None
+) -> np.ndarray:
+    order = motion_order(geometry, matches.ends, matches.sampson_px, camera, scene.image_size)
+    return order.swapped(matches.ends, matches.sampson_px)
 
 
 def right_share(swapped: np.ndarray, scene: Scene) -> float:
@@ -36,8 +43,7 @@ def test_depth_orders_what_F_leaves_open(share: float | None) -> None:
         scene = make_scene(rng, count=800, rotation_share=share)
         scene = disturb(scene, rng, direction_deg=4, length_share=0.1, noise_px=0.3)
         matches, geometry = found_in(scene)
-        order = motion_order(geometry, matches, None, scene.image_size)
-        swapped = order.swapped(scene.ends, matches.sampson_px)
+        swapped = swapped_in(scene, geometry, matches)
         plain.append(right_share(geometry.swapped, scene))
         deep.append(right_share(swapped, scene))
     assert np.median(deep) > 0.98
@@ -50,8 +56,7 @@ def test_order_follows_F_and_not_its_transpose() -> None:
     scene = make_scene(rng, count=400, length_px=30)
     matches, geometry = found_in(scene)
     for given in (geometry, geometry.reversed()):
-        order = motion_order(given, matches, None, scene.image_size)
-        swapped = order.swapped(scene.ends, matches.sampson_px).astype(int)
+        swapped = swapped_in(scene, given, matches).astype(int)
         index = np.arange(len(scene.ends))
         assert given.F is not None
         residual = sampson(given.F, scene.ends[index, swapped], scene.ends[index, 1 - swapped])
@@ -66,8 +71,7 @@ def test_pose_without_translation_orders_as_its_rotation_whatever_F_beside_it_sa
     for rotation in (scene.R, scene.R.T):
         still = RigidTransform(rotation=rotation, translation=np.zeros(3))
         open_geometry = replace(geometry, cam2_from_cam1=still, covariance=None)
-        order = motion_order(open_geometry, matches, camera, scene.image_size)
-        swapped = order.swapped(scene.ends, matches.sampson_px)
+        swapped = swapped_in(scene, open_geometry, matches, camera)
         assert (swapped == (scene.swapped if rotation is scene.R else ~scene.swapped)).mean() > 0.98
         ends = ExposureViews(
             name="a", size=scene.image_size, points_open=scene.ends[:, 0], points_close=scene.ends[:, 1],
@@ -80,16 +84,7 @@ def test_rotation_orders_by_its_homography() -> None:
     scene = make_scene(np.random.default_rng(2), count=400, rotation_share=np.inf)
     matches, geometry = found_in(disturb(scene, np.random.default_rng(2), noise_px=0.2))
     assert geometry.F is None and geometry.H is not None
-    order = motion_order(geometry, matches, None, scene.image_size)
-    assert right_share(order.swapped(scene.ends, matches.sampson_px), scene) > 0.98
-
-
-def test_nothing_known_orders_nothing() -> None:
-    scene = make_scene(np.random.default_rng(2), count=5)
-    matches, geometry = found_in(scene)
-    assert geometry.F is None and geometry.H is None
-    np.testing.assert_array_equal(forward_share(geometry, scene.ends, matches.sampson_px), 0.5)
-    assert not motion_order(geometry, matches, None, (640, 480)).swapped(scene.ends, matches.sampson_px).any()
+    assert right_share(swapped_in(scene, geometry, matches), scene) > 0.98
 
 
 def test_orders_the_ends_of_a_distorted_camera() -> None:
@@ -103,9 +98,8 @@ def test_orders_the_ends_of_a_distorted_camera() -> None:
     bent = distorted_points(lens, rays.reshape(-1, 2)).reshape(rays.shape)
     matches = SmearMatches(ends=bent, sigma_px=np.full(len(bent), 0.3), image_size=scene.image_size)
     geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
-    order = motion_order(geometry, matches, camera, scene.image_size)
     assert geometry.cam2_from_cam1 is not None
-    assert right_share(order.swapped(bent, matches.sampson_px), scene) > 0.98
+    assert right_share(swapped_in(scene, geometry, matches, camera), scene) > 0.98
 
 
 def test_other_translation_twice_is_where_it_began() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
-from blur2view.exposure.linked_views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
+from blur2view.exposure.views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.blur import blur_of

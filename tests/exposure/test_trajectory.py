@@ -85,13 +85,13 @@ def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() ->
     assert np.isnan(common_fraction([few]))
 
 
-def swing(period: float, count: int = 24) -> tuple[Trajectory, Array]:
-    """Return a camera that moves to and fro with a period in frames, and its true velocities."""
+def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[Trajectory, Array]:
+    """Return a camera that moves to and fro with a period in frames, so far, and its true velocities."""
 
     def pose(time: float) -> Array:
         phase = np.sin(2 * np.pi * time / period + np.array([0, 1, 2, 3, 4, 5]))
         R = rotation_matrix(0.05 * phase[:3])
-        return np.column_stack([R, -R @ (0.1 * phase[3:])])
+        return np.column_stack([R, -R @ (reach * phase[3:])])
 
     true = []
     for k in range(count):
@@ -139,7 +139,7 @@ def test_smears_show_that_a_shake_is_faster_than_frames() -> None:
     rng = np.random.default_rng(7)
     factors = []
     for period in (8.0, 1.05):  # the second looks slow in the poses
-        trajectory, true = swing(period)
+        trajectory, true = swing(period, reach=0.01)
         velocity, spreads = trajectory.velocities(OPEN_FOR), trajectory.spreads(OPEN_FOR)
         made = [frame(rng, OPEN_FOR * own, velocity=seen) for own, seen in zip(true, velocity, strict=True)]
         frames = [replace(one, displacement=one.displacement + rng.normal(0, 1e-3, (200, 2))) for one in made]
@@ -149,6 +149,8 @@ def test_smears_show_that_a_shake_is_faster_than_frames() -> None:
         turned = np.array([one[:3] for one in moved if one is not None])
         off = np.linalg.norm(turned - OPEN_FOR * true[:, :3], axis=1)
         assert np.median(off) < 0.1 * OPEN_FOR * np.abs(true[:, :3]).max()
+        places = np.array([one[3:] for one in moved if one is not None])
+        np.testing.assert_allclose(np.abs(places), OPEN_FOR * np.abs(velocity[:, 3:]), atol=1e-3)
     assert factors[1] > 5 * factors[0]
 
 
@@ -157,10 +159,3 @@ def test_nothing_is_expected_of_a_trajectory_that_knows_nothing() -> None:
     size = np.abs(trajectory.velocities(OPEN_FOR)).max()
     np.testing.assert_array_equal(trajectory.shares(OPEN_FOR, np.full((24, 6), size)), 0)
     np.testing.assert_allclose(trajectory.shares(OPEN_FOR, np.full((24, 6), 1e-3 * size)), 1, atol=1e-4)
-
-
-def test_shapes_are_checked() -> None:
-    with pytest.raises(ValueError, match="expected rays"):
-        ExposedFrame(
-            rays=np.zeros((3, 2)), displacement=np.zeros((2, 2)), inverse_depth=np.ones(3), velocity=None
-        )

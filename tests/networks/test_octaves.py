@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.networks.octaves import doubled, joined, octave_count, octaves
+from blur2view.networks.octave_reader import joined, octave_count, octaves
 
 
 @pytest.mark.parametrize(
@@ -25,14 +25,6 @@ def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> Non
         blocks = fine.reshape(coarse.shape[0], 2, coarse.shape[1], 2)
         np.testing.assert_allclose(coarse, blocks.mean((1, 3)), atol=1e-6)
         assert coarse.dtype == np.float32
-
-
-def test_doubled_cells_lie_on_what_they_are_of() -> None:
-    cells = np.arange(6, dtype=np.float32).reshape(2, 3)
-    np.testing.assert_array_equal(doubled(cells, (4, 6))[1:3, 3:5], [[1, 2], [4, 5]])
-    odd = doubled(cells, (3, 5))
-    assert odd.shape == (3, 5)
-    np.testing.assert_array_equal(odd[2], [3, 3, 4, 4, 5])
 
 
 def test_length_of_the_smaller_octave_is_joined_with_its_double() -> None:
@@ -60,5 +52,3 @@ def test_torch_joins_alike(bins: int) -> None:
     fine, coarse = (rng.normal(0, 1, (3, 5, 32, n)).astype(np.float32) for n in (20, bins))
     expected = reader.joined(torch.from_numpy(fine), torch.from_numpy(coarse))
     np.testing.assert_array_equal(joined(fine, coarse), expected.numpy())
-    above = torch.from_numpy(coarse[None])
-    np.testing.assert_array_equal(doubled(coarse, (5, 9)), reader.doubled(above, torch.Size((5, 9)))[0])

@@ -10,13 +10,11 @@ import numpy as np
 import onnx
 import pytest
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from blur2view.errors import ModelError
-from blur2view.networks import octaves, smear_network
+from blur2view.networks import smear_network
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, Detail, SmearNetwork, rgb_of
-from blur2view.networks.tiles import cells, ramps, spans
-from blur2view.smears import grid
+from blur2view.networks.tiles import tiles_of
 from blur2view.smears.field import to_double_angle
 from tests.support.colour_code import colour_code, colour_code_network, noise
 from tools.metrics import direction_error_deg
@@ -63,16 +61,6 @@ def test_whole_gridare_centred_as_the_convention_says(tiny_model: Path) -> None:
     assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [(700, 500), (257, 129), (128, 640), (129, 128)])
-def test_tiles_equal_the_whole_for_a_network_without_context(tiny_model: Path, size: tuple[int, int]) -> None:
-    image = colour_code(turning_field(*size), 1.0)
-    networks = SmearNetwork(tiny_model), tiled(tiny_model)
-    whole, in_tiles = (network.predict(image, levels=1).at_pixels() for network in networks)
-    assert difference(whole.displacement, in_tiles.displacement).max() < 1e-3
-    np.testing.assert_allclose(in_tiles.sigma_px, whole.sigma_px, atol=1e-3)
-
-
 def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
     network, image = tiled(blurring_model), colour_code(turning_field(300, 420), 1.0)
     alone = network.predict(image).at_pixels()
@@ -83,14 +71,6 @@ def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
     assert together.displacement.tobytes() == alone.displacement.tobytes()
     assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
     assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
-
-
-def test_threads_of_blas_change_no_byte() -> None:
-    image, network = noise(256, 320), SmearNetwork()
-    with threadpool_limits(limits=1, user_api="blas"):
-        alone = network.predict(image)
-    with threadpool_limits(limits=2, user_api="blas"):
-        np.testing.assert_array_equal(network.predict(image).cells, alone.cells)
 
 
 def test_interrupt_waits_for_the_tiles_in_hand_alone(
@@ -128,31 +108,12 @@ def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None
 
 @pytest.mark.parametrize("size", [64, 128, 200, 256, 449, 1000])
 def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
-    total = np.zeros(-(-size // 64) * 16)
-    for span, weight in ramps(spans(size, 64, 100, 64), stride=4):  # rounded up to whole windows
-        assert len(span) == min(128, 4 * len(total)) and (weight > 0).all()
-        total[cells(span, stride=4)] += weight
+    tiles = tiles_of((size, 64), 64, 100, 64, 4)  # rounded up to whole windows
+    total = np.zeros((-(-size // 64) * 16, 16))
+    for tile in tiles:
+        assert len(tile.weight) == min(32, len(total)) and (tile.weight > 0).all()
+        total[tile.cells] += tile.weight
     np.testing.assert_allclose(total, 1, atol=1e-6)
-
-
-def test_decoding_in_strips_leaves_no_seam(tiny_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    image = colour_code(turning_field(300, 70), 1.0)
-    whole_grid = SmearNetwork(tiny_model).predict(image)
-    whole = whole_grid.at_pixels()
-    for strip_cells in (1, 7):
-        monkeypatch.setattr(grid, "_STRIP_CELLS", strip_cells)
-        np.testing.assert_array_equal(whole_grid.at_pixels().displacement, whole.displacement)
-
-
-def test_octaves_may_be_smaller_than_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(octaves, "SMALLEST_PX", 16)
-    for side in (64, 100):
-        assert SmearNetwork(threads=1).predict(np.zeros((side, side, 3))).shape == (side, side)
-
-
-def test_single_pixel_has_no_smear(tiny_model: Path) -> None:
-    field = SmearNetwork(tiny_model).predict(np.zeros((1, 1, 3), np.float32)).at_pixels()
-    assert field.length_px == 0 and field.sigma_px == UNSEEN_SIGMA_PX
 
 
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
@@ -171,19 +132,11 @@ def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: p
     monkeypatch.setattr(network._reader, "read", read)
     found = network.predict(image, levels=1).cells
     tiles = read.call_count
-    monkeypatch.setattr(smear_network, "_flat", lambda image, stride: np.zeros((4, 16), bool))
+    monkeypatch.setattr(smear_network, "_flat", lambda image: np.zeros((4, 16), bool))
     everywhere = network.predict(image, levels=1).cells
     assert (tiles, read.call_count - tiles) == (3, 7)
     seen = found[..., 2] != UNSEEN_SIGMA_PX
     np.testing.assert_array_equal(found[seen], everywhere[seen])
-
-
-def test_only_what_lies_far_from_texture_is_unseen(tiny_model: Path) -> None:
-    image = colour_code(turning_field(160, 320), 1.0)
-    image[:, 160:] = image[80, 250]
-    field = SmearNetwork(tiny_model).predict(image).at_pixels()
-    assert (field.sigma_px[:, :144] < 2).all()
-    assert (field.sigma_px[:, 240:] == UNSEEN_SIGMA_PX).all() and (field.length_px[:, 240:] == 0).all()
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -0.1, 255.0])
@@ -218,12 +171,11 @@ def with_pooling(place: int, size: int) -> onnx.ModelProto:
     ("model", "words"),
     [
         (with_pooling(1, 32), "cannot be run on 96x64 pixels"),  # of more cells than the picture has
-        (with_pooling(0, 8), r"gives shape \(1, 4, 6, 32, 2"),
-        (with_constants(bins=[0, 0, 0, 16, 40], none=np.zeros((40, 2))), r"gives shape \(1, 2, 3, 16, "),
-        (with_constants(none=np.zeros((20, 3))), r"gives shape \(1, 2, 3, 32, 3\)"),
+        (with_pooling(0, 8), r"gives shapes \[\(1, 4, 6, 32, 2"),
+        (with_constants(none=np.zeros((20, 3))), r"gives shapes .*\(1, 2, 3, 32, 3\)"),
         (with_constants(scale=[np.nan]), "not finite"),
     ],
-    ids=["window", "cells", "directions", "channels", "nan"],
+    ids=["window", "cells", "channels", "nan"],
 )
 def test_network_that_breaks_its_promise_is_named_in_one_line(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], model: onnx.ModelProto, words: str
@@ -301,9 +253,8 @@ def test_large_photograph_is_read_in_the_octaves_that_its_smears_need(
 
 def test_photograph_of_ordinary_size_is_read_whole_in_any_case(blurring_model: Path) -> None:
     image, network = colour_code(turning_field(200, 300), 1.0), SmearNetwork(blurring_model)
-    grid, features = network.with_features(image, detail=Detail.GEOMETRY)
-    np.testing.assert_array_equal(grid.cells, network.predict(image).cells)
-    assert features.shape == (*grid.cells.shape[:2], 32, network.info.features)
+    found = network.predict(image, detail=Detail.GEOMETRY)
+    np.testing.assert_array_equal(found.cells, network.predict(image).cells)
 
 
 def test_threads_change_no_byte_of_a_large_photograph() -> None:
@@ -311,10 +262,3 @@ def test_threads_change_no_byte_of_a_large_photograph() -> None:
     first, second = (SmearNetwork(threads=n).predict(image, detail=Detail.GEOMETRY) for n in (1, 3))
     assert first.cells.tobytes() == second.cells.tobytes() and first.blur is not None
     np.testing.assert_array_equal(first.blur, second.blur)
-
-
-def test_levels_are_read_as_their_shares_of_white() -> None:
-    levels = np.random.default_rng(0).integers(0, 256, (97, 131, 3)).astype(np.uint8)
-    network = SmearNetwork(threads=1)
-    expected = network.predict(levels.astype(np.float32) / np.float32(255))
-    np.testing.assert_array_equal(network.predict(levels).cells, expected.cells)

@@ -2,9 +2,6 @@
 
 import io
 import os
-import struct
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -194,8 +191,7 @@ def test_unusable_file_is_named_in_one_line(tmp_path: Path, content: bytes | str
 @pytest.mark.parametrize(
     ("raised", "words"),
     [
-        (KeyError("RGB imago"), "is damaged or incomplete"),  # what Pillow raises on a torn IM file
-        (RuntimeError("no image item"), "is damaged or incomplete"),  # and on AVIF
+        (RuntimeError("no image item"), "is damaged or incomplete"),  # what Pillow raises on AVIF
         (MemoryError(), "does not fit in memory; resize it"),
     ],
 )
@@ -211,29 +207,8 @@ def test_whatever_a_decoder_stumbles_over_is_one_line(
         read_image(path)
 
 
-def test_path_that_cannot_be_read_or_never_ends_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_path_that_cannot_be_read_or_never_ends_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.jpg")
     for path, words in ((tmp_path / "pipe.jpg", "no regular"), ("/dev/zero", "no regular"), ("a\0b.jpg", "")):
         with pytest.raises(ImageError, match=f"cannot be read .*{words}"):
             read_image(path)
-
-    def denied(path: Path) -> bytes:  # chmod would not stop root
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("blur2view.photographs.image.read_regular", denied)
-    with pytest.raises(ImageError, match="Permission denied"):
-        read_image(tmp_path / "a.png")
-
-
-def test_what_a_decoder_has_to_say_is_not_printed(tmp_path: Path) -> None:
-    path = tmp_path / "samples.tif"
-    Image.fromarray(RGB8).save(path)
-    data = bytearray(path.read_bytes())
-    at = data.index(struct.pack("<HHIH", TiffImagePlugin.SAMPLESPERPIXEL, 3, 1, 3))
-    data[at + 8 : at + 10] = struct.pack("<H", 100)
-    path.write_bytes(data)
-    program = f"from blur2view import read_image; read_image({str(path)!r})"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert "More samples" not in done.stderr and "ImageError" in done.stderr

@@ -4,9 +4,7 @@ import io
 import os
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -109,19 +107,6 @@ def test_list_that_may_never_end_or_is_too_large_is_refused(
         assert len(listed("-", stdin=io.BytesIO(separator.join("abc").encode())).paths) == 3
         with pytest.raises(ImageError, match="has 4 lines; name at most 3"):
             listed("-", stdin=io.BytesIO(separator.join("abcd").encode()))
-
-
-@pytest.mark.parametrize("claim", [{cv2.CAP_PROP_FRAME_COUNT: 1e9}, {cv2.CAP_PROP_FPS: float("nan")}])
-def test_video_that_claims_what_cannot_be_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, claim: dict[int, float]
-) -> None:
-    video = write_video(tmp_path / "clip.mp4", 25)
-    capture = cv2.VideoCapture(str(video))
-    claims = {key: capture.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS)} | claim
-    damaged = SimpleNamespace(get=claims.get, release=capture.release)
-    monkeypatch.setattr("blur2view.photographs.video._opened", lambda path: damaged)
-    (reason,) = listed(video, frames=partial(frame_numbers, first=1.0)).refused.values()
-    assert "convert it to MP4" in reason or "name frames by number" in reason
 
 
 def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:

@@ -11,13 +11,14 @@ from PIL import Image
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.movers.parts import parts_of
-from blur2view.movers.probability import Moving, factor_of, reduced
+from blur2view.movers.probability import Moving, factor_of, moving_probability, reduced
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.results import mask_overlay
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.segmentation.pixels import moving_parts, moving_regions
+from blur2view.smears.blur import BlurKind
 from tests.support.grids import grid_of
 from tests.support.motion_scenes import (
     BOX,
@@ -67,6 +68,17 @@ def test_mover_is_found_where_it_is_and_described(smears: NDArray[np.float32]) -
     np.testing.assert_allclose(region.centroid, (447.5, 239.5), atol=16)
     assert region.area_px == (mask.labels == MotionLabel.MOVING).sum() and region.probability > 0.5
     assert mask.probability[240, 448] > 0.6 > 0.2 > mask.probability[60, 60]
+
+
+def test_what_the_estimate_found_of_a_camera_at_rest_is_not_looked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    image, still = photo(before_still()), estimate_of(before_still())
+    still = replace(still, blur=replace(still.blur, kind=BlurKind.CAMERA_AT_REST))
+    expected = segment(still, image)
+    found = replace(still, moving=moving_probability(image, still.grid))
+    monkeypatch.setattr("blur2view.segmentation.mask.moving_probability", lambda *given: pytest.fail("again"))
+    np.testing.assert_array_equal(segment(found, image).labels, expected.labels)
 
 
 def test_mover_is_found_with_the_cameras_F() -> None:

@@ -5,6 +5,8 @@ from importlib import import_module
 
 import pytest
 
+from tools.arguments import run
+
 
 @pytest.fixture
 def call_tool(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
@@ -13,6 +15,6 @@ def call_tool(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     def call(words: str) -> None:
         name, *arguments = words.split()
         monkeypatch.setattr("sys.argv", [name, *arguments])
-        import_module(f"tools.{name}").main()
+        run(import_module(f"tools.{name}").main)
 
     return call

@@ -1,5 +1,6 @@
 """Rolling shutters against an exact simulation: the true motion is one of the two orders in time."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -207,10 +208,14 @@ def test_a_turn_that_is_faster_down_the_rows_is_no_parallax_unless_the_shutter_i
         ends = np.stack([middle - half, middle + half], axis=1)
         ends += np.random.default_rng(seed).normal(0, 0.2, ends.shape)
         matches = SmearMatches(ends=ends, sigma_px=np.full(400, 0.4), image_size=IMAGE_SIZE)
-        geometry = estimate_two_view(matches, camera=scene.camera)
-        assert geometry.parallax is not Parallax.PROVEN
-        assert geometry.config is Configuration.PANORAMIC
-        assert (geometry.rotation_probability or 0.0) > 0.5
+        (f, _, x), (_, _, y), _ = scene.camera.K  # and of a picture that EXIF turned
+        aside = Camera.from_opencv(np.array([[f, 0, y], [0, f, x], [0, 0, 1]]), None, IMAGE_SIZE[::-1])
+        on_its_side = replace(matches, ends=ends[..., ::-1], image_size=IMAGE_SIZE[::-1])
+        for one, camera in ((on_its_side, aside), (matches, scene.camera)):
+            geometry = estimate_two_view(one, camera=camera)
+            assert geometry.parallax is not Parallax.PROVEN
+            assert geometry.config is Configuration.PANORAMIC
+            assert (geometry.rotation_probability or 0.0) > 0.5
         known = RollingShutter(readout_s=0.0, exposure_s=EXPOSURE_S)
         told = estimate_two_view(matches, camera=scene.camera, shutter=known)
         assert not any("rolling" in row.model for row in told.table.rows)

@@ -23,7 +23,7 @@ import numpy as np
 import blur2view
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.selection import select_matches
-from tools.arguments import existing, parser_of, target
+from tools.arguments import Existing, Target, run
 from tools.benchmarks.estimator_methods import (
     METHODS,
     OURS,
@@ -39,7 +39,7 @@ from tools.estimators.baselines import in_true_order
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge, true_ends, truth_at_matches
 from tools.metrics import NO_POSE_DEG, pose_auc, pose_error_deg
-from tools.pages import Record, finished_lines, publish, record_table, sweep, table
+from tools.pages import Record, filled, finished_lines, publish, record_table, sweep, table
 from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,7 +62,8 @@ SEEDS, HARD_SEEDS, PAPER_SEEDS = 40, 100, 3
 """Instances of every cell and kind, of HARD, and of those that the paper's gets, at 6 to 7 s for one."""
 TUNING_SEED = 10_000  # first of the seeds that options may be tuned on; the tables are of seeds from 0
 SUCCESS_RHO = 0.05
-"""Median rho below which an F counts as found: errors of exact smears under a twentieth of their length."""
+"""Median rho below which an F counts as found: errors of exact smears under a twentieth of their length. What
+the figures mean stands on the page, by hand."""
 
 HEAD = (
     "method | n | success | pose < 10 deg | AUC@5 | AUC@10 | AUC@20 | rho | rho < 0.05 | rho < 0.10 "
@@ -72,24 +73,7 @@ ROW = (
     "{method} | {n} | {success:.3f} | {pose < 10 deg:.3f} | {AUC@5:.3f} | {AUC@10:.3f} | {AUC@20:.3f} "
     "| {rho:.4f} | {under_05:.3f} | {under_10:.3f} | {inliers:.3f} | {epipole_deg:.2f} | {ms:.1f} | {p95:.1f}"
 )
-INTRODUCTION = """# Estimators of F, ours without the order of any match
-
-{machine}; {libraries}; code {code}.
-Made by `python -m tools.benchmarks.benchmark_estimators`.
-
-Base case: 1000 smears of 20 px, noise of 1 px in every coordinate of both ends, 30 % random outliers, mixed
-motion, 640x480; one factor is changed at a time. Every method gets the same matches in the same process with
-one thread; ms is the CPU time of one call. "true order" methods are given what a photograph does not show.
-
-- success: share of instances with median rho (root SErrMin over length, on exact smears) under {success_rho}:
-  counted as failures of F estimators usually are, by the error on true matches. Kind to an F from unordered
-  matches, whose errors are bounded: so look at the pose as well.
-- pose: the larger of the rotation's and the translation direction's error, from F and the true K by
-  cheirality, the better flip of time, the same for every method; AUC as usual, no F counts as 180 degrees.
-- rho, epipole, ms: medians over instances; shares and inliers: means. Inliers: SErrMin < 3 on exact smears,
-  where the true F has all.
-- the paper's: the first {paper_seeds} seeds of every cell only; its rows are of those.
-"""
+PAGE = ROOT / "tools/results/estimators.md"
 
 
 def instances(first_seed: int, seeds: int | None, scenes: int) -> list[Record]:
@@ -174,7 +158,7 @@ def head() -> Record:
 
 
 def figures(name: str, measured: Sequence[dict[str, float]]) -> Record:
-    """Return the figures of one method over instances, as `INTRODUCTION` explains them."""
+    """Return the figures of one method over instances, as the page explains them."""
     column = {key: np.array([one[key] for one in measured]) for key in measured[0]}
     return {
         "method": name,
@@ -199,14 +183,13 @@ def select(records: Sequence[Record], **wanted: str) -> list[Record]:
     return [record for record in records if wanted.items() <= record.items()]
 
 
-def markdown(records: Sequence[Record], head: dict[str, str]) -> str:
-    """Return everything as text: answers, both kinds over the sweep, network smears, every cell."""
+def markdown(records: Sequence[Record], head: Record) -> str:
+    """Return the page with answers, both kinds over the sweep, network smears, every cell."""
     libraries = ", ".join(f"{k} {v}" for k, v in head.items() if k not in ("code", "machine"))
-    named = {"code": "", "machine": "", "success_rho": SUCCESS_RHO, "paper_seeds": PAPER_SEEDS, **head}
+    made = f"{head.get('machine')}; {libraries}; code {head.get('code')}."
     synthetic = [record for record in records if record["cell"] != NETWORK]
     kinds = {kind: select(synthetic, kind=kind) for kind in KINDS}
-    parts = [INTRODUCTION.format(**named, libraries=libraries), "## Answers", ""]
-    parts += [*(f"- {line}" for line in answers(synthetic, kinds)), ""]
+    parts = ["## Answers", "", *(f"- {line}" for line in answers(synthetic, kinds)), ""]
     for kind, chosen in kinds.items():
         base = select(chosen, cell=BASE)
         parts += [f"## Whole sweep, {kind} depth: {len(chosen)} instances", "", *method_table(chosen), ""]
@@ -216,7 +199,7 @@ def markdown(records: Sequence[Record], head: dict[str, str]) -> str:
         parts += [title, "", *method_table(photographs), ""]
     for kind, chosen in kinds.items():
         parts += [f"## Cell by cell, {kind} depth: AUC@10 / success", "", *cell_table(chosen), ""]
-    return "\n".join(parts)
+    return filled(PAGE.read_text(), {"run": [made], "tables": parts})
 
 
 def method_table(records: Sequence[Record]) -> list[str]:
@@ -261,28 +244,30 @@ def answers(synthetic: Sequence[Record], kinds: dict[str, list[Record]]) -> Iter
         yield f"against {PAPER} on {b['n']:.0f} instances: {faster}; {', '.join(pairs)}"
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    words = f"instances of every cell and kind (default: {SEEDS}, some {HARD_SEEDS})"
-    parser.add_argument("--seeds", type=int, help=words)
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--paper-seeds", type=int, default=PAPER_SEEDS, help="for the paper's: slow")
-    parser.add_argument("--report", action="store_true", help="run nothing, write the tables of the log")
-    parser.add_argument("--scenes", type=existing, help="of tools.datasets.testset, for network smears")
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--log", type=Path, default=Path("runs/estimators.jsonl"))
-    parser.add_argument("--out", type=target, default=Path("tools/results/estimators.md"))
-    a = parser.parse_args()
-    if not a.report:
-        keys = instances(a.first_seed, a.seeds, len(moving_scenes(a.scenes)))
-        slow = range(a.first_seed, a.first_seed + a.paper_seeds)
-        work = partial(run_instance, paper_seeds=slow, scenes=a.scenes)
-        with single_threaded_pool(a.processes) as pool:
-            sweep(a.log, head(), keys, work, pool.imap_unordered)
-    first, *records = finished_lines(a.log) or [{}]
-    publish(markdown(records, first), a.out)
+def main(
+    *,
+    seeds: int | None = None,
+    first_seed: int = 0,
+    paper_seeds: int = PAPER_SEEDS,
+    report: bool = False,
+    scenes: Existing | None = None,
+    processes: int = 2,
+    log: Path = Path("runs/estimators.jsonl"),
+    out: Target = PAGE,
+) -> None:
+    """Run so many instances of every cell and kind, and write the tables of the log.
+
+    The paper's estimator has ``paper_seeds``; ``report`` runs nothing; network smears are of ``scenes``.
+    """
+    if not report:
+        keys = instances(first_seed, seeds, len(moving_scenes(scenes)))
+        slow = range(first_seed, first_seed + paper_seeds)
+        work = partial(run_instance, paper_seeds=slow, scenes=scenes)
+        with single_threaded_pool(processes) as pool:
+            sweep(log, head(), keys, work, pool.imap_unordered)
+    first, *records = finished_lines(log) or [{}]
+    publish(markdown(records, first), out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -20,8 +20,9 @@ from scipy.stats import spearmanr
 import blur2view
 from blur2view.arrays import AnyArray, Array
 from blur2view.smears.blur import median_smear
-from tools.arguments import existing, parser_of, target
+from tools.arguments import Existing, Target, run
 from tools.datasets.testset import read_test_set
+from tools.evaluation.blur_kinds import laplacian_variance
 from tools.evaluation.even_blur import blurred, middles
 from tools.pages import publish, table
 
@@ -31,12 +32,6 @@ RATIO = 0.8  # of the second-best distance, Lowe's
 
 Ordered = tuple[float, float, float]
 """A photograph's true median smear and ours (pixels), and the variance of its Laplacian."""
-
-
-def laplacian_variance(image: AnyArray) -> float:
-    """Return the variance of the Laplacian of a picture (H, W, 3), float32 in [0, 1], in grey levels."""
-    grey = cv2.cvtColor((image * 255).round().astype(np.uint8), cv2.COLOR_RGB2GRAY)
-    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
 
 
 def ordered(image: AnyArray, true_px: float, network: blur2view.SmearNetwork) -> Ordered:
@@ -105,27 +100,22 @@ def report(sets: dict[str, list[Ordered]], features: dict[str, Array]) -> str:
     ])  # fmt: skip
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("scenes", type=existing, help="a test set with sharp first instants")
-    parser.add_argument("--photos", type=existing, nargs="*", default=[], help="folders of sharp photographs")
-    parser.add_argument("--out", type=target, help="Markdown file to write")
-    arguments = parser.parse_args()
-    network = blur2view.SmearNetwork()
+def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target | None = None) -> None:
+    """Order a test set with sharp first instants, and evenly blurred photographs of the last folder."""
+    network, photos = blur2view.SmearNetwork(), photos or []
     smeared, sharp = [], []
-    for scene in read_test_set(arguments.scenes):
+    for scene in read_test_set(scenes):
         smeared.append(ordered(blur2view.read_image(scene.image_path), scene.median_px, network))
         first = scene.image_path.with_name(f"{scene.name}_open.png")  # as the shutter opened
         sharp.append(ordered(blur2view.read_image(first), 0.0, network))
     if not smeared:
-        raise SystemExit(f"{arguments.scenes}: no scenes; make them with python -m tools.datasets.testset")
+        raise SystemExit(f"{scenes}: no scenes; make them with python -m tools.datasets.testset")
     sets = {"rendered": smeared, "rendered, and their sharp first instants": smeared + sharp}
-    if arguments.photos:
-        sets[f"evenly blurred, {arguments.photos[-1].name}"] = evenly_blurred(arguments.photos[-1], network)
-    text = report(sets, {path.name: features_left(path) for path in arguments.photos})
-    publish(f"# Triage\n\n{text}", arguments.out)
+    if photos:
+        sets[f"evenly blurred, {photos[-1].name}"] = evenly_blurred(photos[-1], network)
+    text = report(sets, {path.name: features_left(path) for path in photos})
+    publish(f"# Triage\n\n{text}", out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

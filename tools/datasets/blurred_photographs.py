@@ -59,12 +59,6 @@ class Picture:
         blur = f"{self.kind} {sizes}" if sizes else str(self.kind)
         return f"{blur}, {self.coding}" if self.coding else blur
 
-    def write(self, folder: Path, prefix: str) -> None:
-        """Write the file into a folder, which is made, named by its blur."""
-        folder.mkdir(parents=True, exist_ok=True)
-        name = self.name.replace(", ", "_").replace(" ", "_").replace("/", "-")
-        (folder / f"{prefix}_{name}{self.suffix}").write_bytes(self.file)
-
 
 def aperture(radius_px: float, blades: int = 0, turn: float = 0.0) -> AnyArray:
     """Return a disc, or a regular polygon of its second moment, as the shares of pixels covered; sum one."""

@@ -9,6 +9,7 @@ general motion those scenes are kept whose parallax is at least a fifth of the s
 Nothing moves by itself.
 """
 
+import multiprocessing
 from functools import partial
 from pathlib import Path
 
@@ -19,9 +20,9 @@ from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.field import smear_ends
 from blur2view.smears.matches import SmearMatches
-from tools.arguments import scene_parser
+from tools.arguments import Existing, run
 from tools.datasets.testset import SERIES, write_photographed
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
 from tools.rendering.exposure import Exposure, grid_points
 from tools.rendering.motion import sample_camera_path
 from tools.rendering.render import Rendering, expose, scaled_exposure
@@ -116,18 +117,21 @@ def write_scene(task: tuple[str, int], out: Path, photos: Path | None, size: tup
     write_photographed(path, scene, np.random.default_rng([seed, 3]))
 
 
-def main() -> None:
-    """Command line."""
-    parser = scene_parser(__doc__, 30, (640, 480))
-    parser.add_argument("--seed", type=int, default=20_000, help="of the first scene of each kind")
-    arguments = parser.parse_args()
+def main(
+    out: Path,
+    *,
+    scenes: int = 30,
+    photos: Existing | None = None,
+    size: tuple[int, int] = (640, 480),
+    jobs: int = multiprocessing.cpu_count(),
+    seed: int = 20_000,
+) -> None:
+    """Write so many scenes of each kind, of seeds from ``seed`` on; photographs are further textures."""
     for kind in KINDS:
-        (arguments.out / kind).mkdir(parents=True, exist_ok=True)
-    tasks = [(kind, arguments.seed + i) for i in range(arguments.scenes) for kind in KINDS]
-    write = partial(write_scene, out=arguments.out, photos=arguments.photos, size=tuple(arguments.size))
-    with single_threaded_pool(arguments.jobs) as pool:
-        pool.map(write, tasks, chunksize=1)
+        (out / kind).mkdir(parents=True, exist_ok=True)
+    tasks = [(kind, seed + i) for i in range(scenes) for kind in KINDS]
+    mapped(partial(write_scene, out=out, photos=photos, size=size), tasks, jobs)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

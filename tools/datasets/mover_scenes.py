@@ -10,11 +10,12 @@ and three in which nothing moves by itself.
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 
-from tools.arguments import existing, parser_of
+from tools.arguments import Existing, run
 from tools.datasets.testset import test_options, write_photographed
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
@@ -69,28 +70,29 @@ def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
         np.savez(path.with_suffix(".npz"), **truth, **unknown)  # type: ignore[arg-type]
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--scenes", type=int, default=12)
-    parser.add_argument("--kind", choices=("movers", "still", *THINGS), default="movers")
-    parser.add_argument("--photos", type=existing, help="folder of photographs, of things")
-    arguments = parser.parse_args()
-    kind, scenes, options = arguments.kind, arguments.scenes, test_options(None)
-    if (kind in THINGS) != (arguments.photos is not None):
-        parser.error("--photos belongs to kinds of things, and they need it")
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    if any(arguments.out.iterdir()):
-        raise SystemExit(f"{arguments.out} is not empty")
-    if kind in THINGS:
-        write_things(arguments.out, scenes, arguments.photos, kind)
+def main(
+    out: Path,
+    *,
+    scenes: int = 12,
+    kind: Literal[
+        "movers", "still", "following", "crossing", "standing", "deep", "unmoved", "flat"
+    ] = "movers",
+    photos: Existing | None = None,
+) -> None:
+    """Write so many scenes of a kind; things are made of photographs in a folder."""
+    options = test_options(None)
+    if (kind in THINGS) != (photos is not None):
+        raise SystemExit("--photos belongs to kinds of things, and they need it")
+    out.mkdir(parents=True, exist_ok=True)
+    if any(out.iterdir()):
+        raise SystemExit(f"{out} is not empty")
+    if photos is not None:
+        write_things(out, scenes, photos, kind)
     elif kind == "movers":
-        write_rendered(arguments.out, scenes, replace(options, mover_share=1.0), FIRST_SEED[kind], suits)
+        write_rendered(out, scenes, replace(options, mover_share=1.0), FIRST_SEED[kind], suits)
     else:
-        still = replace(options, mover_share=0.0)
-        write_rendered(arguments.out, scenes, still, FIRST_SEED[kind], lambda _: True)
+        write_rendered(out, scenes, replace(options, mover_share=0.0), FIRST_SEED[kind], lambda _: True)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

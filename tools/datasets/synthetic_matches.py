@@ -42,8 +42,7 @@ class SyntheticOptions:
 
     ``report`` says how the noise varies and what ``sigma_px`` states: "equal", the same for all, truly;
     "constant", stated as 1 px a coordinate whatever it is; "varied", log-normal (NOISE_SPREAD), truly;
-    "varied, constant", as the root mean square; "varied, wrong", as that of other smears. ValueError out of
-    range.
+    "varied, constant", as the root mean square; "varied, wrong", as that of other smears.
     """
 
     kind: Kind = "smooth"
@@ -54,12 +53,6 @@ class SyntheticOptions:
     report: Report = "equal"
     outliers: float = 0.3
     second_motion: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.count < 1 or not self.length_px > 0 or not self.noise_px >= 0:
-            raise ValueError(f"need count >= 1, length_px > 0, noise_px >= 0, got {self}")
-        if not (0 <= self.outliers <= 1 and 0 <= self.second_motion <= 1):
-            raise ValueError(f"shares must be in [0, 1], got {self}")
 
     @property
     def truthful(self) -> bool:

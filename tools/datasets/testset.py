@@ -5,6 +5,7 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 (the sharp first and last instants, for classical baselines). The same seeds give the same bytes.
 """
 
+import multiprocessing
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -14,8 +15,8 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from tools.arguments import scene_parser
-from tools.processes import single_threaded_pool
+from tools.arguments import Existing, run
+from tools.processes import mapped
 from tools.rendering.exposure import GRID, grid_points
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import SensorOptions, compress, photograph, tone
@@ -98,8 +99,7 @@ def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -
 def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) -> None:
     """Write scenes 0 to `scenes` - 1 in parallel."""
     out.mkdir(parents=True, exist_ok=True)
-    with single_threaded_pool(jobs) as pool:
-        pool.map(partial(write_scene, out=out, options=options), range(scenes), chunksize=1)
+    mapped(partial(write_scene, out=out, options=options), range(scenes), jobs)
 
 
 def read_test_set(folder: Path) -> Iterator[TestScene]:
@@ -112,12 +112,17 @@ def read_test_set(folder: Path) -> Iterator[TestScene]:
             yield TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays)
 
 
-def main() -> None:
-    """Command line."""
-    arguments = scene_parser(__doc__, 60, (640, 480)).parse_args()
-    options = test_options(arguments.photos, tuple(arguments.size))
-    write_test_set(arguments.out, arguments.scenes, options, arguments.jobs)
+def main(
+    out: Path,
+    *,
+    scenes: int = 60,
+    photos: Existing | None = None,
+    size: tuple[int, int] = (640, 480),
+    jobs: int = multiprocessing.cpu_count(),
+) -> None:
+    """Write so many scenes; a folder's photographs are further textures."""
+    write_test_set(out, scenes, test_options(photos, size), jobs)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import (
@@ -25,7 +26,7 @@ from blur2view.geometry.rotation import perpendicular
 
 SAMPLE_SIZE = 7
 ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6)))  # (64, 7)
-DOUBLE_ROOT_SLACK = 1e-9  # a double root, rounded, must not count as a complex pair
+DOUBLE_ROOT_SLACK = 1e-6  # imaginary part, relative, of a double root that is rounded
 # The nine entries of S + [a]x, row by row, from (S11, S12, S13, S22, S23, S33, a1, a2, a3).
 ENTRIES: Array = np.concatenate(
     [symmetric_from_vector(np.eye(6)).reshape(6, 9), cross_matrix(np.eye(3)).reshape(3, 9)]
@@ -43,7 +44,7 @@ def solve_seven_smears(ends: Array) -> Array:
     Returns
     -------
     ndarray of shape (M, 3, 3)
-        Candidates of unit norm and rank 2, about 155 a sample (0.06 ms on one core); the transposes are left
+        Candidates of unit norm and rank 2, about 155 a sample; the transposes are left
         out. A degenerate sample (coincident points, midpoints on a conic) gives none, or meaningless ones.
 
     Raises
@@ -56,19 +57,15 @@ def solve_seven_smears(ends: Array) -> Array:
         raise ValueError(f"ends must have shape (B, 7, 2, 2), got {ends.shape}")
     T = shared_normalisation(ends)  # (B, 3, 3)
     pencil = _pencils(apply_similarity(T[:, None], ends), ALL_SIGNS.T)  # (B, 9, 2, P)
-    batch, _, _, patterns = pencil.shape
-    separate = np.ascontiguousarray(pencil.transpose(2, 1, 0, 3)).reshape(2, 9, batch * patterns)
-    alpha, beta = homogeneous_cubic_roots(_determinant_cubic(separate))  # (3, B P)
-    # T^T F T is linear in F: it is done once for the two ends of a pencil, not for every root
-    carry = np.swapaxes(T, 1, 2)[:, :, None, :, None] * np.swapaxes(T, 1, 2)[:, None, :, None, :]
-    pixels = np.swapaxes(pencil.reshape(batch, 9, -1), 1, 2) @ np.swapaxes(
-        carry.reshape(batch, 9, 9) @ ENTRIES, 1, 2
-    )
-    one, other = np.swapaxes(pixels.reshape(batch, 2, patterns, 9), 0, 1).reshape(2, -1, 9)
-    root, index = np.nonzero(np.isfinite(alpha))
-    F = alpha[root, index, None] * one[index] + beta[root, index, None] * other[index]
-    F /= np.maximum(np.sqrt(np.einsum("mk,mk->m", F, F)), TINY)[:, None]
-    return F.reshape(-1, 3, 3)
+    one, other = np.einsum("ek,bkgp->gbpe", ENTRIES, pencil).reshape(2, -1, 3, 3)  # (B P, 3, 3) each
+    at = [np.linalg.det(matrix) for matrix in (one, other, one + other, one - other)]
+    even, odd = 0.5 * (at[2] + at[3]), 0.5 * (at[2] - at[3])  # c0 + c2, c1 + c3
+    index, alpha, beta = real_roots(np.stack([at[0], odd - at[1], even - at[0], at[1]], axis=-1))
+    F = alpha[:, None, None] * one[index] + beta[:, None, None] * other[index]
+    scale = T[index // len(ALL_SIGNS)]
+    F = np.swapaxes(scale, 1, 2) @ F @ scale
+    unit: Array = F / np.maximum(np.linalg.norm(F, axis=(1, 2), keepdims=True), TINY)
+    return unit
 
 
 def _pencils(ends: Array, signs: Array) -> Array:
@@ -87,61 +84,18 @@ def _pencils(ends: Array, signs: Array) -> Array:
     return np.concatenate([S, axes], axis=1)
 
 
-def _determinant_cubic(pencil: Array) -> Array:
-    """Return coefficients (4, n) of det F(alpha, beta) in alpha^3 ... beta^3, for two (S, a), (2, 9, n)."""
-    one, other = pencil
-    at = [_determinant(*value) for value in (one, other, one + other, one - other)]
-    even, odd = 0.5 * (at[2] + at[3]), 0.5 * (at[2] - at[3])  # c0 + c2, c1 + c3
-    return np.stack([at[0], odd - at[1], even - at[0], at[1]])
+def real_roots(coefficients: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return the real roots (alpha : beta) of cubics c0 alpha^3 + c1 alpha^2 beta + ... (n, 4).
 
-
-def _determinant(
-    s11: Array, s12: Array, s13: Array, s22: Array, s23: Array, s33: Array, x: Array, y: Array, z: Array
-) -> Array:
-    """Return det(S + [a]x) = det S + a^T S a."""
-    det = s11 * (s22 * s33 - s23 * s23) - s12 * (s12 * s33 - s23 * s13) + s13 * (s12 * s23 - s22 * s13)
-    row1, row2, row3 = s11 * x + s12 * y + s13 * z, s12 * x + s22 * y + s23 * z, s13 * x + s23 * y + s33 * z
-    total: Array = det + x * row1 + y * row2 + z * row3
-    return total
-
-
-def homogeneous_cubic_roots(coefficients: Array) -> tuple[Array, Array]:
-    """Return real roots (alpha : beta) of c0 alpha^3 + c1 alpha^2 beta + c2 alpha beta^2 + c3 beta^3.
-
-    Of coefficients (4, ...): alpha and beta (3, ...), of which the larger is 1 in most; NaN where a root is
-    complex, and all NaN for an all-zero cubic.
+    The number of its cubic, alpha and beta of each root, (m,); a cubic of zeros has none.
     """
-    flip = np.abs(coefficients[3]) > np.abs(coefficients[0])
-    c0, c1, c2, c3 = np.where(flip, coefficients[::-1], coefficients)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        roots = _monic_cubic_roots(c1 / c0, c2 / c0, c3 / c0)
-    roots[~np.isfinite(roots)] = np.nan
-    one = np.where(np.isnan(roots), np.nan, 1.0)
-    return np.where(flip, one, roots), np.where(flip, roots, one)
-
-
-def _monic_cubic_roots(a: Array, b: Array, c: Array) -> Array:
-    """Return real roots (3, ...) of x^3 + a x^2 + b x + c, polished; NaN where complex (Viete, Cardano)."""
-    q, r = (a * a - 3 * b) / 9, (a * (2 * a * a - 9 * b) + 27 * c) / 54
-    q_cubed = np.maximum(q, 0.0) ** 3
-    three = (q >= 0) & (r * r <= q_cubed * (1 + DOUBLE_ROOT_SLACK))
-    angle = np.arccos(np.clip(r / np.sqrt(np.maximum(q_cubed, TINY * TINY)), -1, 1)) / 3
-    large = -np.copysign(np.cbrt(np.abs(r) + np.sqrt(np.maximum(r * r - q * q * q, 0.0))), r)
-    single = large + np.where(large == 0, 0.0, q / large)
-    height = -2 * np.sqrt(np.maximum(q, 0.0))
-    roots = (
-        np.stack(
-            [
-                np.where(three, height * np.cos(angle), single),
-                np.where(three, height * np.cos(angle + 2 * np.pi / 3), np.nan),
-                np.where(three, height * np.cos(angle - 2 * np.pi / 3), np.nan),
-            ]
-        )
-        - a / 3
-    )
-    for _ in range(2):  # Newton: closed forms lose digits where roots differ in size
-        value, slope = ((roots + a) * roots + b) * roots + c, (3 * roots + 2 * a) * roots + b
-        better = roots - value / slope
-        after = ((better + a) * better + b) * better + c
-        roots = np.where(np.abs(after) < np.abs(value), better, roots)
-    return roots
+    flip = np.abs(coefficients[:, 3]) > np.abs(coefficients[:, 0])
+    c = np.where(flip[:, None], coefficients[:, ::-1], coefficients)
+    numbers = np.flatnonzero(np.abs(c[:, 0]) > TINY)
+    companion = np.zeros((len(numbers), 3, 3))
+    companion[:, [1, 2], [0, 1]] = 1
+    companion[:, :, 2] = -c[numbers, :0:-1] / c[numbers, :1]
+    roots = np.linalg.eigvals(companion)
+    which, k = np.nonzero(np.abs(roots.imag) <= DOUBLE_ROOT_SLACK * np.abs(roots))
+    index, root = numbers[which], roots[which, k].real
+    return index, np.where(flip[index], 1.0, root), np.where(flip[index], root, 1.0)

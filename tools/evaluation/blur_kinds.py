@@ -4,8 +4,7 @@
 all these ways (`tools.datasets.blurred_photographs`), asks `blur2view.estimate` for the name of each, and
 prints, and writes as ``blur_kinds.md``: names by kind and size of blur; errors of the radius; how well sharp
 is told from blurred, beside three measures of sharpness; the same for dim pictures; and what a camera at rest
-sees. ``--pictures`` keeps the pictures, ``--baselines`` needs no network. Everything follows from the
-photographs and ``--seed``, whatever the number of ``--jobs``.
+sees. Everything follows from the photographs and ``--seed``, whatever the number of ``--jobs``.
 """
 
 import functools
@@ -18,15 +17,47 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from skimage.measure import blur_effect
 
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.smears.blur import BlurKind
+from tools.arguments import Existing, run
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
-from tools.evaluation.even_blur import photograph_parser, photographs_of
-from tools.evaluation.sharp_or_not import BASELINES, auc, best_accuracy
+from tools.evaluation.even_blur import photographs_of
+from tools.metrics import auc, best_accuracy
 from tools.pages import publish, table
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
+
+
+def grey_levels(image: AnyArray) -> AnyArray:
+    """Return the grey levels (H, W), uint8, of a picture (H, W, 3), float32 in [0, 1]."""
+    return np.asarray(cv2.cvtColor((image * 255).round().astype(np.uint8), cv2.COLOR_RGB2GRAY))
+
+
+def laplacian_variance(image: AnyArray) -> float:
+    """Return the variance of the Laplacian of a picture's grey levels."""
+    return float(cv2.Laplacian(grey_levels(image), cv2.CV_64F).var())
+
+
+def tenengrad(image: AnyArray) -> float:
+    """Return the mean squared gradient (Sobel, 3x3) of a picture's grey levels.
+
+    References
+    ----------
+    Krotkov, Focusing, International Journal of Computer Vision 1, 1988.
+    """
+    grey = grey_levels(image)
+    return float(sum((cv2.Sobel(grey, cv2.CV_64F, x, 1 - x) ** 2).mean() for x in (0, 1)))
+
+
+BASELINES: dict[str, Callable[[AnyArray], float]] = {
+    "variance of the Laplacian": lambda image: -laplacian_variance(image),
+    "Tenengrad": lambda image: -tenengrad(image),
+    "`blur_effect` of scikit-image": lambda image: float(blur_effect(grey_levels(image))),
+}
+"""Measures of the blur of a picture (H, W, 3), float32 in [0, 1]: the larger, the less sharp."""
+
 
 UNUSABLE_RADIUS_PX, UNUSABLE_SMEAR_PX = 3, 6  # from which a picture counts as blurred; less is not judged
 RADIUS_ERROR, LENGTH_ERROR = 0.15, 0.10  # relative errors that still count as right
@@ -91,7 +122,7 @@ class Seen:
 
     photograph: int
     picture: Picture
-    said: Named | None
+    said: Named
     blur: dict[str, float]
     moves: float = 0.0
     still_sure: tuple[float, float] = (0.0, 0.0)
@@ -108,37 +139,29 @@ def still_sure(moving: AnyArray, said: Named) -> tuple[float, float]:
     return shares[0], shares[1]
 
 
-def seen(photograph: int, picture: Picture, namer: Namer | None) -> Seen:
-    """Return what is said of a picture; without a namer only its measures of blur."""
+def seen(photograph: int, picture: Picture, namer: Namer) -> Seen:
+    """Return what is said of a picture."""
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
-    said, moving = None if namer is None else namer(image), picture.moving
-    blur: dict[str, float] = {}
+    said, moving, blur = namer(image), picture.moving, dict[str, float]()
     if not picture.coding and picture.kind != BlurKind.CAMERA_AT_REST:
-        blur = {} if said is None else {OURS: said.width_px}
-        blur |= {name: measure(image) for name, measure in BASELINES.items()}
+        blur = {OURS: said.width_px} | {name: measure(image) for name, measure in BASELINES.items()}
     found = Seen(photograph=photograph, picture=replace(picture, file=b"", moving=None), said=said, blur=blur)
-    if said is None or moving is None:
+    if moving is None:
         return found
     return replace(found, moves=float((moving > 0).mean()), still_sure=still_sure(moving, said))
 
 
-def of_photograph(
-    k: int, paths: Sequence[Path], namer: Namer | None, seed: int, composites: int, folder: Path | None = None
-) -> list[Seen]:
+def of_photograph(k: int, paths: Sequence[Path], namer: Namer, seed: int, composites: int) -> list[Seen]:
     """Return all pictures of the k-th photograph, seen; every other one has polygons for discs."""
     others = [path for path in paths if path != paths[k]] or paths
     rng = np.random.default_rng([seed, k])
-    found = []
-    for n, picture in enumerate(pictures_of(rng, radiance_of(paths[k]), others, k % 2 == 1, composites)):
-        if folder is not None:
-            picture.write(folder, f"{k:03d}_{paths[k].stem}_{n:02d}")
-        found.append(seen(k, picture, namer))
-    return found
+    pictures = pictures_of(rng, radiance_of(paths[k]), others, k % 2 == 1, composites)
+    return [seen(k, picture, namer) for picture in pictures]
 
 
 def names_of(some: Iterable[Seen]) -> tuple[int, ...]:
     """Return how many pictures have each name."""
-    kinds = [one.said.kind for one in some if one.said is not None]
+    kinds = [one.said.kind for one in some]
     return tuple(kinds.count(kind) for kind in BlurKind)
 
 
@@ -163,7 +186,7 @@ def radius_lines(rows: list[Seen]) -> list[str]:
     """Return the errors of the radius of what is only out of focus, by radius and by shape."""
     groups: dict[str, list[float]] = {}
     for one in rows:
-        if one.said is not None and one.picture.kind == BlurKind.OUT_OF_FOCUS:
+        if one.picture.kind == BlurKind.OUT_OF_FOCUS:
             shape = "polygons" if one.picture.blades else "discs"
             names = [f"{one.picture.radius_px:g} px"]
             names += [f"{shape}, from {UNUSABLE_RADIUS_PX} px"] * is_unusable(one.picture)
@@ -195,23 +218,21 @@ def sharpness_lines(rows: list[Seen]) -> list[str]:
 
 def dim_lines(rows: list[Seen]) -> list[str]:
     """Return what is said of dim pictures, beside the same pictures at full brightness."""
-    dim: dict[str, list[tuple[Seen, Named]]] = {}
-    full = {}
+    dim: dict[str, list[Seen]] = {}
     for one in rows:
-        if one.said is not None and one.picture.coding:
-            dim.setdefault(one.picture.name, []).append((one, one.said))
-        elif one.said is not None:
-            full[one.photograph, one.picture.name] = one.said.smear_px
+        if one.picture.coding:
+            dim.setdefault(one.picture.name, []).append(one)
+    full = {(one.photograph, one.picture.name): one.said.smear_px for one in rows if not one.picture.coding}
     lines = []
     for name, some in dim.items():
-        told = [(full[one.photograph, name.partition(",")[0]], said) for one, said in some]
+        told = [(full[one.photograph, name.partition(",")[0]], one.said) for one in some]
         pairs = [(said.smear_px, px) for px, said in told if px > 0 and said.kind != BlurKind.CANNOT_TELL]
         figures = ("-", "-")
-        if pairs and some[0][0].picture.smear_px:
+        if pairs and some[0].picture.smear_px:
             ratio = np.divide(*np.transpose(pairs))
             figures = (f"{np.median(ratio):.3f}", f"{(np.abs(ratio - 1) <= LENGTH_ERROR).mean():.2f}")
-        long = sum(said.smear_px > 2 * max(one.picture.smear_px, SURE_PX / 2) for one, said in some)
-        lines.append((name, len(some), *figures, long, *names_of(one for one, _ in some)))
+        long = sum(one.said.smear_px > 2 * max(one.picture.smear_px, SURE_PX / 2) for one in some)
+        lines.append((name, len(some), *figures, long, *names_of(some)))
     without = f'Ratios without what is called "{BlurKind.CANNOT_TELL}"'
     note = f"{without}; of sharp pictures, smears above {SURE_PX:g} px."
     head = f"blur | pictures | smear over that undimmed | within 10 % | above twice the true one | {KINDS}"
@@ -220,60 +241,40 @@ def dim_lines(rows: list[Seen]) -> list[str]:
 
 def rest_lines(rows: list[Seen]) -> list[str]:
     """Return what is said of a camera at rest before something that moves."""
-    some = [
-        (one, one.said)
-        for one in rows
-        if one.said is not None and one.picture.kind == BlurKind.CAMERA_AT_REST
-    ]
+    some = [one for one in rows if one.picture.kind == BlurKind.CAMERA_AT_REST]
     if not some:
         return ["No composites."]
-    named_so = np.mean([said.kind == BlurKind.CAMERA_AT_REST for _, said in some])
-    sure = np.mean([one.still_sure for one, _ in some], axis=0)
-    moves, found = np.mean([(one.moves, said.moving_share) for one, said in some], axis=0)
+    named_so = np.mean([one.said.kind == BlurKind.CAMERA_AT_REST for one in some])
+    sure = np.mean([one.still_sure for one in some], axis=0)
+    moves, found = np.mean([(one.moves, one.said.moving_share) for one in some], axis=0)
     figures = (f"{named_so:.3f}", *(f"{share:.4f}" for share in sure), f"{moves:.2f}", f"{found:.2f}")
     head = "pictures | named so | still cells sure of a smear | of these, nothing in their window moves"
     return table(f"{head} | share that moves | share said to move", [(len(some), *figures)])
 
 
 def page(rows: list[Seen]) -> str:
-    """Return all tables as Markdown; without names only that of sharpness."""
-    parts = {"Sharp or not": sharpness_lines}
-    if rows[0].said is not None:
-        parts = {"Names": name_lines, "Radius": radius_lines} | parts
-        parts |= {"Dim": dim_lines, "At rest": rest_lines}
+    """Return all tables as Markdown."""
+    parts = {"Names": name_lines, "Radius": radius_lines, "Sharp or not": sharpness_lines}
+    parts |= {"Dim": dim_lines, "At rest": rest_lines}
     return "\n".join(line for title, part in parts.items() for line in (f"## {title}", "", *part(rows), ""))
 
 
-def mapped(work: Callable[[int], list[Seen]], count: int, jobs: int) -> list[list[Seen]]:
-    """Return the results for all numbers below a count, by so many processes."""
-    if jobs == 1:
-        return [work(k) for k in range(count)]
-    with single_threaded_pool(jobs) as pool:
-        return pool.map(work, range(count), chunksize=1)
-
-
-def main() -> None:
-    """Command line."""
-    parser = photograph_parser(__doc__)
-    parser.add_argument("--out", type=Path, help="folder to write")
-    parser.add_argument("--pictures", action="store_true", help="write the pictures, too")
-    parser.add_argument("--baselines", action="store_true", help="only what needs no network")
-    parser.add_argument("--composites", type=int, default=4, help="of each photograph (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", "--works", type=int, default=1, help="processes (default: %(default)s)")
-    arguments = parser.parse_args()
-    if arguments.pictures and not arguments.out:
-        parser.error("--pictures needs --out FOLDER")
-    folder = arguments.out / "pictures" if arguments.pictures else None
-    paths = photographs_of(arguments.photos)
-    namer = None if arguments.baselines else partial(asked, model=arguments.model)
-    work = partial(of_photograph, paths=paths, namer=namer, seed=arguments.seed,
-                   composites=arguments.composites, folder=folder)  # fmt: skip
-    rows = [one for found in mapped(work, len(paths), arguments.jobs) for one in found]
+def main(
+    photos: list[Existing],
+    *,
+    model: Existing | None = None,
+    out: Path | None = None,
+    composites: int = 4,
+    seed: int = 0,
+    jobs: int = 1,
+) -> None:
+    """Print the page, and write it into a folder."""
+    paths, namer = photographs_of(photos), partial(asked, model=model)
+    work = partial(of_photograph, paths=paths, namer=namer, seed=seed, composites=composites)
+    rows = [one for found in mapped(work, range(len(paths)), jobs) for one in found]
     command = f"python -m tools.evaluation.blur_kinds {shlex.join(sys.argv[1:])}"
-    text = f"# Kinds of blur\n\n`{command}`\n\n{page(rows)}"
-    publish(text, arguments.out and arguments.out / "blur_kinds.md")
+    publish(f"# Kinds of blur\n\n`{command}`\n\n{page(rows)}", out and out / "blur_kinds.md")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

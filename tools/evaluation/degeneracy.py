@@ -29,14 +29,14 @@ from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import existing, parser_of, target
+from tools.arguments import Existing, Target, run
 from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.metrics import rho
 from tools.pages import publish, table
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (
@@ -167,20 +167,8 @@ def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
     return table(f"photographs | images | {configs} | parallax proven | correct %", rows)
 
 
-def study(first_seed: int, count: int, jobs: int) -> dict[str, list[Named]]:
-    """Return ``count`` named scenes of every kind, with independent and with shared errors."""
-    tasks = [(kind, first_seed + i) for kind in KINDS for i in range(count)]
-    fewer = [(kind, first_seed + i) for kind in KINDS for i in range(max(count // 5, 1))]
-    with single_threaded_pool(jobs) as pool:
-        return {
-            "independent": pool.map(name_scene, tasks, chunksize=4),
-            "shared": pool.map(partial(name_scene, direction_deg=SHARED_DEG), fewer, chunksize=4),
-        }
-
-
-def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
+def report(independent: list[Named], shared: list[Named], photographs: list[str]) -> str:
     """Return the whole page."""
-    independent, shared = rows["independent"], rows["shared"]
     ms = 1e3 * float(np.median([row.seconds for row in independent]))
     off = [row for row in independent if row.kind in ("pure rotation", "plane")]
     confident = sum(row.outcome in ("translation", "general") for row in off)
@@ -198,34 +186,38 @@ def report(rows: dict[str, list[Named]], photographs: list[str]) -> str:
     ])  # fmt: skip
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--count", type=int, default=100, help="scenes of each kind")
-    parser.add_argument("--seed", type=int, default=0, help="of the first scene of each kind")
-    parser.add_argument("--scenes", type=existing, help="rendered split to name through the network")
-    parser.add_argument("--kinds", type=existing, help="folder of `motion_kinds`, to name likewise")
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--out", type=target, default=Path("tools/results/degeneracy.md"))
-    options = parser.parse_args()
+def main(
+    *,
+    count: int = 100,
+    seed: int = 0,
+    scenes: Existing | None = None,
+    kinds: Existing | None = None,
+    jobs: int = 2,
+    out: Target = Path("tools/results/degeneracy.md"),
+) -> None:
+    """Name ``count`` scenes of each kind, a rendered split, and photographs of `motion_kinds`."""
     photographs: list[str] = []
     network = blur2view.SmearNetwork()
-    if options.scenes is not None:
-        split = [(true_structure(scene), found) for scene, found in estimated(options.scenes, network)]
+    if scenes is not None:
+        split = [(true_structure(scene), found) for scene, found in estimated(scenes, network)]
         groups = {k: [g for name, g in split if name == k] for k in ("pure rotation", *STRUCTURES)}
         photographs += ["Photographs of the rendered test split, by what is true of them.", ""]
         photographs += [*photograph_table(groups), ""]
-    if options.kinds is not None:
-        groups = {k: [g for _, g in estimated(options.kinds / k, network)] for k in motion_kinds.KINDS}
+    if kinds is not None:
+        groups = {k: [g for _, g in estimated(kinds / k, network)] for k in motion_kinds.KINDS}
         photographs += [
             "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion "
             "has a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE "
             "and UNCALIBRATED; beside an F parallax of the first two is undecided."
         ]
         photographs += ["", *photograph_table(groups), ""]
-    page = report(study(options.seed, options.count, options.jobs), photographs)
-    publish(page, options.out)
+
+    def named(number: int, direction_deg: float) -> list[Named]:
+        tasks = [(kind, seed + i) for kind in KINDS for i in range(number)]
+        return mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4)
+
+    publish(report(named(count, 0.0), named(max(count // 5, 1), SHARED_DEG), photographs), out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

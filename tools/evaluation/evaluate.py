@@ -3,12 +3,12 @@
     python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
     python -m tools.evaluation.evaluate render/test --out tools/results/evaluation
 
-prints the tables and writes ``evaluation.md``, ``evaluation.json`` and a picture, ``evaluation.png``.
+prints the tables and writes ``evaluation.md`` and ``evaluation.json``.
 Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,35 +21,22 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import parser_of
+from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
-from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled, smear_tables
-from tools.evaluation.smear_plot import plot
+from tools.evaluation.smear_figures import evaluate_smears, pooled, smear_tables
 from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
-from tools.pages import publish, table, write_json
+from tools.pages import Record, publish, record_table, write_json
 
 SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
-
-
-@dataclass(frozen=True, kw_only=True)
-class FundamentalFigures:
-    """Quality of one method's F over the images whose camera translates; no F counts as the worst.
-
-    Medians over images of ``rho`` and ``serrmin_px2`` (themselves medians over smears) and ``epipole_deg``;
-    means of the shares of smears, ``under_05`` and ``under_10`` with a rho below 0.05 and 0.10.
-    """
-
-    method: str
-    images: int
-    without_F: int
-    rho: float
-    under_05: float
-    under_10: float
-    inliers: float
-    inliers_of_true: float
-    serrmin_px2: float
-    epipole_deg: float
+HEAD = (
+    "F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
+    "| median SErrMin, px^2 | epipole, deg"
+)
+ROW = (
+    "{method} | {images} | {without_F} | {rho:.4f} | {under_05:.3f} | {under_10:.3f} | {inliers:.3f} "
+    "| {inliers_of_true:.3f} | {serrmin_px2:.3g} | {epipole_deg:.1f}"
+)
 
 
 def true_ends(scene: TestScene) -> AnyArray:
@@ -90,7 +77,11 @@ def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | N
 
 @dataclass(frozen=True, kw_only=True)
 class Judged:
-    """One F on one image's true smears; the epipole's angle is that of rays, up to the flip of time."""
+    """One F on one image's true smears; the epipole's angle is that of rays, up to the flip of time.
+
+    Medians over smears of ``rho`` and ``serrmin_px2``; the shares of smears with a rho below 0.05 and 0.10,
+    and of the paper's inliers.
+    """
 
     rho: float
     under_05: float
@@ -119,20 +110,16 @@ def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArr
     )
 
 
-def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> FundamentalFigures:
+def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> Record:
     """Return medians of the errors, means of the shares, and inliers as a fraction of the true F's."""
-    values = {field.name: np.array([getattr(j, field.name) for j in judged]) for field in fields(Judged)}
-    shares = {name: float(values[name].mean()) for name in SHARES}
-    medians = {name: float(np.median(v)) for name, v in values.items() if name not in SHARES}
-    of_true = shares["inliers"] / float(np.mean([r.inliers for r in reference]))
-    images = len(judged)
-    return FundamentalFigures(
-        method=method, images=images, without_F=missing, inliers_of_true=of_true, **shares, **medians
-    )
+    values = {name: [one[name] for one in map(asdict, judged)] for name in asdict(judged[0])}
+    found = {name: float((np.mean if name in SHARES else np.median)(some)) for name, some in values.items()}
+    found["inliers_of_true"] = found["inliers"] / float(np.mean([r.inliers for r in reference]))
+    return {"method": method, "images": len(judged), "without_F": missing} | found
 
 
-def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list[FundamentalFigures]:
-    """Return the figures of every method on every image whose camera translates."""
+def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list[Record]:
+    """Return figures of every method over the images whose camera translates; no F counts as the worst."""
     table: dict[str, list[Judged]] = {}
     missing: dict[str, int] = {}
     for scene, grid in scenes:
@@ -146,46 +133,25 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
     return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
 
 
-def markdown(smears: SmearFigures, fundamentals: list[FundamentalFigures], model_id: str) -> str:
-    """Return all tables."""
-    rows = [
-        (f.method, f.images, f.without_F, f"{f.rho:.4f}")
-        + tuple(f"{share:.3f}" for share in (f.under_05, f.under_10, f.inliers, f.inliers_of_true))
-        + (f"{f.serrmin_px2:.3g}", f"{f.epipole_deg:.1f}")
-        for f in fundamentals
-    ]
-    head = (
-        "F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
-        "| median SErrMin, px^2 | epipole, deg"
-    )
-    words = f"Model {model_id}, {smears.images} rendered images."
-    return "\n".join([words, "", *smear_tables(smears), "", *table(head, rows), ""])
-
-
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("scenes", type=Path, help="folder written by tools.datasets.testset")
-    parser.add_argument("--model", type=Path, help="ONNX file; the shipped one by default")
-    parser.add_argument("--out", type=Path, help="write OUT.md, OUT.json and OUT.png")
-    arguments = parser.parse_args()
-    network = blur2view.SmearNetwork(arguments.model)
-    pairs = [
-        (s, network.predict(blur2view.read_image(s.image_path))) for s in read_test_set(arguments.scenes)
-    ]
+def main(scenes: Path, *, model: Existing | None = None, out: Target | None = None) -> None:
+    """Evaluate a network, the shipped one by default, on a test set; write OUT.md and OUT.json."""
+    network = blur2view.SmearNetwork(model)
+    pairs = [(s, network.predict(blur2view.read_image(s.image_path))) for s in read_test_set(scenes)]
     if not pairs:
-        folder = arguments.scenes
-        raise SystemExit(f"no scenes in {folder}: run python -m tools.datasets.testset {folder}")
-    smears, images = pooled((scene, grid.at_pixels()) for scene, grid in pairs)
-    figures, fundamentals = evaluate_smears(smears, images), evaluate_fundamentals(pairs)
-    text = markdown(figures, fundamentals, network.info.model_id)
-    publish(text, arguments.out and arguments.out.with_suffix(".md"))
-    if arguments.out:
-        smear_rows, rows = asdict(figures), [asdict(row) for row in fundamentals]
-        document = {"model_id": network.info.model_id, "smears": smear_rows, "fundamentals": rows}
-        write_json(arguments.out.with_suffix(".json"), document)
-        plot(smears, figures, arguments.out.with_suffix(".png"))
+        raise SystemExit(f"no scenes in {scenes}: run python -m tools.datasets.testset {scenes}")
+    figures = evaluate_smears(*pooled((scene, grid.at_pixels()) for scene, grid in pairs))
+    fundamentals = evaluate_fundamentals(pairs)
+    words = f"Model {network.info.model_id}, {figures.images} rendered images."
+    tables = [*smear_tables(figures), "", *record_table(HEAD, ROW, fundamentals), ""]
+    publish("\n".join([words, "", *tables]), out and out.with_suffix(".md"))
+    if out:
+        document = {
+            "model_id": network.info.model_id,
+            "smears": asdict(figures),
+            "fundamentals": fundamentals,
+        }
+        write_json(out.with_suffix(".json"), document)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

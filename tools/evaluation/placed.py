@@ -20,7 +20,7 @@ from blur2view.arrays import Array
 from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
-from tools.arguments import parser_of
+from tools.arguments import run
 from tools.pages import publish, table
 from tools.rendering.video import Shake, VideoOptions, write_video
 
@@ -195,17 +195,12 @@ def page(records: list[dict[str, Any]]) -> str:
     return "\n".join([f"# {TITLE}", "", *table(HEAD, rows), "", f"Medians over frames. Made by {made}.", ""])
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("work", type=Path, help="folder of renderings, projects and models")
-    parser.add_argument("--scenes", type=int, default=3, help="videos of each cell (default: %(default)s)")
-    parser.add_argument("--out", type=Path, help="write the page there, too")
-    arguments = parser.parse_args()
-    cells = product(range(arguments.scenes), SHAKES, SHARES)
+def main(work: Path, *, scenes: int = 3, out: Path | None = None) -> None:
+    """Measure so many videos of each cell in a folder of renderings, projects and models."""
+    cells = product(range(scenes), SHAKES, SHARES)
     keys = [{"shake": shake, "share": share, "seed": seed} for seed, shake, share in cells]
-    publish(page([measure(arguments.work, key) for key in keys]), arguments.out)
+    publish(page([measure(work, key) for key in keys]), out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -19,7 +19,7 @@ from blur2view.geometry.pose import RigidTransform
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import parser_of, target
+from tools.arguments import Target, run
 from tools.datasets.degenerate_scenes import with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
@@ -30,7 +30,7 @@ from tools.datasets.synthetic_matches import (
 )
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
 from tools.pages import publish, table
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
 
 CORRELATED_PX = 40.0  # standard deviation of the Gaussian that makes errors of neighbours alike
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
@@ -113,17 +113,10 @@ def markdown(outcomes: dict[Case, list[Outcome | None]]) -> str:
     return "\n".join([words, "", *table(head, rows), ""])
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--out", type=target, help="Markdown file to write")
-    parser.add_argument("--seeds", type=int, default=200)
-    parser.add_argument("--jobs", type=int, default=2)
-    arguments = parser.parse_args()
-    with single_threaded_pool(arguments.jobs) as pool:
-        text = markdown({c: pool.map(partial(outcome, c), range(arguments.seeds)) for c in CASES})
-    publish(text, arguments.out)
+def main(*, out: Target | None = None, seeds: int = 200, jobs: int = 2) -> None:
+    """Print the table, and write it where a path is given."""
+    publish(markdown({case: mapped(partial(outcome, case), range(seeds), jobs) for case in CASES}), out)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -10,7 +10,7 @@ from blur2view.arrays import AnyArray
 from blur2view.smears.field import SmearField
 from tools.datasets.testset import TestScene
 from tools.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
-from tools.pages import table
+from tools.pages import Record, record_table, table
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
@@ -19,30 +19,12 @@ LEAST_IN_BLOCK = 100  # cells of a block, of at most 400, without which its medi
 SIGMA_BINS = 10  # classes of equal size in which predicted and found errors are compared
 
 
-@dataclass(frozen=True, kw_only=True)
-class OctaveFigures:
-    """The smears whose true length is at least `from_px` and less than twice that.
-
-    ``lean_deg`` is by how much their directions lean towards the nearer axis of the pixels, in the median,
-    of those whose true direction is within 22.5 degrees of an axis, and of the others.
-    """
-
-    from_px: int
-    smears: int
-    length_ratio: float
-    length_spread: float
-    direction_deg: float
-    lean_deg: tuple[float, float]
-    epe_s_over_length: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class SigmaBin:
-    """A tenth of the smears, by sigma: root mean squares of what was predicted and of the errors found."""
-
-    sigma_px: float
-    error_px: float
-    within: float
+OCTAVE_HEAD = "true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length"
+OCTAVE_ROW = (
+    "{from_px} to {to_px} | {smears} | {length_ratio:.3f} | {length_spread:.3f} | {direction_deg:.2f} "
+    "| {lean_deg[0]:.2f}; {lean_deg[1]:.2f} | {epe_s_over_length:.3f}"
+)
+SIGMA_HEAD = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +33,7 @@ class SmearFigures:
 
     ``block_error_sigmas`` is the root mean square, over blocks of 80 px of static pixels, of the median
     signed error of direction over the median of its sigma: 1 where a block's sigma says what it should.
+    ``octaves`` and ``bins`` are what `by_octave` and `by_sigma` give.
     """
 
     images: int
@@ -64,8 +47,8 @@ class SmearFigures:
     length_spread: float
     sparsification_area: float
     block_error_sigmas: float = math.nan
-    octaves: tuple[OctaveFigures, ...] = ()
-    bins: tuple[SigmaBin, ...] = ()
+    octaves: tuple[Record, ...] = ()
+    bins: tuple[Record, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,8 +132,12 @@ def lean_deg(found: AnyArray, true: AnyArray) -> AnyArray:
     return np.asarray(-np.degrees(error) * np.sign(np.angle(t**4)))
 
 
-def by_octave(found: AnyArray, true: AnyArray) -> Iterable[OctaveFigures]:
-    """Yield the figures of every class of length that has smears (N, 2)."""
+def by_octave(found: AnyArray, true: AnyArray) -> Iterable[Record]:
+    """Yield the figures of every class of true length that has smears (N, 2), as OCTAVE_ROW shows them.
+
+    ``lean_deg`` is by how much their directions lean towards the nearer axis of the pixels, in the median,
+    of those whose true direction is within 22.5 degrees of an axis, and of the others.
+    """
     length, error = np.linalg.norm(true, axis=1), epe_s(found, true)
     ratio, angle, lean = log_ratio(found, length), direction_error_deg(found, true), lean_deg(found, true)
     axial = np.abs(true[:, 0] ** 2 - true[:, 1] ** 2) > 2 * np.abs(true[:, 0] * true[:, 1])
@@ -158,15 +145,15 @@ def by_octave(found: AnyArray, true: AnyArray) -> Iterable[OctaveFigures]:
         chosen = (length >= start) & (length < 2 * start)
         if chosen.any():
             middle = np.median(ratio[chosen])
-            yield OctaveFigures(
-                from_px=start,
-                smears=int(chosen.sum()),
-                length_ratio=float(np.exp(middle)),
-                length_spread=float(np.median(np.abs(ratio[chosen] - middle))),
-                direction_deg=float(np.median(angle[chosen])),
-                lean_deg=(median_of(lean[chosen & axial]), median_of(lean[chosen & ~axial])),
-                epe_s_over_length=float(error[chosen].mean() / length[chosen].mean()),
-            )
+            yield {
+                "from_px": start,
+                "smears": int(chosen.sum()),
+                "length_ratio": float(np.exp(middle)),
+                "length_spread": float(np.median(np.abs(ratio[chosen] - middle))),
+                "direction_deg": float(np.median(angle[chosen])),
+                "lean_deg": [median_of(lean[chosen & axial]), median_of(lean[chosen & ~axial])],
+                "epe_s_over_length": float(error[chosen].mean() / length[chosen].mean()),
+            }
 
 
 def median_of(values: AnyArray) -> float:
@@ -174,33 +161,26 @@ def median_of(values: AnyArray) -> float:
     return float(np.median(values)) if len(values) else math.nan
 
 
-def octave_table(octaves: Iterable[OctaveFigures]) -> list[str]:
+def octave_table(octaves: Iterable[Record]) -> list[str]:
     """Return figures by length as lines of Markdown."""
-    head = "true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length"
-    rows = []
-    for f in octaves:
-        lengths = f"{f.length_ratio:.3f}", f"{f.length_spread:.3f}"
-        directions = f"{f.direction_deg:.2f}", f"{f.lean_deg[0]:.2f}; {f.lean_deg[1]:.2f}"
-        span = f"{f.from_px} to {2 * f.from_px}"
-        rows.append((span, f.smears, *lengths, *directions, f"{f.epe_s_over_length:.3f}"))
-    return table(head, rows)
+    return record_table(OCTAVE_HEAD, OCTAVE_ROW, (one | {"to_px": 2 * one["from_px"]} for one in octaves))
 
 
-def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[SigmaBin]:
-    """Yield predicted and found errors by tenths of sigma."""
+def by_sigma(error: AnyArray, sigma: AnyArray) -> Iterable[Record]:
+    """Yield, of tenths of the smears by sigma, root mean squares of it and of the error, pixels.
+
+    ``within`` is the share of errors up to sigma.
+    """
     for chosen in np.array_split(np.argsort(sigma, kind="stable"), min(SIGMA_BINS, len(sigma))):
-        yield SigmaBin(
-            sigma_px=float(np.sqrt((sigma[chosen].astype(float) ** 2).mean())),
-            error_px=float(np.sqrt((error[chosen].astype(float) ** 2).mean())),
-            within=float((error[chosen] <= sigma[chosen]).mean()),
-        )
+        some = {"sigma_px": sigma[chosen], "error_px": error[chosen]}
+        squares = {name: float(np.sqrt((one.astype(float) ** 2).mean())) for name, one in some.items()}
+        yield squares | {"within": float((error[chosen] <= sigma[chosen]).mean())}
 
 
 def smear_tables(smears: SmearFigures) -> list[str]:
     """Return the figures as lines of Markdown: all, by length, by sigma."""
     plain = [f.name for f in fields(smears) if f.name not in ("octaves", "bins")]
     whole = table("smears | ", [(name, f"{getattr(smears, name):.4g}") for name in plain])
-    head = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
-    bins = [(b.sigma_px, b.error_px, b.error_px / b.sigma_px, b.within) for b in smears.bins]
-    sigmas = table(head, [[f"{value:.2f}" for value in row] for row in bins])
+    bins = [(b["sigma_px"], b["error_px"], b["error_px"] / b["sigma_px"], b["within"]) for b in smears.bins]
+    sigmas = table(SIGMA_HEAD, [[f"{value:.2f}" for value in row] for row in bins])
     return [*whole, "", *octave_table(smears.octaves), "", *sigmas]

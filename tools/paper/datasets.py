@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -28,7 +29,7 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
-from tools.arguments import existing, parser_of
+from tools.arguments import Existing, run
 from tools.estimators import baselines
 from tools.rendering.exposure import GRID, grid_points, pixel_grid
 from tools.rendering.textures import srgb_to_linear
@@ -229,24 +230,23 @@ def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
     np.savez(stem.with_suffix(".npz"), kind=kind, F=np.zeros((0, 3)) if F is None else F, **truth)
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("kind", choices=KINDS)
-    parser.add_argument("root", type=existing, help="the unpacked data set")
-    parser.add_argument("--out", type=Path, required=True, help="folder to write")
-    parser.add_argument("--frames", type=int, default=1, help="frame intervals of an exposure (Scene Flow)")
-    parser.add_argument("--most", type=int, help="so many scenes at most")
-    arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
+def main(
+    kind: Literal["monkaa", "driving", "gopro", "rbi"],
+    root: Existing,
+    *,
+    out: Path,
+    frames: int = 1,
+    most: int | None = None,
+) -> None:
+    """Write at most so many scenes; Scene Flow's exposures last so many frame intervals."""
+    out.mkdir(parents=True, exist_ok=True)
     try:
-        found = KINDS[arguments.kind](arguments.root, max(arguments.frames, 1))
-        for index, exposure in enumerate(islice(found, arguments.most)):
-            write_scene(exposure, arguments.out / f"{index:04d}", arguments.kind)
+        for index, exposure in enumerate(islice(KINDS[kind](root, max(frames, 1)), most)):
+            write_scene(exposure, out / f"{index:04d}", kind)
             print(f"{index:04d} {exposure.name}")
     except Blur2ViewError as error:
-        parser.exit(1, f"{error}\n")
+        raise SystemExit(str(error)) from None
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -17,9 +17,9 @@ explains the Top-55 % best by its robust cost (no truth is used).
 import multiprocessing
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -32,17 +32,16 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.arguments import existing, parser_of
-from tools.datasets.shards import load_shards
+from tools.arguments import Existing, run
+from tools.datasets.shards import load_shards, write_scenes
 from tools.datasets.testset import TestScene, read_test_set, test_options, write_test_set
 from tools.estimators.paper import paper_of_matches
 from tools.evaluation.evaluate import judge, summarise
 from tools.pages import Record, finished_lines, sweep, write_json
-from tools.paper.crops import validation_crops
 from tools.paper.paper_report import AUTOMATIC, TABLES, report
-from tools.paper.paper_variants import MEASURES, VARIANTS, TrainOptions, Variant, run_seed
+from tools.paper.paper_variants import MEASURES, VARIANTS, TrainOptions, Variant, run_seed, validation_crops
 from tools.rendering.render import RenderOptions
-from tools.training.recipe import Recipe, render_set
+from tools.training.recipe import HELD_SCENES, HELD_SEED
 
 SCENES, TRAINING_SCENES = 60, 5150
 SEEDS = (0, 1, 2)
@@ -55,53 +54,26 @@ CUTOFF = 3.0  # standard deviations beyond which a smear counts as an outlier wh
 ROW = ("images", "without_F", "inliers", "inliers_of_true", "serrmin_px2")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """Where things are.
-
-    `shards` holds ``train`` and ``val``, as :func:`tools.training.recipe.render_all` renders them.
-    """
-
-    photos: Path | None
-    work: Path
-    shards: Path
-    scenes: Path
-    results: Path
-
-
-def train(plan: Plan, options: TrainOptions | None = None) -> None:
+def train(photos: Path | None, shards: Path, log: Path, options: TrainOptions | None = None) -> None:
     """Render, and train all variants with every seed."""
-    options, folders = options or TrainOptions(), (plan.shards / "train", plan.shards / "val")
-    held = range(Recipe.val_seed, Recipe.val_seed + Recipe.val_scenes)
-    render_set(folders[0], range(TRAINING_SCENES), RenderOptions(photos=plan.photos))
-    render_set(folders[1], held, RenderOptions(split="test", photos=plan.photos))
+    options, jobs, held = (
+        options or TrainOptions(),
+        multiprocessing.cpu_count(),
+        range(HELD_SEED, HELD_SEED + HELD_SCENES),
+    )
+    write_scenes(shards / "train", range(TRAINING_SCENES), RenderOptions(photos=photos), jobs)
+    of_test = RenderOptions(split="test", photos=photos)
+    write_scenes(shards / "val", held, of_test, jobs)
     cv2.setNumThreads(1)  # ends OpenCV's pool: workers are forked, and would wait for threads they lack
-    scenes, crops = load_shards(folders[0]), validation_crops(folders[1])
-    budget = {"steps": options.steps, "batch": options.batch, "side": options.side, "scenes": len(scenes)}
-    head = {**budget, "variants": [variant.name for variant in VARIANTS]}
+    scenes, crops = load_shards(shards / "train"), validation_crops(shards / "val")
+    budget = {"steps": options.steps, "batch": options.batch, "side": options.side}
+    head = budget | {"scenes": len(scenes["labels"]), "variants": [variant.name for variant in VARIANTS]}
     sweep(
-        plan.work / "table1.jsonl",
+        log,
         head,
         [{"seed": seed} for seed in SEEDS],
         lambda key: {**key, "runs": run_seed(key["seed"], scenes, crops, options)},
     )
-
-
-def estimate(plan: Plan) -> None:
-    """Make Table 2."""
-    write_test_set(plan.scenes, SCENES, test_options(plan.photos), multiprocessing.cpu_count())
-    scenes, network = [s for s in read_test_set(plan.scenes) if s.F is not None], blur2view.SmearNetwork()
-    rows = rows_of(estimates(scenes, network, plan.work / "table2.jsonl"), scenes)
-    write_json(plan.results / "paper_table2.json", {"model_id": network.info.model_id, "rows": rows})
-
-
-def write_report(plan: Plan) -> None:
-    """Average what is finished of Table 1, and write paper.md from what is there."""
-    if lines := finished_lines(plan.work / "table1.jsonl"):
-        head, *records = lines
-        for name, variants in TABLES.items() if records else ():
-            write_json(plan.results / f"paper_{name}.json", averaged(variants, records, head["steps"]))
-    (plan.results / "paper.md").write_text(report(plan.results))
 
 
 def averaged(variants: Iterable[Variant], records: Sequence[Record], steps: int) -> Record:
@@ -171,28 +143,38 @@ def row(estimator: str, beta: str, answers: Sequence[Record], scenes: Sequence[T
     )
     figures = summarise(estimator, judged, true, sum(F is None for F in matrices))
     seconds = float(np.median([one["seconds"] for one in answers]))
-    return (
-        {"estimator": estimator, "beta": beta} | {k: getattr(figures, k) for k in ROW} | {"seconds": seconds}
-    )
+    return {"estimator": estimator, "beta": beta} | {k: figures[k] for k in ROW} | {"seconds": seconds}
 
 
-STAGES: dict[str, Callable[[Plan], None]] = {"table2": estimate, "table1": train, "report": write_report}
+Stage = Literal["table2", "table1", "report"]
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--photos", type=existing, help="folder of the Kodak suite's 24 PNG files")
-    parser.add_argument("--work", type=Path, default=Path("runs/paper"), help="(default: %(default)s)")
-    parser.add_argument("--shards", type=existing, default=Path("render"), help="(default: %(default)s)")
-    parser.add_argument("--scenes", type=existing, default=Path("render/test"), help="(default: %(default)s)")
-    parser.add_argument("--results", type=Path, default=Path("tools/results"), help="(default: %(default)s)")
-    parser.add_argument("--stages", nargs="+", choices=list(STAGES), default=list(STAGES))
-    words = vars(parser.parse_args())
-    stages = words.pop("stages")
-    for name in stages:
-        STAGES[name](Plan(**words))
+def main(
+    *,
+    photos: Existing | None = None,
+    work: Path = Path("runs/paper"),
+    shards: Path = Path("render"),
+    scenes: Path = Path("render/test"),
+    results: Path = Path("tools/results"),
+    stages: Sequence[Stage] = ("table2", "table1", "report"),
+) -> None:
+    """Run stages, with the Kodak suite's 24 PNG files in a folder.
+
+    ``shards`` holds ``train`` and ``val``, ``scenes`` the test set.
+    """
+    if "table2" in stages:
+        write_test_set(scenes, SCENES, test_options(photos), multiprocessing.cpu_count())
+        moving, network = [s for s in read_test_set(scenes) if s.F is not None], blur2view.SmearNetwork()
+        rows = rows_of(estimates(moving, network, work / "table2.jsonl"), moving)
+        write_json(results / "paper_table2.json", {"model_id": network.info.model_id, "rows": rows})
+    if "table1" in stages:
+        train(photos, shards, work / "table1.jsonl")
+    if "report" in stages:
+        head, *records = finished_lines(work / "table1.jsonl") or [{}]
+        for name, variants in TABLES.items() if records else ():
+            write_json(results / f"paper_{name}.json", averaged(variants, records, head["steps"]))
+        (results / "paper.md").write_text(report(results))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,10 +1,10 @@
-"""The text of tools/results/paper.md: the experiments on rendered photographs, beside what was published."""
+"""The tables of tools/results/paper.md: experiments on rendered photographs, beside what was published."""
 
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from tools.pages import Record, record_table, table
+from tools.pages import Record, filled, record_table, table
 from tools.paper.paper_variants import ALPHA_STUDY, MEASURES, SIX, Variant
 
 AUTOMATIC = "automatic"
@@ -36,84 +36,31 @@ PUBLISHED = (
     ("RBI", 2.389, 34.62, 59.39),
 )
 """What the paper reports of a dataset: EPE-S of the top 50 %, px; inliers of its F and of the true F, %."""
-EVALUATION = "python -m tools.evaluation.evaluate render/test --out tools/results/evaluation"
-
-TEXT = """# The paper's experiments, on our data
-
-The paper: *Robust Fundamental Matrix Estimation from Single Image Motion Blur* (Tran, Forssén, Viksten,
-arXiv 2605.01552). None of its datasets is in this repository, so **its figures and ours are of different
-photographs**: ours are rendered (`tools/datasets/testset.py`, `tools/datasets/shards.py`). What can be
-compared are fractions of what the true F reaches, and which variant is best.
-
-`python -m tools.paper.experiments --photos KODAK` makes all of this file: about three hours of two cores, two
-of them for the 27 trainings of Table 1 and of the study of alpha; finished seeds are kept.
-
-## Beside the published figures
-
-{beside}
-
-The paper's vector s is half of a smear; our EPE-S is of whole smears.
-Ours: `{evaluation}` and Table 2 below.
-
-Who has the paper's data sets fills the rows "as published" with figures of the network that ships:
-
-| row | `python -m tools.` |
-|---|---|
-| Monkaa | `paper.datasets monkaa ROOT --out monkaa`, `evaluation.evaluate monkaa` |
-| Driving | `paper.datasets driving ROOT --out driving`, `evaluation.evaluate driving` |
-| GoPro | `paper.datasets gopro ROOT --out gopro`, `evaluation.evaluate gopro` |
-| RBI | `paper.datasets rbi ROOT --out rbi`, `evaluation.evaluate rbi` |
-
-`evaluate` prints EPE-S of the certain half, its size over the length, and the inliers of F and of the true F.
-
-## Table 1: losses
-
-{losses}
-
-{verdicts}
-
-Mean ± deviation over seeds, on 128 fixed crops of held-out textures.
-Made by `python -m tools.paper.experiments --photos KODAK --stages table1 report` (6.5 core minutes a run).
-
-## Table 2: shares of the smears and estimators
-
-{shares}
-
-{automatic}
-
-Network {model_id}.
-Made by `python -m tools.paper.experiments --photos KODAK --stages table2 report` (11 core minutes).
-
-## Supplement: alpha
-
-{alpha}
-
-Over the seeds that all four have.
-Made by `python -m tools.paper.experiments --photos KODAK --stages table1 report` (6.5 core minutes a run).
-"""
+PAGE = Path(__file__).resolve().parents[1] / "results/paper.md"
 
 
 def read(path: Path) -> Record:
     """Return a stored result."""
     if not path.exists():
-        raise SystemExit(f"{path} is missing: the stages table1 and table2, and {EVALUATION}, make all")
+        raise SystemExit(
+            f"{path} is missing: stages table1 and table2, and tools.evaluation.evaluate, make all"
+        )
     document: Record = json.loads(path.read_text())
     return document
 
 
 def report(results: Path) -> str:
-    """Return the whole file, of the results in a folder."""
+    """Return the page with the tables of the results in a folder."""
     table1, alpha, table2 = (read(results / f"paper_{name}.json") for name in ("table1", "alpha", "table2"))
+    shares, network = record_table(SHARES_HEAD, SHARES_ROW, table2["rows"]), table2["model_id"]
+    beside = comparison(table2, read(results / "evaluation.json")["smears"])
     parts = {
-        "beside": table(BESIDE_HEAD, comparison(table2, read(results / "evaluation.json")["smears"])),
-        "losses": variant_table(table1, SIX),
-        "verdicts": verdicts(table1),
-        "shares": record_table(SHARES_HEAD, SHARES_ROW, table2["rows"]),
+        "beside": table(BESIDE_HEAD, beside),
+        "losses": [*variant_table(table1, SIX), "", *verdicts(table1)],
+        "shares": [*shares, "", automatic_verdict(table2["rows"]), "", f"Network {network}."],
         "alpha": variant_table(alpha, ALPHA_STUDY),
     }
-    texts = {name: "\n".join(lines) for name, lines in parts.items()}
-    words = {"automatic": automatic_verdict(table2["rows"]), "model_id": table2["model_id"]}
-    return TEXT.format(**texts, **words, evaluation=EVALUATION)
+    return filled(PAGE.read_text(), parts)
 
 
 def comparison(table2: Record, smears: Record) -> Iterator[tuple[str, ...]]:

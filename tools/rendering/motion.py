@@ -37,13 +37,8 @@ class Trajectory:
 
     def scaled(self, factor: float) -> Self:
         """Return the same path, `factor` times as far."""
-        return replace(
-            self,
-            rotation=self.rotation * factor,
-            translation=self.translation * factor,
-            rotation_bend=self.rotation_bend * factor,
-            translation_bend=self.translation_bend * factor,
-        )
+        vectors = ("rotation", "translation", "rotation_bend", "translation_bend")
+        return replace(self, **{name: getattr(self, name) * factor for name in vectors})
 
 
 def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Vector:

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.rendering.canvas import Canvas, paint
 from tools.rendering.exposure import GRID, Exposure, grid_points, knot_weights, pixel_grid, upsample
 from tools.rendering.motion import Trajectory, sample_camera_path, sample_object_path
 from tools.rendering.scene import Layer, sample_intrinsics, sample_layers
 from tools.rendering.sensor import log_uniform
 from tools.rendering.textures import photographs
-from tools.rendering.truth import SceneTruth, fundamental_of, grid_truth, relative_pose
+from tools.rendering.truth import SceneTruth, grid_truth, relative_pose
 
 STILL_PX = 1.0  # median smear below which a camera holds still, and objects choose a pace of their own
 
@@ -142,16 +143,14 @@ def expose(
     fields = [exposure.inverse_displacements(layer) for layer in layers]
     margin = min(float(max(np.abs(f).max() for f in fields)), 160.0) + 4
     canvases = [paint(rng, layer, exposure.K, exposure.size, margin, detail) for layer in layers]
-    truth, middle_offset = grid_truth(canvases, fields, exposure)
     R, t = relative_pose(exposure.camera)
     return Rendering(
         linear=mean_frame(canvases, fields, exposure.size),
-        **vars(truth),
-        middle_offset=middle_offset,
+        **grid_truth(canvases, fields, exposure),
         K=exposure.K,
         R=R,
         t=t,
-        F=fundamental_of(R, t, exposure.K),
+        F=fundamental_from_pose(exposure.K, R, t) if np.linalg.norm(t) > 1e-9 else None,
         kind=kind,
         open_image=compose(canvases, [f[0] for f in fields], exposure.size),
         close_image=compose(canvases, [f[-1] for f in fields], exposure.size),

@@ -245,6 +245,29 @@ def averaged(
     return total / np.float32(steps), seen
 
 
+def smears_of(paths: list[Path], size: tuple[int, int]) -> tuple[Array, float]:
+    """Return the smears (paths, H/4, W/4, 2) of surfaces along paths, and the longest, pixels."""
+    fields = np.stack([path.smears(cell_centres(size)) for path in paths])
+    return fields, float(np.hypot(fields[..., 0], fields[..., 1]).max())
+
+
+def composed(
+    layers: list[Array], paths: list[Path], size: tuple[int, int]
+) -> tuple[Array, Array, Array, Array]:
+    """Return the picture (H, W, 3) of layers that move, and on the grid (H/4, W/4) what is seen in it.
+
+    The shares (layers, ...) of the exposure of every layer, which one is seen most, and its smears (..., 2).
+    """
+    fields, longest = smears_of(paths, size)
+    steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
+    linear, seen = averaged(layers, paths, size, steps)
+    cells = (size[0] // GRID, size[1] // GRID)
+    shares = np.stack([cv2.resize(share, cells, interpolation=cv2.INTER_AREA) for share in seen])
+    most = shares.argmax(0)
+    smears = np.take_along_axis(fields, most[None, ..., None], 0)[0]
+    return linear, shares, most, smears.astype(np.float32)
+
+
 def sample_radii(rng: np.random.Generator, paths: list[Path], options: ShakeOptions) -> list[float]:
     """Draw the radii out of focus of surfaces; append a path like the first's where a layer is wanted."""
     if not options.focus_share or rng.random() >= options.focus_share:
@@ -265,9 +288,7 @@ def shake(rng: np.random.Generator, sources: list[Array], options: ShakeOptions)
     radii = sample_radii(rng, paths, options)
     if any(radii) and rng.random() < options.focus_still_share:
         paths = [sample_path(rng, 0.0, height)] * len(paths)
-    fields = np.stack([path.smears(cell_centres(options.size)) for path in paths])
-    longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
-    steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
+    _, longest = smears_of(paths, options.size)
     margin = int(0.75 * longest + max(radii)) + 8
     at_rest = options.rest_share > 0 and len(paths) > 1 and not paths[0].shift.any()
     tries = 8 if at_rest and rng.random() < 0.5 else 1
@@ -276,14 +297,10 @@ def shake(rng: np.random.Generator, sources: list[Array], options: ShakeOptions)
         source = sources[int(rng.integers(len(sources)))]
         layer = surface(rng, source, width, height, margin, 1 if k else tries)
         layers.append(defocused(rng, cut_out(rng, layer, options) if k else layer, radius))
-    linear, seen = averaged(layers, paths, options.size, steps)
-    cells = (width // GRID, height // GRID)
-    shares = np.stack([cv2.resize(share, cells, interpolation=cv2.INTER_AREA) for share in seen])
-    most = shares.argmax(0)
-    displacement = np.take_along_axis(fields, most[None, ..., None], 0)[0]
+    linear, shares, most, displacement = composed(layers, paths, options.size)
     return Shaken(
         linear=linear,
-        displacement=displacement.astype(np.float32),
+        displacement=displacement,
         radius_px=np.array(radii, np.float32)[most],
         valid=shares.max(0) > 0.9,
     )

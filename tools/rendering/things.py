@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from tools.rendering.defocus import defocused
-from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform
 from tools.rendering.shaken import Path as Motion
-from tools.rendering.shaken import averaged, blob, cell_centres, sample_path, surface
+from tools.rendering.shaken import blob, composed, sample_path, smears_of, surface
 
 Array = NDArray[Any]
 
@@ -223,8 +222,7 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
     camera, things = kind(rng, options)
     things = with_clutter(rng, camera, with_parts(rng, things, options), options)
     paths = [camera, *(path for path, _ in things)]
-    fields = np.stack([path.smears(cell_centres(options.size)) for path in paths])
-    longest = float(np.hypot(fields[..., 0], fields[..., 1]).max())
+    _, longest = smears_of(paths, options.size)
     margin = int(0.75 * longest) + 24
     layers = [surface(rng, pick(rng, sources), width, height, margin, 8 if rng.random() < 0.3 else 1)]
     for k in range(len(things)):
@@ -239,16 +237,12 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
         layers.append(padded(filled(piece, outline, colour), margin))
     radii = sample_radii(rng, len(layers), still=kind is unmoved, options=options)
     layers = [defocused(rng, layer, radius) for layer, radius in zip(layers, radii, strict=True)]
-    steps = max(9, int(1.25 * longest) + 2) if longest > 0.05 else 1
-    linear, seen = averaged(layers, paths, options.size, steps)
-    cells = (width // GRID, height // GRID)
-    shares = np.stack([cv2.resize(share, cells, interpolation=cv2.INTER_AREA) for share in seen])
+    linear, shares, most, displacement = composed(layers, paths, options.size)
     moves = np.array([False, *(by_itself for _, by_itself in things)])
-    most = shares.argmax(0)
     return Things(
         linear=linear,
         moving=shares[moves].sum(0).astype(np.float32) if moves.any() else np.zeros(most.shape, np.float32),
-        displacement=np.take_along_axis(fields, most[None, ..., None], 0)[0].astype(np.float32),
+        displacement=displacement,
         kind=kind.__name__,
     )
 

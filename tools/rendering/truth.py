@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.rendering.canvas import Canvas
 from tools.rendering.exposure import Exposure, grid_points, pixel_grid, upsample
 from tools.rendering.motion import Trajectory
@@ -15,37 +14,29 @@ CROSS_CHECK_PX = 1.0  # largest disagreement of a smear's end with what is visib
 
 
 @dataclass(frozen=True, kw_only=True)
-class GridTruth:
-    """What happened to the points seen at mid exposure at the centres of 4 x 4 pixel cells, (H/4, W/4, ...).
+class SceneTruth:
+    """The truth of one exposure; of the points seen at mid exposure at the centres of 4 x 4 pixel cells.
 
-    ``displacement`` is d = close - open in pixels, exact. ``valid``: both ends are inside the image and
-    visible (the cross-check map). ``static`` is false on moving objects.
+    ``displacement`` (H/4, W/4, 2) is d = close - open in pixels, exact. ``valid``: both ends are inside the
+    image and visible (the cross-check map). ``static`` is false on moving objects. ``K`` are the intrinsics,
+    ``R``, ``t`` is ``cam_close_from_cam_open``, ``F`` of unit norm, ``points_close^T F points_open = 0``,
+    None without translation. ``kind`` is that of the camera's path
+    (`tools.rendering.motion.sample_camera_path`).
     """
 
     displacement: AnyArray
     valid: AnyArray
     static: AnyArray
-
-    @property
-    def median_px(self) -> float:
-        """The median length of valid smears."""
-        return float(np.median(np.linalg.norm(self.displacement[self.valid], axis=-1)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneTruth(GridTruth):
-    """The truth of one exposure.
-
-    ``K`` are the intrinsics, ``R``, ``t`` is ``cam_close_from_cam_open``, ``F`` of unit norm,
-    ``points_close^T F points_open = 0``, None without translation. ``kind`` is that of the camera's path
-    (`tools.rendering.motion.sample_camera_path`).
-    """
-
     K: AnyArray
     R: AnyArray
     t: AnyArray
     F: AnyArray | None
     kind: str
+
+    @property
+    def median_px(self) -> float:
+        """The median length of valid smears."""
+        return float(np.median(np.linalg.norm(self.displacement[self.valid], axis=-1)))
 
 
 def origin_map(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, int]) -> AnyArray:
@@ -76,13 +67,11 @@ def end_visible(origin: AnyArray, end: AnyArray, points: AnyArray, size: tuple[i
     return np.asarray(inside & (np.linalg.norm(seen - points, axis=-1) < CROSS_CHECK_PX))
 
 
-def grid_truth(
-    canvases: list[Canvas], fields: list[AnyArray], exposure: Exposure
-) -> tuple[GridTruth, AnyArray]:
-    """Return the truth from the geometry, and the bend of every smear, (H/4, W/4, 2).
+def grid_truth(canvases: list[Canvas], fields: list[AnyArray], exposure: Exposure) -> dict[str, AnyArray]:
+    """Return the truth on the grid from the geometry: displacement, valid, static and ``middle_offset``.
 
-    The bend is the midpoint of both ends minus the mid-exposure position; ``fields`` holds every layer's
-    inverse displacements per knot.
+    This is the midpoint of both ends minus the mid-exposure position; ``fields`` holds every layer's inverse
+    displacements per knot.
     """
     size = exposure.size
     points = grid_points(size)
@@ -94,20 +83,15 @@ def grid_truth(
             end[seen] = positions[seen]
     first = origin_map(canvases, [f[0] for f in fields], size)
     last = origin_map(canvases, [f[-1] for f in fields], size)
-    truth = GridTruth(
-        displacement=(close - start).astype(np.float32),
-        valid=end_visible(first, start, points, size) & end_visible(last, close, points, size),
-        static=np.array([canvas.layer.own_path is None for canvas in canvases])[index],
-    )
-    return truth, ((close + start) / 2 - points).astype(np.float32)
+    return {
+        "displacement": (close - start).astype(np.float32),
+        "valid": end_visible(first, start, points, size) & end_visible(last, close, points, size),
+        "static": np.array([canvas.layer.own_path is None for canvas in canvases])[index],
+        "middle_offset": ((close + start) / 2 - points).astype(np.float32),
+    }
 
 
 def relative_pose(camera: Trajectory) -> tuple[AnyArray, AnyArray]:
     """Return R (3, 3) and t (3,) of ``cam_close_from_cam_open``."""
     (R_open, C_open), (R_close, C_close) = camera.at(-0.5), camera.at(0.5)
     return R_close @ R_open.T, R_close @ (C_open - C_close)
-
-
-def fundamental_of(R: AnyArray, t: AnyArray, K: AnyArray) -> AnyArray | None:
-    """Return F with ``points_close^T F points_open = 0``; None where the camera does not translate."""
-    return fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None

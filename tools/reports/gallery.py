@@ -17,7 +17,7 @@ from blur2view.results.drawing import INK, PAPER, write
 from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.overlay import draw_overlay
 from blur2view.segmentation.mask import segment
-from tools.arguments import existing, parser_of, target
+from tools.arguments import Existing, Target, run
 from tools.pages import write_picture
 
 Picture = NDArray[np.uint8]
@@ -56,20 +56,19 @@ def page(tiles: list[Picture]) -> Picture:
     return np.vstack(strips)
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("photographs", type=existing, nargs="+")
-    parser.add_argument("--out", type=target, required=True, help="WebP to write")
-    parser.add_argument("--plain", action="store_true", help="do not show the photographs themselves")
-    parser.add_argument("--masks", action="store_true", help="show motion masks")
-    parser.add_argument("--model", help="ONNX file (default: the shipped network)")
-    arguments = parser.parse_args()
-    network = blur2view.SmearNetwork(arguments.model)
-    width = TILE_PX if len(arguments.photographs) > 1 else ALONE_PX
-    tiles = [tile(path, network, arguments.plain, arguments.masks, width) for path in arguments.photographs]
-    write_picture(arguments.out, page(tiles))
+def main(
+    photographs: list[Existing],
+    *,
+    out: Target,
+    plain: bool = False,
+    masks: bool = False,
+    model: Existing | None = None,
+) -> None:
+    """Write the page as WebP."""
+    network = blur2view.SmearNetwork(model)
+    width = TILE_PX if len(photographs) > 1 else ALONE_PX
+    write_picture(out, page([tile(path, network, plain, masks, width) for path in photographs]))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

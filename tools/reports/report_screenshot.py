@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from tools.arguments import existing, parser_of, target
+from tools.arguments import Existing, Target, run
 from tools.pages import write_picture
 
 if TYPE_CHECKING:
@@ -61,31 +61,27 @@ def choose(page: Page) -> None:
     page.evaluate("window.scrollTo(0, 0)")
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("photograph", type=existing)
-    parser.add_argument("--out", type=target, help="WebP to write")
-    arguments = parser.parse_args()
+def main(photograph: Existing, *, out: Target | None = None) -> None:
+    """Measure the report of a photograph; write its picture as WebP where a path is given."""
     from playwright.sync_api import sync_playwright
 
     chromium = find_chromium()
     if chromium is None:
-        parser.error("no Chromium here; apt-get install chromium")
+        raise SystemExit("no Chromium here; apt-get install chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         report = Path(folder) / "report.html"
-        cli.main(["report", str(arguments.photograph), "-o", str(report)])
+        cli.main(["report", str(photograph), "-o", str(report)])
         browser = driver.chromium.launch(executable_path=chromium)
         opened = [open_report(browser, report) for _ in range(OPENINGS)]
         seconds = median(each for _, each in opened)
         print(f"{report.stat().st_size / 1e6:.2f} MB, opens in {seconds:.2f} s (median of {OPENINGS})")
-        if arguments.out is not None:
+        if out is not None:
             page = opened[-1][0]
             choose(page)
             with Image.open(BytesIO(page.screenshot())) as shown:
-                write_picture(arguments.out, np.asarray(shown.convert("RGB")))
+                write_picture(out, np.asarray(shown.convert("RGB")))
         browser.close()
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tools.arguments import parser_of, target
+from tools.arguments import Target, run
 from tools.pages import publish, table
 from tools.robustness.corpus import GOOD, OTHER, TRAPS, make_corpus, start
 from tools.robustness.mutations import Rng, damage, drawn
@@ -197,18 +197,12 @@ takes more than {MOST_GIB:.0f} GiB, {MOST_S:.0f} s of processor time or {PATIENC
     return "\n".join([told, *table(head, lines), ""])
 
 
-def main() -> None:
-    """Print every rude call and the table; exit with 1 if there is one."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--cases", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", type=int, metavar="CASE", help="try this one alone")
-    parser.add_argument("--out", type=target, help="write the table there, too")
-    options = parser.parse_args()
-    tried = try_all(range(options.cases) if options.only is None else [options.only], options.seed)
-    publish(page(tried, options.seed), options.out)
+def main(*, cases: int = 1000, seed: int = 0, only: int | None = None, out: Target | None = None) -> None:
+    """Print every rude call and the table; exit with 1 if there is one. ``only`` is the number of a case."""
+    tried = try_all(range(cases) if only is None else [only], seed)
+    publish(page(tried, seed), out)
     raise SystemExit(any(rude for _, _, rude in tried))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -21,7 +21,7 @@ from subprocess import Popen
 
 import numpy as np
 
-from tools.arguments import parser_of, target
+from tools.arguments import Target, run
 from tools.pages import publish, table
 from tools.robustness.corpus import make_project, start
 from tools.robustness.mutations import Rng
@@ -116,27 +116,22 @@ def try_call(place: Path, words: list[str], kills: int, rng: Rng) -> tuple[Count
     return came, wrong + lost(folders[1], before, after) + gone_on(folders[1], words, after)
 
 
-def main() -> None:
-    """Print a table of what was left; exit with 1 if anything is wrong."""
-    parser = parser_of(__doc__)
-    parser.add_argument("--kills", type=int, default=30, help="of all commands")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=target, help="write the table there, too")
-    options = parser.parse_args()
+def main(*, kills: int = 30, seed: int = 0, out: Target | None = None) -> None:
+    """Print a table of what is left after so many kills; exit with 1 if anything is wrong."""
     lines = []
     for number, words in enumerate(CALLS):
-        rng = np.random.default_rng([options.seed, number])
+        rng = np.random.default_rng([seed, number])
         with tempfile.TemporaryDirectory() as name:
-            came, wrong = try_call(Path(name), words.split(), options.kills // len(CALLS), rng)
+            came, wrong = try_call(Path(name), words.split(), kills // len(CALLS), rng)
         for complaint in wrong:
             print(f"WRONG {words}: {complaint}", flush=True)
         lines.append((words, came["killed"], came["ended before"], came["refused"], len(wrong)))
         print(*lines[-1], sep=", ", flush=True)
-    command = f"`python -m tools.robustness.killed_calls --kills {options.kills} --seed {options.seed}`"
+    command = f"`python -m tools.robustness.killed_calls --kills {kills} --seed {seed}`"
     head = "command | killed | ended before | of two at once refused | wrong"
-    publish("\n".join([command, "", *table(head, lines), ""]), options.out)
+    publish("\n".join([command, "", *table(head, lines), ""]), out)
     raise SystemExit(any(line[-1] for line in lines))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

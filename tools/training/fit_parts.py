@@ -19,8 +19,8 @@ from blur2view.movers.probability import moving_probability
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
-from tools.arguments import existing, parser_of
-from tools.evaluation.sharp_or_not import auc
+from tools.arguments import Existing, run
+from tools.metrics import auc
 
 MOVES, STANDS = 0.5, 0.1
 """Shares of a part, from which on it moves, and below which it does not; others are left out."""
@@ -56,16 +56,13 @@ def fitted(features: Array, moves: NDArray[np.bool_]) -> Array:
     return np.asarray(minimize(loss, np.zeros(inputs.shape[1])).x)
 
 
-def main() -> None:
-    """Command line."""
-    parser = parser_of(__doc__)
-    parser.add_argument("folders", type=existing, nargs="+")
-    arguments = parser.parse_args()
+def main(folders: list[Existing]) -> None:
+    """Print the constants."""
     cv2.setNumThreads(1)
     network = SmearNetwork()
     names = [
         path
-        for folder in arguments.folders
+        for folder in folders
         for path in sorted(folder.iterdir())
         if path.suffix in (".png", ".jpg") and not path.stem.endswith(("_open", "_close", ".truth"))
     ]
@@ -81,4 +78,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

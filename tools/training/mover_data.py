@@ -6,30 +6,22 @@ picture goes through the camera, the smear network and the fit of its geometry, 
 depends on k, the photographs, the smear network and the font of the silhouettes only.
 """
 
-from __future__ import annotations
-
-import argparse
-import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
-import torch
-from numpy.typing import NDArray
 
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import Picture, of_cells, of_places
 from blur2view.movers.probability import at_cells
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from tools.arguments import existing
+from tools.arguments import Existing, run
+from tools.datasets.shards import Example, write_shards
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
 from tools.rendering.textures import load_photos
 from tools.rendering.things import ThingOptions, Things, photographed_things
-
-Array = NDArray[Any]
 
 PICTURES = 16
 """In a shard."""
@@ -55,7 +47,7 @@ def rendered(rng: np.random.Generator, photos: Path) -> Things:
     )
 
 
-def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) -> dict[str, Array]:
+def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) -> Example:
     """Return what a picture shows: ``places``, ``cells``, and the shares of places that move and are read."""
     image, _ = processed(rng, things.linear, CAMERA)
     image = np.asarray(np.clip(np.round(image), 0, 255) / 255, np.float32)
@@ -82,43 +74,19 @@ def example_of(rng: np.random.Generator, things: Things, network: SmearNetwork) 
     }
 
 
-def make_shard(number: int, folder: Path, photos: list[Array], network: SmearNetwork) -> dict[str, Array]:
-    """Return the examples of one shard, stacked."""
-    rng = np.random.default_rng([43, number])
-    rows = []
-    for _ in range(PICTURES):
-        of_scenes = rng.random() < RENDERED_SHARE
-        things = rendered(rng, folder) if of_scenes else photographed_things(rng, photos, OPTIONS)
-        rows.append(example_of(rng, things, network))
-    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+def main(out: Path, *, photos: Existing, shards: int = 100, first: int = 0) -> None:
+    """Write shards of sharp photographs in a folder."""
+    sources, network = load_photos([photos]), SmearNetwork(threads=1)
 
+    def examples(number: int) -> Iterator[Example]:
+        rng = np.random.default_rng([43, number])
+        for _ in range(PICTURES):
+            of_scenes = rng.random() < RENDERED_SHARE
+            things = rendered(rng, photos) if of_scenes else photographed_things(rng, sources, OPTIONS)
+            yield example_of(rng, things, network)
 
-def main() -> None:
-    """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--photos", type=existing, required=True, help="folder of sharp photographs")
-    parser.add_argument("--shards", type=int, default=100, help="(default: %(default)s)")
-    parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
-    arguments = parser.parse_args()
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    photos = load_photos([arguments.photos])
-    network = SmearNetwork(threads=1)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for number in range(arguments.first, arguments.first + arguments.shards):
-        path = arguments.out / f"{number:06d}.npz"
-        if path.exists():
-            continue
-        began = time.perf_counter()
-        temporary = path.with_suffix(".part")
-        with temporary.open("wb") as file:
-            shard: dict[str, Any] = make_shard(number, arguments.photos, photos, network)
-            np.savez_compressed(file, **shard)
-        temporary.replace(path)
-        print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
+    write_shards(out, range(first, first + shards), examples)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

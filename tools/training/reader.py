@@ -1,25 +1,25 @@
 """The spectral reader: likelihoods of the blur in every window of a picture, octave by octave (torch).
 
-It turns the polar cepstra of :mod:`tools.training.spectra` into logits over 32 directions and 20 lengths of
-smears, over 20 radii out of focus, and over five kinds of blur.
+It turns the polar cepstra of :mod:`blur2view.networks.spectra` into logits over 32 directions and 20
+lengths of smears, over 20 radii out of focus, and over five kinds of blur.
 Layers are convolutions along the circle of directions, dense in everything else, so that all directions are
 treated alike but for two channels that know the pixel lattice; cells look at their neighbours, and at the
 smaller octave's features. What has no direction is read off means, extremes and deviations over all.
 """
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from blur2view.networks.spectra import LAGS
+from blur2view.networks.spectra import LAGS, SCALES, STEP, WINDOW
 from blur2view.smears.blur_kinds import KINDS, SMALLEST_RADIUS_PX
 from blur2view.smears.likelihood import BINS, DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
-from tools.training.spectra import SCALARS
 
+SCALARS = SCALES + 2
+"""Numbers beside the cepstra of a window: their scales, and what :func:`clipped_shares` gives."""
 HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it is known, but shows less
 MOVED_PX, DEFOCUSED_PX = (1.5, 2.5), (1.6, 2.4)
 """Lengths of smears, and radii, between which a cell comes to count as smeared, and as out of focus."""
@@ -143,10 +143,6 @@ class ReaderOptions:
     round: int = 64
     kind: int = 96
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for checkpoints."""
-        return asdict(self)
-
 
 class Reader(nn.Module):
     """Features of a picture's octaves, finest first -> joint logits of each."""
@@ -217,6 +213,17 @@ class Reader(nn.Module):
                 )
             joint.insert(0, (smears, radii, kinds))
         return joint
+
+
+def clipped_shares(grey: Tensor) -> Tensor:
+    """Return twice the shares of white and black (N, h, w, 2) of a picture's windows (N, 1, 32 h, 32 w).
+
+    Beyond its border it is mirrored: windows are centred on cells.
+    """
+    padded = nnf.pad(grey - 0.5, ((WINDOW - STEP) // 2,) * 4, mode="reflect")
+    ends = torch.cat([(padded > 0.49).to(padded.dtype), (padded < -0.49).to(padded.dtype)], 1)
+    clipped = nnf.avg_pool2d(nnf.avg_pool2d(ends, STEP), WINDOW // STEP, stride=1)
+    return 2 * clipped.permute(0, 2, 3, 1)
 
 
 def doubled(x: Tensor, shape: torch.Size) -> Tensor:

@@ -8,37 +8,30 @@ Shard k depends on k and the sources only. Run again it goes on; several process
 (``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
 """
 
-from __future__ import annotations
-
-import argparse
 import copy
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.networks.brightness import gain_of
-from blur2view.networks.spectra import STEP
-from tools.arguments import existing
-from tools.datasets.shards import Scenes, decode_linear, require_shards
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
+from tools.arguments import Existing, run
+from tools.datasets.shards import Example, decode_linear, load_shard, require_shards, write_shards
 from tools.rendering import textures
 from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
 from tools.rendering.sensor import log_uniform
 from tools.rendering.shaken import Shaken, ShakeOptions, processed, shake
 from tools.rendering.textures import load_photos
-from tools.training.spectra import Spectra, halved
+from tools.training.reader import clipped_shares
 from tools.training.visible import shows_blur
-
-Array = NDArray[Any]
-Example = dict[str, Array]
 
 SHARD_PX = 128 * 320 * 256
 """Pixels of all the pictures in a shard."""
@@ -111,10 +104,10 @@ def slanted(rng: np.random.Generator, linear: Array, side: int = 640) -> Array:
     )
 
 
-def scene_picture(rng: np.random.Generator, scenes: Scenes, index: int) -> Shaken:
+def scene_picture(rng: np.random.Generator, scenes: Example, index: int) -> Shaken:
     """Return a rendered scene, mirrored at random; some are out of focus as a whole."""
-    linear = decode_linear(scenes.linear[index])
-    smears, labels = scenes.displacement[index].astype(np.float32), scenes.labels[index]
+    linear = decode_linear(scenes["linear"][index])
+    smears, labels = scenes["displacement"][index].astype(np.float32), scenes["labels"][index]
     if rng.random() < 0.5:
         linear, labels = linear[:, ::-1], labels[:, ::-1]
         smears = smears[:, ::-1] * np.array([-1, 1], np.float32)
@@ -160,29 +153,28 @@ def photographed(
     return shown @ LUMA, noise, spread
 
 
-def example_of(
-    rng: np.random.Generator, spectra: Spectra, picture: Shaken, options: ShakeOptions, count: int
-) -> Example:
+def example_of(rng: np.random.Generator, picture: Shaken, options: ShakeOptions, count: int) -> Example:
     """Return what an example holds of each of so many octaves.
 
     Features C (h, w, 32, 45), s (h, w, 5); samples of the truth d (h, w, 16, 2), v, r (h, w, 16): smears,
     whether they are valid, radii out of focus with the camera's own spread; t (h, w): whether a cell shows
     its blur at all.
     """
-    grey, noise, spread = photographed(rng, picture.linear, options)
+    shown, noisy, spread = photographed(rng, picture.linear, options)
     total = np.hypot(picture.radius_px, spread)
-    shown, noisy = (torch.from_numpy(each)[None, None] for each in (grey, noise))
     row: Example = {}
     for k in range(count):
-        cepstra, scalars = (part[0].half().numpy() for part in spectra(shown))
+        cepstra, scales = polar_cepstra(power_spectra(windows_of(shown)))
+        clipped = clipped_shares(torch.from_numpy(shown)[None, None])[0].numpy()
         side = STEP // GRID * 2**k
         truth = (picture.displacement / 2**k, picture.valid, total / 2**k)
         d, v, r = (cells_of(each, side) for each in truth)
         extent = np.maximum(np.hypot(d[..., 0], d[..., 1]), 2 * r).mean(-1)
-        t = shows_blur(shown[0, 0].numpy(), noisy[0, 0].numpy(), extent)
-        row |= {f"C{k}": cepstra, f"s{k}": scalars, f"d{k}": d.astype(np.float16), f"v{k}": v}
-        row |= {f"r{k}": r.astype(np.float16), f"t{k}": t}
-        shown, noisy = halved(shown), halved(noisy)
+        scalars = np.concatenate([scales, clipped], -1)
+        row |= {f"C{k}": cepstra.astype(np.float16), f"s{k}": scalars.astype(np.float16)}
+        row |= {f"d{k}": d.astype(np.float16), f"v{k}": v, f"r{k}": r.astype(np.float16)}
+        row[f"t{k}"] = shows_blur(shown, noisy, extent)
+        shown, noisy = (each.reshape(len(each) // 2, 2, -1, 2).mean((1, 3)) for each in (shown, noisy))
     return row
 
 
@@ -202,10 +194,9 @@ def shaken_picture(
 
 def scene_pictures(rng: np.random.Generator, sources: Sources) -> Iterator[Shaken]:
     """Yield pictures of rendered scenes, without end; all of one size."""
-    with np.load(sources.scenes[int(rng.integers(len(sources.scenes)))]) as file:
-        scenes = Scenes(**{key: file[key] for key in file.files})
+    scenes = load_shard(sources.scenes[int(rng.integers(len(sources.scenes)))])
     while True:
-        yield scene_picture(rng, scenes, int(rng.integers(len(scenes))))
+        yield scene_picture(rng, scenes, int(rng.integers(len(scenes["labels"]))))
 
 
 def shaken_pictures(rng: np.random.Generator, sources: Sources, options: ShakeOptions) -> Iterator[Shaken]:
@@ -215,9 +206,10 @@ def shaken_pictures(rng: np.random.Generator, sources: Sources, options: ShakeOp
         yield shaken_picture(rng, sources, made, options)
 
 
-def make_shard(number: int, sources: Sources) -> Example:
-    """Return the examples of one shard, stacked."""
-    rng, spectra, options = np.random.default_rng(number), Spectra(), ShakeOptions()
+def examples(number: int, sources: Sources) -> Iterator[Example]:
+    """Yield the examples of one shard."""
+    torch.set_num_threads(1)  # the number of threads decides how sums are rounded
+    rng, options = np.random.default_rng(number), ShakeOptions()
     if sources.scenes and rng.random() < sources.rendered_share:
         pictures = scene_pictures(rng, sources)
     else:
@@ -225,62 +217,27 @@ def make_shard(number: int, sources: Sources) -> Example:
         options = WIDE if kind < sources.wide_share else options
         options = SMALL if kind > 1 - sources.small_share else options
         pictures = shaken_pictures(rng, sources, options)
-    rows: list[Example] = []
-    for picture in pictures:
+    left = SHARD_PX
+    while left > 0:
+        picture = next(pictures)
         height, width = picture.linear.shape[:2]
-        octaves = 2 + round(math.log2(width / SMALLEST))
-        rows.append(example_of(rng, spectra, picture, options, octaves))
-        if len(rows) * width * height >= SHARD_PX:
-            break
-    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
+        yield example_of(rng, picture, options, 2 + round(math.log2(width / SMALLEST)))
+        left -= width * height
 
 
-def write_shards(out: Path, numbers: range, sources: Sources) -> None:
-    """Write the shards that are missing, in one thread; a reader sees all of one or nothing."""
-    torch.set_num_threads(1)  # the number of threads decides how sums are rounded
-    cv2.setNumThreads(1)
-    out.mkdir(parents=True, exist_ok=True)
-    for number in numbers:
-        path = out / f"{number:06d}.npz"
-        if path.exists():
-            continue
-        began = time.perf_counter()
-        temporary = path.with_suffix(".part")
-        with temporary.open("wb") as file:
-            np.savez(file, **make_shard(number, sources))  # type: ignore[arg-type]  # names of arrays
-        temporary.replace(path)
-        print(path, f"{time.perf_counter() - began:.0f} s", flush=True)
-
-
-def main() -> None:
-    """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("out", type=Path)
-    parser.add_argument(
-        "--photos", type=existing, nargs="+", required=True, help="folders of sharp photographs"
-    )
-    parser.add_argument(
-        "--scenes", type=existing, help="folder of tools.datasets.shards, --size 320 256 or 640 512"
-    )
-    parser.add_argument("--shards", type=int, default=400, help="(default: %(default)s)")
-    parser.add_argument("--first", type=int, default=0, help="(default: %(default)s)")
-    parser.add_argument("--every", type=int, default=1, help="(default: %(default)s)")
-    for kind in ("rendered", "procedural", "small", "wide"):
-        share = getattr(Sources, f"{kind}_share")
-        parser.add_argument(f"--{kind}", type=float, default=share, help="share (default: %(default)s)")
-    arguments = parser.parse_args()
-    sources = Sources(
-        photos=load_photos(arguments.photos),
-        scenes=require_shards(arguments.scenes) if arguments.scenes else [],
-        rendered_share=arguments.rendered,
-        procedural_share=arguments.procedural,
-        small_share=arguments.small,
-        wide_share=arguments.wide,
-    )
-    numbers = range(arguments.first, arguments.first + arguments.shards, arguments.every)
-    write_shards(arguments.out, numbers, sources)
+def main(
+    out: Path,
+    *,
+    photos: list[Existing],
+    scenes: Existing | None = None,
+    shards: int = 400,
+    first: int = 0,
+    every: int = 1,
+) -> None:
+    """Write shards of sharp photographs in folders, and of scenes of tools.datasets.shards."""
+    sources = Sources(photos=load_photos(photos), scenes=require_shards(scenes) if scenes else [])
+    write_shards(out, range(first, first + shards, every), partial(examples, sources=sources))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,119 +1,64 @@
 """Make the shipped network: render, write examples, train, export.
 
 ``python -m tools.training.recipe --photos FOLDER... --work runs/recipe --models models`` makes
-``smear.onnx`` with the figures below; each stage goes on where it was when the line is run again.
+``smear.onnx`` of sharp photographs in folders, none of them held out, and of rendered scenes with procedural
+textures and photographs of scikit-image: ``--scenes`` small ones, seeds 0 on, after them large ones, and for
+the figures on the way others of the held-out textures. Each stage goes on where it was when the line is run
+again. The shipped reader was trained in stages.
 """
 
-from __future__ import annotations
-
-import argparse
 import multiprocessing
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from tools.arguments import existing
-from tools.datasets.shards import require_shards, write_shards
-from tools.processes import start_worker
+from tools.arguments import Existing, run
+from tools.datasets.shards import require_shards, write_scenes, write_shards
+from tools.processes import mapped
 from tools.rendering.render import RenderOptions
 from tools.rendering.textures import load_photos
-from tools.training import reader_data
-from tools.training.export_reader import export
-from tools.training.reader_data import Sources
-from tools.training.train_reader import ReaderTraining, train
+from tools.training import export_reader, train_reader
+from tools.training.reader_data import Sources, examples
 
 SHARD = 50
 """Scenes in one file."""
 SMALL, LARGE = (320, 256), (640, 512)
 """Widths and heights of the rendered scenes that the reader is shown."""
+HELD_SCENES, HELD_SEED = 100, 900_000
+"""How many scenes figures are of, and the first of their seeds."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
-    """What networks of the shipped kind are made of; the shipped reader was trained in stages.
-
-    Attributes
-    ----------
-    scenes, large_scenes : int
-        Rendered scenes, seeds 0 on, and after them those twice as large.
-    val_scenes, val_seed : int
-        Scenes of the held-out textures for the figures on the way, and the first of their seeds.
-    shards, steps : int
-        Shards of the reader's examples, and its optimiser steps.
-    processes : int
-        Processes that make examples; what they make does not depend on how many they are.
-    """
-
-    scenes: int = 900
-    large_scenes: int = 180
-    val_scenes: int = 100
-    val_seed: int = 900_000
-    shards: int = 400
-    steps: int = 16000
-    processes: int = 2
+def write_examples(first: int, out: Path, last: int, every: int, sources: Sources) -> None:
+    """Write the missing ones of every so many shards of the reader's examples."""
+    write_shards(out, range(first, last, every), partial(examples, sources=sources))
 
 
-def render_all(recipe: Recipe, photos: Path | None, work: Path) -> tuple[Path, Path]:
-    """Render what is missing of both sets; return their folders."""
-    train, val = work / "train", work / "val"
-    held = range(recipe.val_seed, recipe.val_seed + recipe.val_scenes)
-    count = recipe.scenes, recipe.scenes + recipe.large_scenes
-    render_set(train, range(count[0]), RenderOptions(size=SMALL, photos=photos))
-    render_set(train, range(*count), RenderOptions(size=LARGE, photos=photos))
-    render_set(val, held, RenderOptions(size=SMALL, split="test", photos=photos))
-    return train, val
-
-
-def render_set(folder: Path, seeds: range, options: RenderOptions) -> None:
-    """Render what is missing of one set."""
-    for path in write_shards(folder, seeds, options, multiprocessing.cpu_count(), SHARD):
-        print(path, flush=True)
-
-
-def make(recipe: Recipe, photos: list[Path], work: Path, models: Path) -> None:
-    """Make the smear network, with surfaces of the photographs in these folders.
-
-    Rendered scenes have procedural textures and photographs of scikit-image, so none held out is in a folder.
-    """
-    scenes, held = render_all(recipe, None, work)
-    write_examples(recipe, photos, scenes, held, work)
-    training = ReaderTraining(
-        train=work / "examples", val=work / "held", out=work / "run", steps=recipe.steps, shards=recipe.shards
-    )
-    train(training)
+def main(
+    *,
+    photos: list[Existing],
+    work: Path = Path("runs/recipe"),
+    models: Path = Path("models"),
+    scenes: int = 900,
+    large_scenes: int = 180,
+    val_scenes: int = HELD_SCENES,
+    shards: int = 400,
+    steps: int = 16000,
+    processes: int = 2,
+) -> None:
+    """Make it; what is made does not depend on the number of processes that make examples."""
+    jobs, held = multiprocessing.cpu_count(), range(HELD_SEED, HELD_SEED + val_scenes)
+    write_scenes(work / "train", range(scenes), RenderOptions(size=SMALL), jobs, SHARD)
+    write_scenes(work / "train", range(scenes, scenes + large_scenes), RenderOptions(size=LARGE), jobs, SHARD)
+    write_scenes(work / "val", held, RenderOptions(size=SMALL, split="test"), jobs, SHARD)
+    only = Sources(photos=[], scenes=require_shards(work / "val"), rendered_share=1.0)
+    write_examples(HELD_SEED, work / "held", HELD_SEED + 1, 1, only)
+    sources = Sources(photos=load_photos(photos), scenes=require_shards(work / "train"))
+    train, out = work / "examples", work / "run"
+    parts = partial(write_examples, out=train, last=shards, every=processes, sources=sources)
+    mapped(parts, range(processes), processes)
+    train_reader.main(train=train, val=work / "held", out=out, steps=steps, shards=shards)
     models.mkdir(parents=True, exist_ok=True)
-    export(training.out / "last.pt", models / "smear.onnx")
-
-
-def write_examples(recipe: Recipe, photos: list[Path], scenes: Path, held: Path, work: Path) -> None:
-    """Write the examples that are missing, and one shard, of held-out scenes alone, for the figures."""
-    only = Sources(photos=[], scenes=require_shards(held), rendered_share=1.0)
-    reader_data.write_shards(work / "held", range(recipe.val_seed, recipe.val_seed + 1), only)
-    sources = Sources(photos=load_photos(photos), scenes=require_shards(scenes))
-    count = recipe.processes
-    parts = [(work / "examples", range(k, recipe.shards, count), sources) for k in range(count)]
-    if count == 1:
-        reader_data.write_shards(*parts[0])
-        return
-    with multiprocessing.get_context("spawn").Pool(count, start_worker) as pool:
-        pool.starmap(reader_data.write_shards, parts)
-
-
-def main() -> None:
-    """Command line."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument(
-        "--photos", type=existing, nargs="+", required=True, help="folders of sharp photographs"
-    )
-    parser.add_argument("--work", type=Path, default=Path("runs/recipe"), help="(default: %(default)s)")
-    parser.add_argument("--models", type=Path, default=Path("models"), help="(default: %(default)s)")
-    for name in ("scenes", "large_scenes", "val_scenes", "shards", "steps"):
-        option, default = f"--{name.replace('_', '-')}", getattr(Recipe, name)
-        parser.add_argument(option, type=int, default=default, help="(default: %(default)s)")
-    given = vars(parser.parse_args())
-    photos, work, models = (given.pop(name) for name in ("photos", "work", "models"))
-    make(Recipe(**given), photos, work, models)
+    export_reader.main(out / "last.pt", models / "smear.onnx")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -5,10 +5,8 @@ hundred steps, and every ``--validate`` steps the average precision by kind of p
 of photographs and scenes that train nothing. Shards that are added meanwhile are taken up.
 """
 
-import argparse
-import copy
-import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,14 +14,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from blur2view.movers.inputs import OCTAVES
-from tools.arguments import existing, parser_of
-from tools.evaluation.segmentation import average_precision
+from tools.arguments import Existing, run
+from tools.datasets.shards import Example, load_shard
+from tools.metrics import average_precision
 from tools.training.movers import Movers
-from tools.training.run import TrainingRun
-from tools.training.schedule import warm_cosine
+from tools.training.run import Schedule, batched, drawn, fit
 
-BATCH = 8
-RATE, WARM_UP, DECAY = 3e-3, 200, 1e-4
+BATCH, RATE = 8, 3e-3
 READ_WEIGHT = 0.2
 """Of the second question, whether a smear is read, in the loss."""
 LUMA = 4 * OCTAVES
@@ -32,39 +29,63 @@ F_CHANNELS = (4, 5, 10)
 """Channels of cells that F makes."""
 NO_F_SHARE = 0.1
 """Share of pictures whose F is hidden."""
-LARGEST_GRADIENT = 2.0
-SAVED = 200
-"""Steps between two checkpoints."""
 READ_AT_ONCE = 12
 """Shards that a batch is drawn from; one of them is replaced every other step."""
 
-Batch = tuple[Tensor, Tensor, Tensor, Tensor]
+
+class MoverTask:
+    """The mover network, and the folders of examples that it learns from and is judged on."""
+
+    def __init__(self, examples: Path, held: Path | None, seed: int) -> None:
+        self.examples, self.network = examples, Movers()
+        self.groups: list[dict[str, Any]] = [{"params": list(self.network.parameters())}]
+        self.facts = {"batch": BATCH, "seed": seed}
+        self.held = sorted(held.glob("*.npz")) if held else []
+        self.shards = [load_shard(path) for path in sorted(examples.glob("*.npz"))[:READ_AT_ONCE]]
+        for key, norm in (("places", self.network.of_places), ("cells", self.network.of_cells)):
+            every = np.concatenate([shard[key] for shard in self.shards]).astype(np.float32)
+            norm.learn(torch.from_numpy(every).permute(0, 3, 1, 2))
+
+    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
+        """Return the loss of a batch, twice."""
+        if step % 2 == 0:
+            paths = sorted(self.examples.glob("*.npz"))
+            self.shards[int(rng.integers(len(self.shards)))] = load_shard(
+                paths[int(rng.integers(len(paths)))]
+            )
+        places, cells, moving, read = batch_of(self.shards, rng)
+        loss = loss_of(self.network(places, cells), moving, read)
+        return loss, loss
+
+    @torch.no_grad()
+    def figures(self, network: nn.Module) -> dict[str, float]:
+        """Return mean average precisions by kind of picture, and false areas at 0.5 where nothing moves."""
+        found: dict[str, list[float]] = {}
+        for shard in map(load_shard, self.held):
+            for k, kind in enumerate(shard.pop("kind")):
+                one = batched([{key: array[k] for key, array in shard.items()}])
+                places, cells = (one[key].permute(0, 3, 1, 2) for key in ("places", "cells"))
+                score, truth = network(places, cells)[0, 0].numpy(), one["moving"][0].numpy()
+                known, moves = truth >= 0, truth > 0.5
+                if moves.any():
+                    found.setdefault(f"{kind} AP", []).append(average_precision(score[known], moves[known]))
+                else:
+                    found.setdefault(f"{kind} false", []).append(float((score > 0)[known].mean()))
+        return {name: round(float(np.mean(values)), 3) for name, values in sorted(found.items())}
 
 
-def load(path: Path) -> dict[str, np.ndarray]:
-    """Return a shard."""
-    with np.load(path) as file:
-        return {key: file[key] for key in file.files}
-
-
-def batch_of(shards: list[dict[str, np.ndarray]], rng: np.random.Generator) -> Batch:
+def batch_of(shards: list[Example], rng: np.random.Generator) -> tuple[Tensor, ...]:
     """Draw pictures, turned and mirrored: places, cells, moving and read.
 
     Moving (N, 8 h, 8 w) is below 0 where it is unknown.
     """
-    rows = []
-    for _ in range(BATCH):
-        shard = shards[int(rng.integers(len(shards)))]
-        k = int(rng.integers(len(shard["moving"])))
-        rows.append([np.asarray(shard[key][k], np.float32) for key in ("places", "cells", "moving", "read")])
-    axes = [axis for axis in (0, 1) if rng.random() < 0.5]
-    turned = rng.random() < 0.5
-    tensors = []
-    for part in zip(*rows, strict=True):
-        stacked = np.flip(np.stack(part), tuple(1 + axis for axis in axes))
-        stacked = stacked.swapaxes(1, 2) if turned else stacked
-        tensors.append(torch.from_numpy(np.ascontiguousarray(stacked)))
-    places, cells, moving, read = tensors
+    rows = [drawn(shards, rng) for _ in range(BATCH)]
+    one = batched([{key: row[key] for key in ("places", "cells", "moving", "read")} for row in rows])
+    axes = [1 + axis for axis in (0, 1) if rng.random() < 0.5]
+    parts = [part.flip(axes) for part in one.values()]
+    if rng.random() < 0.5:
+        parts = [part.transpose(1, 2) for part in parts]
+    places, cells, moving, read = parts
     gains = torch.from_numpy(rng.uniform((0.5, -1.2, -1.2), (1.3, 1.2, 1.2), (BATCH, 3)).astype(np.float32))
     places[..., LUMA:] *= gains[:, None, None]
     hidden = torch.from_numpy(rng.random(BATCH) < NO_F_SHARE)
@@ -85,73 +106,24 @@ def loss_of(odds: Tensor, moving: Tensor, read: Tensor) -> Tensor:
     return total
 
 
-@torch.no_grad()
-def validated(network: nn.Module, paths: list[Path]) -> str:
-    """Return average precisions by kind of picture, and false area at 0.5 where nothing moves."""
-    network.eval()
-    figures: dict[str, list[float]] = {}
-    for path in paths:
-        shard = load(path)
-        for k, kind in enumerate(shard["kind"]):
-            places, cells = (torch.from_numpy(shard[key][k : k + 1].astype(np.float32)).permute(0, 3, 1, 2)
-                             for key in ("places", "cells"))  # fmt: skip
-            score = network(places, cells)[0, 0].numpy()
-            truth = shard["moving"][k].astype(np.float32)
-            known, moves = truth >= 0, truth > 0.5
-            if moves.any():
-                figures.setdefault(f"{kind} AP", []).append(average_precision(score[known], moves[known]))
-            else:
-                figures.setdefault(f"{kind} false", []).append(float((score > 0)[known].mean()))
-    return ", ".join(
-        f"{name} {np.mean(values):.3f} ({len(values)})" for name, values in sorted(figures.items())
-    )
-
-
-def main() -> None:
-    """Command line."""
-    parser: argparse.ArgumentParser = parser_of(__doc__)
-    parser.add_argument("examples", type=existing)
-    parser.add_argument("--held", type=existing)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--steps", type=int, default=9000)
-    parser.add_argument("--validate", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+def main(
+    examples: Existing,
+    *,
+    held: Existing | None = None,
+    out: Path,
+    steps: int = 9000,
+    validate: int = 1000,
+    seed: int = 0,
+) -> None:
+    """Train."""
     torch.set_num_threads(1)
-    torch.manual_seed(arguments.seed)
-    network = Movers()
-    run = TrainingRun(
-        network=network,
-        average=copy.deepcopy(network),
-        optimiser=torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=DECAY),
-    )
-    shards = [load(path) for path in sorted(arguments.examples.glob("*.npz"))[:READ_AT_ONCE]]
-    checkpoint = arguments.out / "last.pt"
-    if checkpoint.exists():
-        run.restore(checkpoint)
-    else:
-        for key, norm in (("places", network.of_places), ("cells", network.of_cells)):
-            every = np.concatenate([shard[key] for shard in shards]).astype(np.float32)
-            norm.learn(torch.from_numpy(every).permute(0, 3, 1, 2))
-        run.average.load_state_dict(network.state_dict())
-    rng = np.random.default_rng([arguments.seed, run.step])
-    mean, began = 0.0, time.perf_counter()
-    while run.step < arguments.steps:
-        network.train()
-        places, cells, moving, read = batch_of(shards, rng)
-        rate = warm_cosine(run.step, arguments.steps, RATE, WARM_UP)
-        loss = run.descend(loss_of(network(places, cells), moving, read), rate, LARGEST_GRADIENT)
-        mean += 0.01 * (loss - mean) if mean else loss
-        if run.step % 2 == 0:
-            paths = sorted(arguments.examples.glob("*.npz"))
-            shards[int(rng.integers(len(shards)))] = load(paths[int(rng.integers(len(paths)))])
-        if run.step % SAVED == 0:
-            run.write(checkpoint, batch=BATCH, seed=arguments.seed)
-            print(f"{run.step}: {mean:.4f}, {time.perf_counter() - began:.0f} s", flush=True)
-        if arguments.held and run.step % arguments.validate == 0:
-            print(validated(run.average, sorted(arguments.held.glob("*.npz"))), flush=True)
-    run.write(checkpoint, batch=BATCH, seed=arguments.seed)
+    torch.manual_seed(seed)
+    schedule = Schedule(
+        out=out, steps=steps, rate=RATE, largest_gradient=2.0, seed=seed, save_every=200,
+        validate_every=validate,
+    )  # fmt: skip
+    fit(MoverTask(examples, held, seed), schedule)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -6,30 +6,28 @@
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest of the first ``12 + k / 40`` shards and waits until they are made: the two may
-run beside each other, and what is learned depends on the seed alone.
+Step k draws from the newest ``--pool`` of the first ``12 + k / 40`` shards (40 MB each, in memory) and waits
+until they are made: the two may run beside each other, and what is learned depends on the seed alone.
+``--weights`` starts a fresh run from an exported network, such as ``models/smear.onnx``. A batch has so many
+pictures of 320x256, or as many cells of larger ones.
 """
 
-from __future__ import annotations
-
-import argparse
-import json
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import onnx
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
-from blur2view.networks.spectra import PEAK_LAGS_PX
-from blur2view.smears.likelihood import read_smears
+from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from tools.arguments import Existing, run
+from tools.datasets.shards import Example, load_shard
 from tools.metrics import DIRECTION_MIN_PX
-from tools.training.pool import Batch, Pool, load_shard, octaves_of
 from tools.training.reader import (
     Reader,
     ReaderOptions,
@@ -40,15 +38,13 @@ from tools.training.reader import (
     radius_target,
     target_of,
 )
-from tools.training.reader_data import Example
-from tools.training.run import TrainingRun
-from tools.training.schedule import warm_cosine
+from tools.training.run import Schedule, TrainingRun, batched, drawn, fit
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
 FIRST_SHARDS, STEPS_PER_SHARD = 12, 40
-WARM_UP_STEPS = 200
-LARGEST_GRADIENT = 1.0
+PICTURE_CELLS = 80
+"""Cells of a picture of 320x256, which sizes of batches are counted in."""
 COARSE_WEIGHT = 0.3
 """Weight of the smaller octaves' own losses."""
 DIFFERING_WEIGHT, LEAST_DIFFERENCE_PX = 2.0, 2.0
@@ -60,61 +56,78 @@ NEW_RATE = 8.0
 LONGEST_PX = 60.0
 """Smears up to this length count in the figures: two octaves, which scenes have, read up to 76 px."""
 
+Batch = Mapping[str, Tensor]
 
-@dataclass(frozen=True, kw_only=True)
-class ReaderTraining:
-    """One training run.
 
-    Attributes
-    ----------
-    train, val, out : Path
-        Folders of shards, of the shards that figures are of, and of checkpoint and log.
-    weights : Path, optional
-        An exported network, such as ``models/smear.onnx``, whose weights a fresh run starts from.
-    steps, batch : int
-        Optimiser steps, and pictures of 320x256 in each, or as many cells of larger ones.
-    learning_rate : float
-        Peak of a cosine (AdamW).
-    shards, pool : int
-        Shards that there will be, and how many are held in memory, the newest; 40 MB each.
-    cepstra : {"both", "comb", "trend"}
-        Which of the two cepstra of :mod:`tools.training.spectra` are shown, for ablations; else zeros.
-    seed, threads : int
-        Of weights and batches; threads of torch (two processes of one do more than one of two).
-    save_every, validate_every : int
-        Steps between checkpoints, and between figures.
+class ReaderTask:
+    """The reader, the newest of its shards in memory, and the shards that figures are of."""
+
+    def __init__(
+        self, folder: Path, held: Path, weights: Path | None, batch: int, shards: int, pool: int, seed: int
+    ) -> None:
+        self.folder, self.batch, self.most, self.pool = folder, batch, shards, pool
+        self.shards: dict[int, Example] = {}
+        self.held = {path.stem: load_shard(path) for path in sorted(held.glob("*.npz"))}
+        self.network = Reader()
+        own = exported_weights(weights) if weights else self.network.state_dict()
+        missing = self.network.load_state_dict(own, strict=False).missing_keys
+        named = dict(self.network.named_parameters())
+        groups = [
+            {"params": [each for name, each in named.items() if (name in missing) == new], "factor": factor}
+            for new, factor in ((False, 1.0), (True, NEW_RATE))
+        ]
+        self.groups: list[dict[str, Any]] = [group for group in groups if group["params"]]
+        options = {"batch": batch, "seed": seed, "train": str(folder), "weights": str(weights)}
+        self.facts = {"widths": asdict(self.network.options), "options": options}
+
+    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
+        """Return the loss of all octaves of a batch, and that of the finest."""
+        count = min(FIRST_SHARDS + step // STEPS_PER_SHARD, self.most)
+        wanted = range(max(0, count - self.pool), count)
+        held = self.shards
+        self.shards = {k: held[k] if k in held else load_shard(self.folder / f"{k:06d}.npz") for k in wanted}
+        batch = batch_of(list(self.shards.values()), rng, self.batch)
+        (fine, *smaller), _ = losses_of(self.network, batch, half=True)
+        return fine + COARSE_WEIGHT * torch.stack(smaller).sum(), fine
+
+    def figures(self, network: nn.Module) -> dict[str, dict[str, float]]:
+        """Return the figures of every shard that trains nothing."""
+        assert isinstance(network, Reader)
+        return {name: figures_of(network, shard) for name, shard in self.held.items()}
+
+
+def batch_of(shards: list[Example], rng: np.random.Generator, count: int) -> Batch:
+    """Return random examples of one size, half mirrored: `count`, or as many cells in larger ones.
+
+    Sizes are as frequent as their shards.
     """
-
-    train: Path
-    val: Path
-    out: Path
-    weights: Path | None = None
-    steps: int = 9000
-    batch: int = 16
-    learning_rate: float = 2e-3
-    shards: int = 400
-    pool: int = 100
-    cepstra: str = "both"
-    seed: int = 0
-    threads: int = 1
-    save_every: int = 100
-    validate_every: int = 250
-
-    def __post_init__(self) -> None:
-        if self.cepstra not in ("both", "comb", "trend"):
-            raise ValueError(f"expected cepstra both, comb or trend, got {self.cepstra}")
+    cells = cells_in(shards[int(rng.integers(len(shards)))])
+    alike = [shard for shard in shards if cells_in(shard) == cells]
+    rows = []
+    for _ in range(max(1, count * PICTURE_CELLS // cells)):
+        row = drawn(alike, rng)
+        rows.append(mirrored(row) if rng.random() < 0.5 else row)
+    return batched(rows)
 
 
-def showing(cepstra: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an example, or a batch, that shows only the comb's cepstrum, or only the trend's, or both."""
-    hidden = {"comb": slice(len(PEAK_LAGS_PX), None), "trend": slice(len(PEAK_LAGS_PX))}
-    shown = dict(row)
-    if cepstra == "both":
-        return shown
+def cells_in(shard: Example) -> int:
+    """Return how many cells a picture of a shard has."""
+    return int(np.prod(shard["v0"].shape[1:3]))
+
+
+def mirrored(row: Example) -> Example:
+    """Mirror an example left to right: its cells, its directions (k becomes -k) and its truth."""
+    back = (-np.arange(DIRECTIONS)) % DIRECTIONS
+    flipped = {key: array[:, ::-1] for key, array in row.items()}
     for k in range(octaves_of(row)):
-        shown[f"C{k}"] = shown[f"C{k}"] * 1  # a copy, of an array or a tensor
-        shown[f"C{k}"][..., hidden[cepstra]] = 0
-    return shown
+        flipped[f"C{k}"] = flipped[f"C{k}"][:, :, back]
+        flipped[f"d{k}"] = flipped[f"d{k}"] * np.array([-1, 1], row[f"d{k}"].dtype)
+    return flipped
+
+
+def octaves_of(row: Mapping[str, Any]) -> int:
+    """Return how many octaves an example, or a batch of them, holds."""
+    return sum(key.startswith("v") for key in row)
 
 
 def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], tuple[Tensor, ...]]:
@@ -149,7 +162,6 @@ def difference_of(displacement: Tensor) -> Tensor:
 @torch.no_grad()
 def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     """Return loss and errors, of all cells and of the certain half, on a shard's pictures."""
-    network.eval()
     losses, smears, kinds, radii = [], [], [], []
     for first in range(0, len(shard["v0"]), 32):
         batch = {key: torch.from_numpy(array[first : first + 32]).float() for key, array in shard.items()}
@@ -162,7 +174,6 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
         radii.append((sizes.argmax(-1) - truth_bin).abs()[out_of_focus].float())
         rows = read_smears(logits.flatten(0, 1).numpy())
         smears.append(rows.reshape(*logits.shape[:3], 4))
-    network.train()
     read = np.concatenate(smears)
     truth = shard["d0"].astype(np.float32).mean(-2)
     length = np.hypot(truth[..., 0], truth[..., 1])
@@ -182,57 +193,8 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     }
 
 
-class Run(TrainingRun):
-    """A training of the reader; `figures` are those of the last validation."""
-
-    network: Reader
-    average: Reader
-
-    def __init__(self, options: ReaderTraining) -> None:
-        torch.manual_seed(options.seed)
-        self.options = options
-        network, average = Reader(), Reader()
-        held = exported_weights(options.weights) if options.weights else network.state_dict()
-        missing = network.load_state_dict(held, strict=False).missing_keys
-        average.load_state_dict(network.state_dict())
-        named = dict(network.named_parameters())
-        groups = [
-            {"params": [each for name, each in named.items() if (name in missing) == new], "factor": factor}
-            for new, factor in ((False, 1.0), (True, NEW_RATE))
-        ]
-        groups = [group for group in groups if group["params"]]
-        optimiser = torch.optim.AdamW(groups, lr=options.learning_rate, weight_decay=1e-4)
-        super().__init__(network=network, average=average, optimiser=optimiser)
-        self.figures: dict[str, dict[str, float]] = {}
-        if self.path.exists():
-            self.figures = self.restore(self.path)["figures"]
-
-    @property
-    def path(self) -> Path:
-        """The checkpoint."""
-        return self.options.out / "last.pt"
-
-    def save(self) -> None:
-        """Write the checkpoint."""
-        options = {name: str(v) if isinstance(v, Path) else v for name, v in asdict(self.options).items()}
-        self.write(self.path, widths=self.network.options.as_dict(), figures=self.figures, options=options)
-
-    def advance(self, batch: Batch) -> float:
-        """Make one optimiser step; return the loss."""
-        rate = warm_cosine(self.step, self.options.steps, self.options.learning_rate, WARM_UP_STEPS)
-        (fine, *smaller), _ = losses_of(self.network, batch, half=True)
-        self.descend(fine + COARSE_WEIGHT * torch.stack(smaller).sum(), rate, LARGEST_GRADIENT)
-        return float(fine.detach())
-
-
 def exported_weights(path: Path) -> dict[str, Tensor]:
-    """Return the weights that `tools.training.export_reader` stored in a network file.
-
-    Raises
-    ------
-    ModelError
-        If the file holds none.
-    """
+    """Return the weights that `tools.training.export_reader` stored; ModelError if a file holds none."""
     stored = [t for t in onnx.load(path).graph.initializer if t.name.startswith(WEIGHTS)]
     if not stored:
         raise ModelError(
@@ -251,58 +213,35 @@ def load_average(checkpoint: Path) -> tuple[Reader, dict[str, Any]]:
     return network.eval(), state
 
 
-def train(options: ReaderTraining) -> Run:
-    """Run the schedule to its end, printing figures and keeping ``out/last.pt`` fresh."""
-    torch.set_num_threads(options.threads)
-    options.out.mkdir(parents=True, exist_ok=True)
-    paths = sorted(options.val.glob("*.npz"))
-    held = {path.stem: showing(options.cepstra, load_shard(path)) for path in paths}
-    run, pool, losses = Run(options), Pool(options.train, options.pool), []
-    while run.step < options.steps:
-        pool.grow_to(min(FIRST_SHARDS + run.step // STEPS_PER_SHARD, options.shards))
-        rng = np.random.default_rng([options.seed, run.step])
-        losses.append(run.advance(showing(options.cepstra, pool.batch(rng, options.batch))))
-        done = run.step == options.steps
-        if done or run.step % options.validate_every == 0:
-            run.figures = {name: figures_of(run.average, shard) for name, shard in held.items()}
-            report(run, float(np.mean(losses)))
-            losses = []
-        if done or run.step % options.save_every == 0:
-            run.save()
-    return run
-
-
-def report(run: Run, loss: float) -> None:
-    """Print one line and append it to the log: step, mean training loss since the line before, figures."""
-    line = json.dumps({"step": run.step, "loss": round(loss, 4), **run.figures})
-    print(line, flush=True)
-    with (run.options.out / "log.jsonl").open("a") as file:
-        file.write(line + "\n")
-
-
-def parse() -> ReaderTraining:
-    """Read the command line; the defaults are those of :class:`ReaderTraining`."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    for field in fields(ReaderTraining):
-        name = f"--{field.name.replace('_', '-')}"
-        if field.default is MISSING:
-            parser.add_argument(name, type=Path, required=True)
-        elif field.default is None:
-            parser.add_argument(name, type=Path)
-        else:
-            kind = type(field.default)
-            parser.add_argument(name, type=kind, default=field.default, help="(default: %(default)s)")
-    return ReaderTraining(**vars(parser.parse_args()))
-
-
-def main() -> None:
-    """Train."""
+def main(
+    *,
+    train: Path,
+    val: Path,
+    out: Path,
+    weights: Existing | None = None,
+    steps: int = 9000,
+    batch: int = 16,
+    learning_rate: float = 2e-3,
+    shards: int = 400,
+    pool: int = 100,
+    seed: int = 0,
+    threads: int = 1,
+    save_every: int = 100,
+    validate_every: int = 250,
+) -> TrainingRun:
+    """Train; return what it has come to. Two processes of one thread do more than one of two."""
+    torch.set_num_threads(threads)
+    torch.manual_seed(seed)
     try:
-        train(parse())
+        task = ReaderTask(train, val, weights, batch, shards, pool, seed)
     except ModelError as error:
         raise SystemExit(str(error)) from None
+    schedule = Schedule(
+        out=out, steps=steps, rate=learning_rate, largest_gradient=1.0, seed=seed,
+        save_every=save_every, validate_every=validate_every,
+    )  # fmt: skip
+    return fit(task, schedule)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -20,8 +20,9 @@ EXIT_CODES = """
 141: what read the output wants no more of it, as head does; the rest is not done
 """
 MESSAGES = {
-    r"^argument -(\w)/--\w+: ignored explicit argument '(\w+)'": r"-\1\2 has one dash; did you mean --\1\2?",
+    r"^argument -(\w)/.*: ignored explicit argument '([a-z]+)'": r"-\1\2 has one dash; did you mean --\1\2?",
     "^argument ": "",
+    "ignored explicit argument (.*)": r"takes no value, got \1",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
     r"invalid \w+ value: ": "expected a number, got ",

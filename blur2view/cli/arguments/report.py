@@ -54,6 +54,11 @@ class ReportOptions(PhotographOptions):
     resume: bool = refused()
     "a page is drawn anew, from the photographs"
 
+    def __post_init__(self) -> None:
+        if self.output.suffix.lower() not in ("", ".html", ".htm"):
+            raise ValueError(f"a report is HTML; name it {self.output.with_suffix('.html')}")
+        super().__post_init__()
+
     tables: ClassVar[dict[str, Rows]] = {"on the page": CONTROLS, "terms of the page": TERMS}
     examples = (
         "blur2view report clip.mp4 --every 10 -o report.html",

@@ -1,5 +1,6 @@
 """``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,7 @@ FILES = """
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last
 """
+MASKS = ("colmap", "nerfstudio", "instant-ngp")
 ALL = """
 masks: (list) One document per photograph.
 failures: (list) Photographs that failed: image, error.
@@ -49,7 +51,7 @@ class SegmentOptions(FolderOptions):
     threshold: float = option(THRESHOLD, "P", convert=probability, result=True)
     """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
     what moves, and marks more of what stands still"""
-    masks: list[str] | None = option(None, choices=("colmap", "nerfstudio", "instant-ngp"), result=True)
+    masks: list[str] | None = option(None, choices=MASKS, result=True)
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
     pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
     to-transforms --masks DIR puts them where these trainers look)"""
@@ -75,6 +77,9 @@ class SegmentOptions(FolderOptions):
     def __post_init__(self) -> None:
         if self.masks is not None and self.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
+        for one in MASKS:
+            if one in self.images and not os.path.lexists(one):
+                raise ValueError(f"--masks takes one program; for {one}, too, add --masks {one}")
         if self.masks is None:
             object.__setattr__(self, "unobservable", "keep")  # what has no effect is no other setting
         super().__post_init__()

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from blur2view.pipeline import Run
     from blur2view.runs.job import Job, Outcome
 
+RESULTS = (".json", ".jsonl", ".csv", ".png", ".jpg", ".npz")  # suffixes of files, not of folders
 MANIFEST = """
 .<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
     with
@@ -58,6 +59,9 @@ class PhotographOptions(Options):
     """the photographs are a video in this order: those before and after each one show which end of its
     exposure came first, so that rates are one series; with --no-sequence not even the frames of a video do
     (default: those of a video)"""
+    timestamps: Path | None = option(None, "TABLE", rare=True)
+    """times of the photographs: a table that names each in one column and has its time in another, as
+    EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as 1403636579.763.png)"""
     timings: bool = option(True, rare=True, result=True)
     "without timings: equal calls give equal bytes"
     csv: Path | None = option(None, "FILE")
@@ -94,6 +98,10 @@ class PhotographOptions(Options):
     that of the last one; rows are those of the file as stored. A point that moves with the rows is seen for
     longer, so the motion differs with the order in time: one is given, of both that which has less parallax,
     the other is backward in the JSON document"""
+
+    gyroscope: bool = option(False, group=CAMERA, rare=True, result=True)
+    """with --focal or --camera: give rates the sign that a gyroscope along the camera's axes shows, which is
+    the negative of the scene's"""
 
     beta: float = option(
         SelectOptions.beta,
@@ -158,8 +166,9 @@ class PhotographOptions(Options):
         stated = self.focal is not None or self.camera is not None
         if self.readout is not None and not stated:
             raise ValueError("--readout corrects the pose of --focal or --camera only; add one")
-        if self.exposure is not None and not stated:
-            raise ValueError("--exposure gives an angular velocity with --focal or --camera only; add one")
+        for name, given in (("--exposure", self.exposure), ("--gyroscope", self.gyroscope)):
+            if given and not stated:
+                raise ValueError(f"{name} is about rates, which need --focal or --camera; add one")
         if self.readout is not None:
             RollingShutter(readout_s=self.readout, exposure_s=self.exposure or 1.0)  # which checks it
         camera = stored_camera(self.camera or "") or self.camera
@@ -171,6 +180,7 @@ class PhotographOptions(Options):
             exposure_s=self.exposure,
             readout_s=self.readout,
             max_memory_gib=self.max_memory,
+            gyroscope=self.gyroscope,
         )
 
 
@@ -191,6 +201,11 @@ class FolderOptions(PhotographOptions):
     of one that fails image and error"""
 
     def __post_init__(self) -> None:
+        if (self.json or self.jsonl) and (file := [one for one in self.images if one.endswith(RESULTS[:2])]):
+            raise ValueError(f"--json and --jsonl print; write > {file[0]} at the end of the command")
+        if self.output is not None and self.output.suffix in RESULTS and not self.output.is_dir():
+            name = self.output.name
+            raise ValueError(f"-o names a folder; one file holds what --json > {name} or --csv {name} writes")
         if self.json and self.jsonl:
             raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
         if self.resume and self.output is None:

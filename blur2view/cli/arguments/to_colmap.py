@@ -70,6 +70,8 @@ class ToColmapOptions(PhotographOptions):
     skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
     "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
     timings: bool = True
+    timestamps: Path | None = None
+    gyroscope: bool = False
     exposure: float | None = None
     readout: float | None = refused()
     """COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another time; a

@@ -90,7 +90,7 @@ def seconds(text: str) -> float:
     except (ValueError, ZeroDivisionError):
         raise ArgumentTypeError(f"expected seconds as 0.04 or 1/25, got {text}") from None
     if not unit and LONG_S < value < math.inf:
-        raise ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s or {text}ms")
+        raise ArgumentTypeError(f"{text} seconds or milliseconds? write {text}s, {text}ms or 1/{text}")
     return value
 
 

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tools.benchmarks.triage import LENGTHS_PX, features_left, laplacian_variance, limit_of, matched_share
+from tools.benchmarks.triage import LENGTHS_PX, features_left, limit_of, matched_share
+from tools.evaluation.blur_kinds import laplacian_variance
 
 
 def texture(seed: int = 0, size: int = 360) -> np.ndarray:

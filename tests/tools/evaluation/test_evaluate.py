@@ -60,12 +60,12 @@ def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestS
     assert longer.epe_s_top50_over_length == pytest.approx(0.5, rel=1e-3)
     assert longer.length_ratio == pytest.approx(1.5, rel=0.02) and longer.direction_deg < 0.01
     length = np.linalg.norm(scene.displacement[scene.valid], axis=1)
-    assert sum(o.smears for o in longer.octaves) == ((length >= 1) & (length < 128)).sum()
+    assert sum(o["smears"] for o in longer.octaves) == ((length >= 1) & (length < 128)).sum()
     for octave in longer.octaves:
-        inside = (length >= octave.from_px) & (length < 2 * octave.from_px)
-        assert octave.smears == inside.sum() > 0
-        assert octave.length_ratio == pytest.approx(1.5, abs=0.1 / octave.from_px)
-        assert octave.epe_s_over_length == pytest.approx(0.5, rel=1e-3) and octave.direction_deg < 0.01
+        inside = (length >= octave["from_px"]) & (length < 2 * octave["from_px"])
+        assert octave["smears"] == inside.sum() > 0
+        assert octave["length_ratio"] == pytest.approx(1.5, abs=0.1 / octave["from_px"])
+        assert octave["epe_s_over_length"] == pytest.approx(0.5, rel=1e-3) and octave["direction_deg"] < 0.01
 
 
 def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> None:
@@ -79,17 +79,17 @@ def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> N
     assert true.serrmin_px2 < 0.05**2 and true.epipole_deg < 1e-3
     assert true.rho < 0.01 and true.under_05 == true.under_10 == true.inliers == 1
     row = evaluate.summarise("half", [none, true], [true, true], missing=1)
-    assert (row.images, row.without_F, row.inliers, row.inliers_of_true) == (2, 1, 0.5, 0.5)
+    assert [row[name] for name in ("images", "without_F", "inliers", "inliers_of_true")] == [2, 1, 0.5, 0.5]
 
 
 def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScene) -> None:
     pairs = [(scene, true_grid(scene)), (replace(scene, F=None), true_grid(scene))]
-    rows = {row.method: row for row in evaluate.evaluate_fundamentals(pairs)}
-    assert len(rows) == 8 and {row.images for row in rows.values()} == {1}
-    assert rows["true F"].inliers_of_true == 1 and rows["true F"].rho < 0.01
-    assert rows["ours"].without_F == 0 and rows["ours"].rho < rows["two-parameter F"].rho
+    rows = {row["method"]: row for row in evaluate.evaluate_fundamentals(pairs)}
+    assert len(rows) == 8 and {row["images"] for row in rows.values()} == {1}
+    assert rows["true F"]["inliers_of_true"] == 1 and rows["true F"]["rho"] < 0.01
+    assert rows["ours"]["without_F"] == 0 and rows["ours"]["rho"] < rows["two-parameter F"]["rho"]
     for told in ("OpenCV MAGSAC", "pycolmap", "PoseLib"):
-        assert rows[f"true order, {told}"].rho < 0.05
+        assert rows[f"true order, {told}"]["rho"] < 0.05
 
 
 @pytest.mark.slow
@@ -100,7 +100,6 @@ def test_command_writes_both_tables(
     call_tool(f"evaluation.evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result")
     text = (tmp_path / "tables" / "result.md").read_text()
     assert text in capsys.readouterr().out and "colour-code" in text and "| two-parameter F |" in text
-    assert cv2.imread(str(tmp_path / "tables" / "result.png")) is not None
     stored = json.loads((tmp_path / "tables" / "result.json").read_text())
     assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
     with pytest.raises(SystemExit, match="no scenes"):

@@ -53,14 +53,6 @@ def test_interpolation_of_an_even_walk_is_exact_and_views_are_read_by_their_name
     assert placed.scale_of(twice, poses) == pytest.approx(0.5)
 
 
-def test_the_page_has_the_medians_of_a_cell() -> None:
-    cell = {"shake": "10, faster", "share": 0.6, "seed": 0, "fraction": 0.5, "smear": [9.0, 11.0]}
-    record = cell | {method: [[0.1, 0.002, 3.0], [0.3, 0.004, 5.0]] for method in placed.METHODS}
-    lines = placed.page([record]).splitlines()
-    assert "| 10, faster | 0.6 | 2 | 10 | linear | 0.200 | 3.00 | 4.00 |  |" in lines
-    assert lines[-3].endswith("| place | 0.200 | 3.00 | 4.00 | 0.50 |")
-
-
 def test_a_video_shows_the_scene_from_its_path(tmp_path: Path) -> None:
     options = VideoOptions(
         rate=30, share=0.01, frames=2, size=(160, 120), focal_px=150, walk=0.0, hertz=(3, 4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tools.paper.crops import orient
+from tools.paper.paper_variants import orient
 
 
 @pytest.mark.parametrize("mirror", [False, True])

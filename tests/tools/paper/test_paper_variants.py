@@ -1,5 +1,6 @@
 """The paper's losses by hand, its network, and runs of variants."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 import torch
 
 from blur2view.smears.field import to_double_angle
-from tools.datasets.shards import training_record
+from tools.datasets.shards import training_record, write_shards
 from tools.pages import finished_lines
-from tools.paper import crops, experiments, paper_variants
+from tools.paper import experiments, paper_variants
 from tools.paper.networks import StemUNet
 from tools.paper.paper_loss import Representation, paper_loss
 from tools.paper.paper_variants import VARIANTS, TrainOptions
@@ -58,17 +59,16 @@ def test_map_bounds_certainty_where_the_cross_check_fails(representation: Repres
 @pytest.mark.slow
 def test_every_seed_of_every_variant_is_trained_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper_variants, "StemUNet", lambda: StemUNet(widths=(16, 24, 32), bottom=1))
-    monkeypatch.setattr(crops, "VALIDATION_CROPS", 2)
-    monkeypatch.setattr(crops, "VALIDATION_SIDE", 64)
-    monkeypatch.setattr(experiments, "render_set", lambda *_: None)
+    monkeypatch.setattr(paper_variants, "VALIDATION_CROPS", 2)
+    monkeypatch.setattr(paper_variants, "VALIDATION_SIDE", 64)
+    monkeypatch.setattr(experiments, "write_scenes", lambda *_: None)
     for seed, folder in enumerate(("train", "val")):
-        (tmp_path / folder).mkdir()
-        record = training_record(seed, RenderOptions(size=(96, 96), smear_px=(4.0, 16.0)))
-        record.save(tmp_path / folder / "0.npz")
-    plan = experiments.Plan(photos=None, work=tmp_path, shards=tmp_path, scenes=tmp_path, results=tmp_path)
+        record = partial(training_record, options=RenderOptions(size=(96, 96), smear_px=(4.0, 16.0)))
+        write_shards(tmp_path / folder, [seed], lambda seed, record=record: [record(seed)])  # type: ignore[misc]
     for seeds in ((0,), (0, 1)):
         monkeypatch.setattr(experiments, "SEEDS", seeds)
-        experiments.train(plan, TrainOptions(steps=2, batch=2, side=64, workers=0))
+        options = TrainOptions(steps=2, batch=2, side=64, workers=0)
+        experiments.train(None, tmp_path, tmp_path / "table1.jsonl", options)
     first, second = finished_lines(tmp_path / "table1.jsonl")[1:]
     assert set(first["runs"]) == {variant.name for variant in VARIANTS} and len(VARIANTS) == 9
     assert first["runs"] != second["runs"] and (first["seed"], second["seed"]) == (0, 1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tools.rendering.motion import KINDS, Trajectory, sample_camera_path, sample_object_path
+from tools.rendering.motion import Trajectory
 
 BENT = Trajectory(
     rotation=np.array([0.1, -0.2, 0.3]),
@@ -23,16 +23,3 @@ def test_position_follows_velocity_acceleration_and_bend_from_the_identity_at_mi
     quarter = Trajectory(rotation=np.array([0, 0, np.pi]))
     np.testing.assert_allclose(quarter.at(0.5)[0] @ [1, 0, 0], [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(quarter.at(-0.5)[0] @ [1, 0, 0], [0, -1, 0], atol=1e-12)
-
-
-def test_kinds_are_what_their_names_say() -> None:
-    drawn = [sample_camera_path(np.random.default_rng(seed)) for seed in range(100)]
-    assert {kind for _, kind in drawn} == set(KINDS)
-    for path, kind in drawn:
-        assert (kind == "rotation") == (not path.translation.any())
-        assert kind != "translation" or not path.rotation.any()
-        mover = sample_object_path(np.random.default_rng(0), path)
-        speed = np.linalg.norm(path.translation) + 0.7 * np.linalg.norm(path.rotation)
-        assert 0.4 <= np.linalg.norm(mover.translation) / speed <= 1.5  # comparable to the camera's
-    along_axis = [path.translation[2] ** 2 for path, kind in drawn if kind == "forward"]
-    assert np.median(along_axis) > 0.6

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tools.robustness import corpus, hostile_inputs
-from tools.robustness.corpus import make_corpus
 from tools.robustness.hostile_inputs import KINDS, page, run_call, try_all
 from tools.robustness.mutations import SHARES, mutated
 from tools.robustness.politeness import Call, complaints
@@ -39,12 +38,9 @@ def call(tmp_path: Path) -> Call:
     ("change", "words"),
     [
         ({"code": -9}, "exit code -9"),
-        ({"peak_gib": 2.5}, "2.50 GiB"),
         ({"seconds": 33.0}, "takes 33 s of a processor"),
         ({"said": b"Traceback (most recent call last):\n  x\nValueError: 3\n"}, "ValueError: 3"),
-        ({"said": b"blur2view: \x1b[31m.jpg: x; y\n"}, "control characters"),
         ({"said": b""}, "exit code 1 with 0 lines"),
-        ({"photographs": 3}, "1 photographs done, 2 expected"),
         ({"before": {"project.db": b""}}, "removes project.db"),
         ({"lost": 3}, "3 rows of the user's are gone"),
     ],
@@ -59,8 +55,6 @@ def test_what_is_wrong_is_found(call: Call, change: dict[str, object], words: st
     [
         ("out/.a.json.12.tmp", b"", "leaves out/.a.json.12.tmp"),
         ("out/a.json", b"{", "a.json is damaged"),
-        ("out/a.png", b"\x89PNG", "a.png is cut"),
-        ("out/a.smear.npz", b"PK", "a.smear.npz is damaged"),
         ("out/new.db", b"SQLite format 3", "new.db is damaged"),
         ("out/b.json", b"{}", "leaves out/b without .png, .smear.npz"),
     ],
@@ -79,24 +73,13 @@ def test_a_mutation_is_drawn_from_its_seed() -> None:
     assert sum(SHARES) == pytest.approx(sum(kind.share for kind in KINDS.values())) == 1
 
 
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with inputs of every kind."""
-    folder = tmp_path_factory.mktemp("inputs") / "corpus"
-    make_corpus(folder, 3)
-    return folder
-
-
 @pytest.mark.parametrize(
     ("program", "words"),
     [
         ("open('good.jpg', 'ab').write(b'x')", "changes good.jpg"),
-        ("open('core', 'w').close()", "leaves core"),
         ("import os; os.unlink('good.jpg')", "removes good.jpg"),
-        ("raise KeyError(3)", "traceback"),
         ("print('fine', file=__import__('sys').stderr)", "foreign line: fine"),
         ("import time; time.sleep(99)", "exit code -9"),
-        ("while True: pass", "exit code -24"),
     ],
 )
 def test_a_planted_fault_is_found(

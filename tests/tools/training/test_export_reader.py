@@ -1,5 +1,6 @@
 """The exported reader: it computes what torch does, says what it is, and replaces nothing if it does not."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import torch
 from blur2view.errors import ModelError
 from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network
-from tools.training.export_reader import difference, export, sample_picture
+from tools.training.export import difference
+from tools.training.export_reader import ExportedOctave, inputs_of, main, sample_picture
 from tools.training.reader import Reader, ReaderOptions
 from tools.training.train_reader import exported_weights, load_average
 
@@ -24,7 +26,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     weights = Reader(SMALL).state_dict()
     path = tmp_path_factory.mktemp("run") / "last.pt"
-    state = {"network": weights, "average": weights, "widths": SMALL.as_dict(), "step": 40}
+    state = {"network": weights, "average": weights, "widths": asdict(SMALL), "step": 40}
     torch.save(state | {"figures": {"held": {"loss": 1.5}}, "options": {"seed": 3, "batch": 16}}, path)
     return path
 
@@ -33,11 +35,12 @@ def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
     checkpoint: Path, tmp_path: Path
 ) -> None:
     exported, (trained, _) = tmp_path / "smear.onnx", load_average(checkpoint)
-    export(checkpoint, exported)
+    main(checkpoint, exported)
     grey = sample_picture()
     assert grey.min() >= 0 and grey.max() <= 1
     for height, width in ((256, 320), (64, 64), (96, 224)):
-        assert difference(exported, trained, grey[..., :height, :width].contiguous()) < 2e-3
+        inputs = inputs_of(trained, grey[..., :height, :width].contiguous())
+        assert difference(exported, ExportedOctave(trained), inputs) < 2e-3
     network = SmearNetwork(exported, threads=1)
     info = network.info
     assert (info.features, info.license) == (12, "Apache-2.0")

@@ -6,8 +6,7 @@ import torch
 
 from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
-from tools.training.reader import Reader, ReaderOptions, target_of
-from tools.training.spectra import SCALARS
+from tools.training.reader import SCALARS, Reader, ReaderOptions, target_of
 
 SMALL = ReaderOptions(window=8, region=12)
 

@@ -1,9 +1,9 @@
 """Training of the reader: examples made twice are equal, a stopped run ends the same; the whole recipe."""
 
 import json
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,12 +11,13 @@ import pytest
 import torch
 
 from blur2view.networks.smear_network import SmearNetwork
+from tools.datasets.shards import write_shards
 from tools.rendering.shaken import ShakeOptions
 from tools.training import reader_data, recipe
 from tools.training.reader import Reader
-from tools.training.reader_data import Sources, write_shards
-from tools.training.recipe import Recipe, make
-from tools.training.train_reader import ReaderTraining, Run, load_average, train
+from tools.training.reader_data import Sources, examples
+from tools.training.run import TrainingRun
+from tools.training.train_reader import load_average, main
 
 MOVING = partial(ShakeOptions, still_share=0.0, rest_share=0.0, focus_still_share=0.0)
 
@@ -39,33 +40,39 @@ def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
         patch.setattr(reader_data, "ShakeOptions", MOVING)
-        write_shards(folder, range(2), sources)
+        write_shards(folder, range(2), partial(examples, sources=sources))
     return folder
 
 
 def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     shards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "whole"
-    options = ReaderTraining(train=shards, val=shards, out=out, steps=2, shards=2, batch=2, save_every=1)
-    whole = train(options)
+    words: dict[str, Any] = {
+        "train": shards,
+        "val": shards,
+        "steps": 2,
+        "shards": 2,
+        "batch": 2,
+        "save_every": 1,
+    }
+    out = tmp_path / "whole", tmp_path / "parted"
+    whole = main(out=out[0], **words)
     line = json.loads(capfd.readouterr().out.splitlines()[-1])
-    assert line["step"] == 2 and line == json.loads((options.out / "log.jsonl").read_text())
+    assert line["step"] == 2 and line == json.loads((out[0] / "log.jsonl").read_text())
     figures = [line["loss"], *line["000000"].values(), *line["000001"].values()]
     assert len(figures) == 15 and np.isfinite(figures).all()
 
-    save = Run.save
+    save = TrainingRun.save
 
-    def stopped(run: Run) -> None:
-        save(run)
+    def stopped(run: TrainingRun, *words: Any) -> None:
+        save(run, *words)
         raise KeyboardInterrupt
 
-    parted = replace(options, out=tmp_path / "parted")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Run, "save", stopped)
-        train(parted)
-    train(parted)
-    (first, state), (second, resumed) = (load_average(run.out / "last.pt") for run in (options, parted))
+        patch.setattr(TrainingRun, "save", stopped)
+        main(out=out[1], **words)
+    main(out=out[1], **words)
+    (first, state), (second, resumed) = (load_average(one / "last.pt") for one in out)
     assert state["step"] == resumed["step"] == 2 and state["figures"] == resumed["figures"]
     for one, other in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(one, other)
@@ -74,27 +81,22 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     assert any(not torch.equal(value, start[name]) for name, value in first.state_dict().items())
 
 
-@pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> Recipe:
-    """Return a recipe of a few scenes, in small files."""
+def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(recipe, "SHARD", 2)
     monkeypatch.setattr(recipe, "LARGE", (320, 256))
     monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
-    return Recipe(scenes=2, large_scenes=2, val_scenes=2, shards=1, steps=1, processes=1)
-
-
-@pytest.mark.slow
-def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
-    tmp_path: Path, small: Recipe, capfd: pytest.CaptureFixture[str]
-) -> None:
     photos = tmp_path / "photos"
     photos.mkdir()
     pixels = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
     assert cv2.imwrite(str(photos / "noise.png"), pixels)
-    make(small, [photos], tmp_path / "work", tmp_path / "models")
+    given: dict[str, Any] = {"photos": [photos], "work": tmp_path / "work", "models": tmp_path / "models"}
+    given |= {"scenes": 2, "large_scenes": 2, "val_scenes": 2, "shards": 1, "steps": 1, "processes": 1}
+    recipe.main(**given)
     made = capfd.readouterr().out.count(".npz")
     network = SmearNetwork(tmp_path / "models" / "smear.onnx")
     assert network.info.training["steps"] == 1
     assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
-    make(small, [photos], tmp_path / "work", tmp_path / "models")
+    recipe.main(**given)
     assert made == 5 and ".npz" not in capfd.readouterr().out  # nothing is made twice

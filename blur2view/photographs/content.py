@@ -1,0 +1,58 @@
+"""The content of a photograph's file, or of a frame of a video; what is not there has its remedy."""
+
+import os
+import re
+from contextlib import suppress
+from difflib import get_close_matches
+from pathlib import Path
+
+import cv2
+
+from blur2view.errors import ImageError
+from blur2view.input_files import read_regular
+from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
+
+
+def read_content(path: Path, *, beside: bool = False) -> bytes:
+    """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
+
+    ``beside`` is as of `read_frame`. ImageError if it cannot be read, EndOfVideo if the video announces more
+    frames than it has.
+    """
+    frame = frame_of(path)
+    if frame is not None:
+        return bytes(cv2.imencode(".bmp", read_frame(*frame, beside=beside))[1])
+    if is_video(path):
+        frame_numbers(path)  # which says what is wrong, if anything is
+        raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
+    try:
+        return read_regular(path)
+    except FileNotFoundError:
+        remedy = "check the path"
+        if set(path.name) & set("*?["):
+            remedy = "no name fits this pattern, or it stands in quotes"
+        if str(path).startswith("~"):
+            remedy = "write ~ without quotes"
+        names = [name for name in re.split(r"[,;\s]+", str(path)) if name]
+        if len(names) > 1 and all(map(os.path.exists, names)):
+            remedy = f"name each by itself: {' '.join(names)}"
+        elif near := _near(path):
+            remedy = f"did you mean {near}?"
+        if path.is_symlink():
+            remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
+        raise ImageError(f"{path}: no such file; {remedy}") from None
+    except IsADirectoryError:
+        raise ImageError(f"{path}: is a folder; name a photograph in it") from None
+    except OSError as error:
+        reason = error.strerror
+        raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
+
+
+def _near(path: Path) -> Path | None:
+    """Return what a folder has by nearly this name, or but for its case; numbers must be the same."""
+    digits = re.sub(r"\D", "", path.name)
+    with suppress(OSError):
+        names = {one.lower(): one for one in os.listdir(path.parent) if re.sub(r"\D", "", one) == digits}
+        if near := get_close_matches(path.name.lower(), names, 1, 0.85):
+            return path.with_name(names[near[0]])
+    return None
