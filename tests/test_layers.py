@@ -149,7 +149,7 @@ HEAVY = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skim
 
 @pytest.mark.parametrize(
     ("module", "heavy"),
-    [("blur2view", [*HEAVY, "numpy", "cv2"]), ("blur2view.cli.estimate", ["scipy", "skimage", "pycolmap"])],
+    [("blur2view", [*HEAVY, "numpy", "cv2"]), ("blur2view.cli.outputs", ["scipy", "skimage", "pycolmap"])],
 )
 def test_import_of_the_package_is_light_and_an_estimate_starts_without_scipy(
     module: str, heavy: list[str]

@@ -9,13 +9,11 @@ import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
-from importlib import import_module
 from itertools import pairwise
 
 from blur2view import __version__
-from blur2view.cli.arguments.help_text import EXIT_CODES, add_table
 from blur2view.cli.arguments.option import Options, refusals
-from blur2view.cli.arguments.parser import CommandParser, Completion, options_of
+from blur2view.cli.arguments.parser import EXIT_CODES, CommandParser, Completion, add_table, options_of
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
@@ -46,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
-        code = run(parse(arguments))
+        code = parse(arguments).execute()
         if sys.stdout is not None:  # None if the process was started without one
             sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
     except Blur2ViewError as error:
@@ -148,12 +146,6 @@ def check_option(parser: CommandParser, word: str, *, known: bool) -> None:
 def option_names(command: str) -> set[str]:
     """Return the names of a command's options."""
     return CommandParser(command=command).names
-
-
-def run(options: Options) -> int:
-    """Return the exit code of a command; what it needs is imported only now."""
-    command = import_module(f"blur2view.cli.{options.command.replace('-', '_')}")
-    return int(command.run(options))
 
 
 def build_parser() -> CommandParser:

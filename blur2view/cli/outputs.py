@@ -1,6 +1,7 @@
 """Commands that write files of each photograph beside each other: which, when, and what they hold."""
 
 import io
+import json
 import os
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
@@ -13,7 +14,7 @@ from PIL.PngImagePlugin import PngInfo
 from blur2view.arrays import AnyArray
 from blur2view.cli.arguments.shared import FolderOptions
 from blur2view.cli.run import jobs_of, manifest_of, open_manifest, refuse_shared, run_over
-from blur2view.cli.work import Written
+from blur2view.cli.work import outcome_of
 from blur2view.errors import OutputError
 from blur2view.output_files import (
     SIGNED_BY,
@@ -26,60 +27,44 @@ from blur2view.output_files import (
 )
 from blur2view.photographs.inputs import Inputs
 from blur2view.pipeline import FileEstimate
-from blur2view.results.document import Document, FailureDocument
-from blur2view.results.estimate import EstimateDocument
-from blur2view.results.mask_overlay import draw_motion
-from blur2view.results.masks import MaskDocument
+from blur2view.results.document import Document
 from blur2view.results.overlay import draw_overlay
-from blur2view.runs.job import Work
-from blur2view.segmentation.formats import GREY
-from blur2view.segmentation.mask import MotionMask
+from blur2view.runs.job import Job, Outcome
 from blur2view.smears.stored import stored_smears
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
-
-
-ESTIMATE = (".smear.npz", ".png", ".json")
-MASK = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
-"""What the files of a photograph are called after its stem, in the order of writing."""
-MASKS = Path("masks")
-"""Folder below -o in which masks for another program lie."""
 MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
 MAX_PATH = 4095  # bytes of a whole path, on Linux
 MANIFEST = ".manifest.jsonl"
 
 
-def run_with_files(
-    options: FolderOptions,
-    endings: Sequence[str],
-    work: Work[ResultFiles | None, Written | None],
-    collect: Callable[[list[Written], list[FailureDocument]], Document],
-    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
-) -> int:
+def run_with_files(options: FolderOptions) -> int:
     """Return the exit code, after the work on every photograph, which has files of its own, with -o.
 
-    With ``--json`` the one document of ``collect`` is printed at the end, with ``--jsonl`` that of each
-    photograph. ``beside`` is as of `plan_outputs`.
+    With ``--json`` one document of all is printed at the end, with ``--jsonl`` that of each photograph.
     """
     folder = options.output
     path = manifest_of(options, options.csv) if folder is None else folder / f".{options.command}{MANIFEST}"
     others = [] if folder is None else sorted({*folder.glob(f".*{MANIFEST}")} - {path})
-    with writable_folders(folder), open_manifest(options, work, path, [folder], others) as manifest:
+    with writable_folders(folder), open_manifest(options, path, [folder], others) as manifest:
         plan: Sequence[ResultFiles | OutputError] = ()
         if folder is not None:
             owner = None if manifest is None or options.overwrite else manifest.other_owner
-            plan = plan_outputs(options.inputs, folder, endings, beside=beside, owner=owner)
+            plan = plan_outputs(options.inputs, folder, options.endings, beside=options.beside, owner=owner)
         jobs = jobs_of(options, plan)
-        paths = {path for job in jobs if job.target for path in job.target.paths}
-        refuse_shared(options, options.csv, paths, "--csv")
+        paths = {path for job in jobs if job.files for path in job.files.paths}
+        if options.csv is not None:
+            refuse_shared(options, options.csv, paths, "--csv")
         folders = sorted({path.parent for path in paths})
         with writable_folders(*folders):
-            finished = run_over(options, work, jobs, manifest)
+            finished = run_over(options, jobs, manifest)
             if options.resume:  # at the end: workers of a killed call live on for a moment
                 remove_left_over(paths, folders)
     if options.json:
-        print(collect([one for one in finished.payloads if one is not None], finished.failures).to_json())
+        done = [one.payload for _, one in finished.outcomes if not one.error]
+        document = {options.listed: done, "failures": finished.failures}
+        print(json.dumps(document, indent=2, allow_nan=False))
     return finished.exit_code
 
 
@@ -108,10 +93,10 @@ def plan_outputs(
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
         refusal = _refusal(files.paths, photographs)
-        if refusal is None and owner is not None and (of := owner(image, files.paths)):
-            refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
+        elif refusal is None and owner is not None and (of := owner(image, files.paths)):
+            refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
     return plan
 
@@ -155,38 +140,33 @@ def _stem(path: Path) -> str:
     return path.stem if path.stem.strip(".") else path.name
 
 
-def result_contents(
-    files: ResultFiles, document: EstimateDocument, one: FileEstimate, *, full_field: bool = False
-) -> dict[Path, bytes]:
-    """Return what is written for a photograph: the arrays, the overlay and the document.
+def with_files(
+    job: Job, one: FileEstimate, document: Document, summary: str, contents: Callable[[], list[bytes]]
+) -> Outcome:
+    """Return what is made of a photograph, its document the last of its files, if it has some."""
+    files = {}
+    if job.files is not None:
+        written = [*contents(), (document.to_json() + "\n").encode()]
+        files = dict(zip(job.files.paths, written, strict=True))
+    return outcome_of(one, document.plain(), summary, files)
+
+
+def estimate_contents(one: FileEstimate, *, full_field: bool = False) -> list[bytes]:
+    """Return the arrays and the overlay of a photograph.
 
     With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
     """
-    geometry, matches, grid = one.estimate.geometry, one.estimate.matches, one.estimate.grid
-    picture = draw_overlay(one.image, grid, matches, geometry, one.run.exposure_s, one.estimate.blur)
-    arrays = io.BytesIO()
+    found, geometry, matches, arrays = one.estimate, one.estimate.geometry, one.estimate.matches, io.BytesIO()
     np.savez(
         arrays,
-        **stored_smears(grid, full_field=full_field),  # type: ignore[arg-type]
+        **stored_smears(found.grid, full_field=full_field),  # type: ignore[arg-type]
         ends=matches.ends,
         match_sigma_px=matches.sampson_px,
         inlier_mask=geometry.inlier_mask,
         swapped=geometry.swapped,
     )
-    contents = arrays.getvalue(), png(picture), (document.to_json() + "\n").encode()
-    return dict(zip(files.paths, contents, strict=True))
-
-
-def mask_contents(
-    files: ResultFiles, document: MaskDocument, image: AnyArray, mask: MotionMask, further: Sequence[AnyArray]
-) -> dict[Path, bytes]:
-    """Return what is written for a photograph: further pictures, mask, probabilities, overlay, document."""
-    levels = np.round(255 * mask.probability).astype(np.uint8)
-    contents = (
-        *map(png, (*further, GREY[mask.labels], levels, draw_motion(image, mask))),
-        (document.to_json() + "\n").encode(),
-    )
-    return dict(zip(files.paths, contents, strict=True))
+    picture = draw_overlay(one.image, found.grid, matches, geometry, one.run.exposure_s, found.blur)
+    return [arrays.getvalue(), png(picture)]
 
 
 def png(picture: AnyArray) -> bytes:

@@ -26,7 +26,13 @@ def run(options: PlaceOptions) -> int:
     model = find_model(options.model)
     refuse_foreign(options.output)
     placement = place_views(options.database, model.folder, with_gaps(names), options.fraction)
-    _refuse_failure(options, placement)
+    count = plural(len(placement.placed) + len(placement.left), "frame")
+    about = f"{options.database}: of {count} with views in {options.model}"
+    if not math.isfinite(placement.fraction):
+        why = "no two follow one another and show how long an exposure is"
+        raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
+    if not placement.placed:
+        raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
     write_model(placement.model, options.output, project_text(options.photographs, options.database))
     if options.verbosity > QUIET:
         print(summary(options, model, placement, names))
@@ -41,19 +47,6 @@ def frame_names(folder: Path) -> list[str]:
     if inputs.refused:
         raise ImageError(inputs.refused[folder])
     return [path.relative_to(folder).as_posix() for path in inputs.paths]
-
-
-def _refuse_failure(options: PlaceOptions, placement: Placement) -> None:
-    """Raise why no frame was placed, or none with the path of the camera."""
-    count = plural(len(placement.placed) + len(placement.left), "frame")
-    about = f"{options.database}: of {count} with views in {options.model}"
-    if not math.isfinite(placement.fraction):
-        raise DatabaseError(
-            f"{about} no two follow one another and show how long an exposure is; {ALL_FRAMES}, or state "
-            "--fraction"
-        )
-    if not placement.placed:
-        raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
 
 
 def refuse_foreign(folder: Path) -> None:
@@ -92,13 +85,8 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, name
     if options.verbosity > SHORT:
         for name in placement.left:
             lines.append(f"  {printable(name)} left out: too few of its points have smears")
-    if missing := len(_photographs(placement) - set(names)):
+    posed = {image.name for image in placement.model.images.values() if image.has_pose}
+    if missing := len({name for name in posed if not name.endswith((OPEN, CLOSE))}.difference(names)):
         frames = printable(str(options.photographs))
         lines.append(f"{frames}: lacks {missing} photographs of the model, which have no views; {ALL_FRAMES}")
     return "\n".join(lines)
-
-
-def _photographs(placement: Placement) -> set[str]:
-    """Return the registered photographs of a model, views not counted."""
-    posed = {image.name for image in placement.model.images.values() if image.has_pose}
-    return {name for name in posed if not name.endswith((OPEN, CLOSE))}

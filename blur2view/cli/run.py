@@ -1,27 +1,28 @@
 """A command over many photographs: checked before any work, done, printed and written down."""
 
+import json
 import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import Enum, auto
 from pathlib import Path
-from typing import Any, Generic
 
-from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, Progress, complain, plural, printable
-from blur2view.cli.work import settings_of
+from blur2view import __version__
+from blur2view.cli.arguments.shared import FolderOptions, PhotographOptions
+from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, TILE, Progress, complain, plural, printable
+from blur2view.cli.work import network_of
+from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import ResultFiles, check_file, writable_folders, write_text
 from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.timestamps import timestamps_of
-from blur2view.results.document import FailureDocument
 from blur2view.results.table import Row, table_text
-from blur2view.runs.job import Job, Outcome, Payload, Target, Work, neighbours_of
-from blur2view.runs.manifest import Manifest
+from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
+from blur2view.runs.manifest import Manifest, Settings
 from blur2view.runs.processes import Engine, processes
 from blur2view.runs.run import any_left, outcomes
 
@@ -39,24 +40,19 @@ class End(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Finished(Generic[Payload]):
+class Finished:
     """What came of a run over photographs, in their order, as far as it has come."""
 
-    outcomes: list[tuple[Path, Outcome[Payload]]]
+    outcomes: list[tuple[Path, Outcome]]
     rows: list[Row]  # of the table
     end: End
     has_table: bool  # it was not asked for, or could be written
     seconds: float
 
     @property
-    def payloads(self) -> list[Payload]:
-        """What the command needs of the photographs that are done."""
-        return [one.result.payload for _, one in self.outcomes if one.result is not None]
-
-    @property
-    def failures(self) -> list[FailureDocument]:
-        """The photographs that failed."""
-        return [failure(path, one) for path, one in self.outcomes if one.result is None]
+    def failures(self) -> list[dict[str, str]]:
+        """The photographs that failed, as documents have them."""
+        return [failure(path, one) for path, one in self.outcomes if one.error]
 
     @property
     def skipped(self) -> int:
@@ -74,17 +70,20 @@ class Finished(Generic[Payload]):
 @contextmanager
 def open_manifest(
     options: PhotographOptions,
-    work: Work[Target, Payload],
     path: Path | None,
     others: Paths = (),
     earlier: Iterable[Path] = (),
     pointing: Iterable[Path] = (),
 ) -> Iterator[Manifest | None]:
-    """Check the table, and open the manifest, which no other call has then; None if nothing is written down.
+    """Load the network, check the table and open the manifest, which no other call has then.
 
-    ``path`` is that of the manifest, ``others`` what else the call writes; what is done is also looked up in
-    ``earlier`` manifests, and in those of further outputs, ``pointing`` to this one from now on.
+    None if nothing is written down. ``path`` is that of the manifest, ``others`` what else the call writes;
+    what is done is also looked up in ``earlier`` manifests, and in those of further outputs, ``pointing`` to
+    this one from now on.
     """
+    network = network_of(options.model, options.provider, options.digest)
+    network.on_tile = Progress(TILE).show
+    network.tiles_at_once = usable_cores()  # here alone
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")
@@ -92,7 +91,12 @@ def open_manifest(
         if path is None or not path.parent.is_dir():
             yield None
             return
-        settings = settings_of(options.command, work, options.run.intrinsics)
+        camera = options.run.intrinsics.camera
+        files = [camera.database] if isinstance(camera, StoredCamera) and camera.database.is_file() else []
+        digests = {"network": options.digest, "camera_files": [file_digest(file) for file in files]}
+        of_result = [one.name for one in fields(options) if one.metadata.get("result")]
+        values = {name: getattr(options, name) for name in of_result} | digests
+        settings = Settings(command=options.command, version=__version__, options=values)
         with Manifest(path, settings, resume=options.resume, earlier=[*earlier, *pointing]) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
@@ -104,14 +108,13 @@ def open_manifest(
 
 def run_over(
     options: PhotographOptions,
-    work: Work[Target, Payload],
-    jobs: Sequence[Job[Target]],
+    jobs: Sequence[Job],
     manifest: Manifest | None,
     *,
     names: dict[Path, str] | None = None,
     classify: Callable[[Row], Row] = lambda row: row,
     line: Callable[[Path, Row], str] | None = None,
-) -> Finished[Payload]:
+) -> Finished:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
@@ -119,35 +122,44 @@ def run_over(
     default COLMAP's, ``classify`` adds to a row what the photograph is of use for, ``line`` returns what is
     printed of it: by default the summary of the work, and a closing line.
     """
-    refused = options.inputs.refused
+    refused, names = options.inputs.refused, names or colmap_names(options.inputs)
     jobs = [
         replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
     ]
-    names = names or colmap_names(options.inputs)
-    engine, bar = _engine(options, len(jobs)), Progress(PHOTOGRAPH)
-    done: list[tuple[Path, Outcome[Payload]]] = []
+    engine: Engine = processes(max(min(options.jobs or usable_cores(), len(jobs)), 1))
+    if options.dask is not None:
+        from blur2view.runs.cluster import Cluster
+
+        engine = Cluster(options.dask)
+    bar, sends = Progress(PHOTOGRAPH), options.dask is not None
+    keeps = options.json or not isinstance(options, FolderOptions)
+    done: list[tuple[Path, Outcome]] = []
     rows: list[Row] = []
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
-    sends = options.dask is not None
     try:
         if len(jobs) > 1 and options.verbosity > QUIET and sys.stderr.isatty():
             print(printable(options.inputs.counted), file=sys.stderr)
         bar.show(0, len(jobs))
-        with closing(outcomes(work, jobs, engine, manifest, sends=sends)) as results:
+        with closing(outcomes(options, jobs, engine, manifest, sends=sends)) as results:
             for job, outcome in results:
-                row = Row() if outcome.result is None else outcome.result.row
-                row = classify(replace(row, name=names[job.path], use="", error=outcome.error))
-                if not outcome.skipped or options.verbosity > SHORT:
-                    text = None if line is None or outcome.result is None else line(job.path, row)
-                    _print_outcome(options, bar, outcome, text, short=len(jobs) > 1)
+                row = classify(replace(outcome.row, name=names[job.path], use="", error=outcome.error))
+                if outcome.error:
+                    complain(Blur2ViewError(outcome.error), bar.say)
+                elif options.prints and (not outcome.skipped or options.verbosity > SHORT):
+                    lines = (line(job.path, row) if line else outcome.summary).split("\n")
+                    lines = lines[: 1 if len(jobs) > 1 and options.verbosity == SHORT else None]
+                    bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
                 if options.jsonl:
-                    outcome = _printed(job.path, outcome)
-                if outcome.result is not None:
-                    _warn(options, bar, job.path, outcome.result.warnings, warned)
+                    document = failure(job.path, outcome) if outcome.error else outcome.payload
+                    print(json.dumps(document, allow_nan=False), flush=True)
+                for warning in outcome.warnings:  # one about each option: of most photographs it is the same
+                    if (about := warning.partition(" ")[0]) not in warned and options.verbosity > QUIET:
+                        complain(Blur2ViewError(f"{job.path}: {warning}"), bar.say)
+                    warned.add(about)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
-                done.append((job.path, outcome))
-                failed += outcome.result is None
+                done.append((job.path, outcome if keeps else replace(outcome, payload=None)))
+                failed += bool(outcome.error)
                 bar.show(len(done), len(jobs))
                 if outcome.stop or (failed == options.max_failures and any_left(jobs[job.index + 1 :])):
                     end = End.STOPPED
@@ -165,62 +177,26 @@ def run_over(
     return run
 
 
-def _engine(options: PhotographOptions, count: int) -> Engine:
-    if options.dask is not None:
-        from blur2view.runs.cluster import Cluster
-
-        return Cluster(options.dask)
-    return processes(max(min(options.jobs or usable_cores(), count), 1))
-
-
-def _print_outcome(
-    options: PhotographOptions, bar: Progress, outcome: Outcome[Payload], text: str | None, *, short: bool
-) -> None:
-    """Print a text about a photograph, or its summary: of many the first line, unless all is wanted."""
-    if outcome.result is None:
-        complain(Blur2ViewError(outcome.error), bar.say)
-    elif options.prints:
-        lines = (text or outcome.result.summary).split("\n")
-        lines = lines[: 1 if short and options.verbosity == SHORT else None]
-        bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
-
-
-def _printed(path: Path, outcome: Outcome[Any]) -> Outcome[Any]:
-    """Print the document of a photograph, or of its failure, on one line; return the outcome without it."""
-    document = failure(path, outcome) if outcome.result is None else outcome.result.payload
-    print(document.to_json(indent=None), flush=True)
-    return (
-        outcome if outcome.result is None else replace(outcome, result=replace(outcome.result, payload=None))
-    )
-
-
-def _warn(
-    options: PhotographOptions, bar: Progress, path: Path, warnings: Iterable[str], known: set[str]
-) -> None:
-    """Print one warning about each option, which becomes known: of most photographs it is the same."""
-    for warning in warnings:
-        option = warning.partition(" ")[0]
-        if option not in known and options.verbosity > QUIET:
-            complain(Blur2ViewError(f"{path}: {warning}"), bar.say)
-        known.add(option)
-
-
 def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
     """Return whether the table could be written, if one is wanted; the others are of use without it."""
-    if target is None or not rows:
-        return True
     try:
-        write_text(target, table_text(rows))
+        if target is not None and rows:
+            write_text(target, table_text(rows))
     except OutputError as error:
         complain(error)
         return False
     return True
 
 
-def _print_end(run: Finished[Payload], count: int, manifest: Manifest | None, *, total: bool) -> None:
+def _print_end(run: Finished, count: int, manifest: Manifest | None, *, total: bool) -> None:
     """Print the total of several photographs, if it is wanted, or one line about a run that ended early."""
-    if run.end is End.WHOLE and count > 1 and total:
-        print(_total(count, run))
+    if run.end is End.WHOLE and count > 1 and total:  # a video may have fewer frames than it says
+        skipped, failed = run.skipped, len(run.failures)
+        done = len(run.outcomes) - skipped - failed
+        parts = [f"{done} done"] if done or not (skipped or failed) else []
+        parts += [f"{skipped} done before"] * bool(skipped) + [f"{failed} failed"] * bool(failed)
+        rate = f", {done / run.seconds:.2g} a second" if done and run.seconds > 0 else ""
+        print(f"{plural(count, 'photograph')}: {', '.join(parts)} in {run.seconds:.1f} s{rate}")
     elif run.end is End.INTERRUPTED or (run.end is End.STOPPED and count > 1):
         line = f"blur2view: {run.end.name.lower()}"
         if count > 1:
@@ -229,45 +205,35 @@ def _print_end(run: Finished[Payload], count: int, manifest: Manifest | None, *,
         print(line, file=sys.stderr)
 
 
-def _total(count: int, run: Finished[Payload]) -> str:
-    """Return the closing line; a video may have fewer frames than it says."""
-    skipped, failed = run.skipped, len(run.failures)
-    done = len(run.outcomes) - skipped - failed
-    parts = [f"{done} done"] if done or not (skipped or failed) else []
-    parts += [f"{skipped} done before"] * bool(skipped) + [f"{failed} failed"] * bool(failed)
-    rate = f", {done / run.seconds:.2g} a second" if done and run.seconds > 0 else ""
-    return f"{plural(count, 'photograph')}: {', '.join(parts)} in {run.seconds:.1f} s{rate}"
+def failure(path: Path, outcome: Outcome) -> dict[str, str]:
+    """Return what a document says of a photograph that failed."""
+    return {"image": str(path), "error": outcome.error}
 
 
-def failure(path: Path, outcome: Outcome[Any]) -> FailureDocument:
-    """Return the document of a photograph that failed."""
-    return FailureDocument(image=str(path), error=outcome.error)
-
-
-def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job[Any]]:
+def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job]:
     """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
     paths, table = options.inputs.paths, options.timestamps
-    neighbours = neighbours_of(paths, options.sequence)
+    neighbours = neighbours_of(paths, options.sequence).items()
     times = [None] * len(paths) if table is None else timestamps_of(paths, table)
-    targets: Sequence[ResultFiles | OutputError | None] = plan or [None] * len(neighbours)
-    return [
+    jobs = [
         Job(
             index=index,
             path=path,
-            target=None if isinstance(target, OutputError) else target,
-            refusal=target if isinstance(target, OutputError) else None,
-            neighbours=neighbours[path],
+            neighbours=beside,
             timestamp_s=time_s,
             source="" if table is None else f"{time_s}",
         )
-        for index, (path, target, time_s) in enumerate(zip(neighbours, targets, times, strict=True))
+        for index, ((path, beside), time_s) in enumerate(zip(neighbours, times, strict=True))
     ]
+    planned = (
+        replace(job, refusal=files) if isinstance(files, OutputError) else replace(job, files=files)
+        for job, files in zip(jobs, plan, strict=False)
+    )
+    return list(planned) or jobs
 
 
-def refuse_shared(options: PhotographOptions, target: Path | None, others: Paths, option: str) -> None:
+def refuse_shared(options: PhotographOptions, target: Path, others: Paths, option: str) -> None:
     """Refuse a table or a list that would be one file with another one of the call."""
-    if target is None:
-        return
     real = os.path.realpath(target)
     if real in {os.path.realpath(other) for other in others if other is not None}:
         raise OutputError(f"{target}: two results would be one file; name another with {option}")

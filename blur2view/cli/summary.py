@@ -1,20 +1,17 @@
 """The summary of one photograph, as the commands print it: two lines, or everything."""
 
-import math
-
 import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.cli.terminal import SHORT, printable
 from blur2view.geometry.epipolar import epipoles
-from blur2view.geometry.rotation import rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.output_files import ResultFiles
 from blur2view.pipeline import Estimate
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.masks import MaskDocument
-from blur2view.results.pose import PER_SECOND, BackwardDocument
+from blur2view.results.pose import PER_SECOND
 from blur2view.results.verdicts import angle_sigma_rad
 from blur2view.segmentation.mask import MotionMask
 
@@ -31,7 +28,7 @@ def estimate_summary(
 ) -> str:
     """Return two lines about one photograph, or everything, and where the results were written."""
     title = verdict_line(document.image, document.meaning, estimate.geometry)
-    details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate.geometry)]
+    details = _details(document, estimate) if verbosity > SHORT else [_figures(document, estimate)]
     return _with_files([title, *details], files)
 
 
@@ -58,26 +55,24 @@ def _with_files(lines: list[str], files: ResultFiles | None) -> str:
     return "\n  ".join(lines)
 
 
-def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
+def _figures(document: EstimateDocument, estimate: Estimate) -> str:
     """Return one line: how many smears fit, the rotation or the epipole, the camera if it was scaled."""
+    geometry = estimate.geometry
     if geometry.F is None and geometry.H is None:
         return f"{document.num_matches} smears used"
     fit = f"{document.num_inliers} of {document.num_matches} smears fit"
     # beside H a share of F would read as certainty
-    parts = [
-        f"{fit} F, but H explains them, too"
-        if geometry.F is not None and geometry.H is not None
-        else f"{fit} ({_share(document)})"
-    ]
-    if document.cam2_from_cam1 is not None:
-        parts.append(_rotation(document) + _missing_translation(document))
+    both = geometry.F is not None and geometry.H is not None
+    parts = [f"{fit} F, but H explains them, too" if both else f"{fit} ({_share(document)})"]
+    if geometry.cam2_from_cam1 is not None:
+        parts.append(_rotation(document, geometry) + _missing_translation(geometry))
         if document.rate_unit == PER_SECOND:
-            parts.append(rate(document))
+            parts.append(_rate(document, geometry))
     elif geometry.F is not None and geometry.H is None:
         epipole = f"moved to or from the epipole at {_point(epipoles(geometry.F)[0])}"
         parts.append(epipole if document.readout_s else f"{epipole}, if the shutter is global")
-    if document.camera is not None and "scaled" in document.camera.source:
-        parts.append(document.camera.source)
+    if estimate.camera is not None and "scaled" in estimate.camera.source:
+        parts.append(estimate.camera.source)
     return "; ".join(parts)
 
 
@@ -89,7 +84,7 @@ def _share(document: EstimateDocument) -> str:
 
 def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
     """Return everything: the reason, the smears, F, H, E, epipoles, pose, costs of the models, timings."""
-    geometry, matches = estimate.geometry, estimate.matches
+    geometry, matches, camera = estimate.geometry, estimate.matches, estimate.camera
     used = f"{document.width}x{document.height} pixels, {document.num_matches} smears used"
     if len(matches):
         length, sigma = np.median(matches.length_px), np.median(matches.sigma_px)
@@ -98,12 +93,13 @@ def _details(document: EstimateDocument, estimate: Estimate) -> list[str]:
         used += f"; {document.num_inliers} fit"
     lines = [geometry.reason, used]
     for name, matrix in (("F", geometry.F), ("H", geometry.H), ("E", geometry.E)):
-        lines += [] if matrix is None else _matrix_lines(name, matrix)
+        rows = ["  ".join(f"{value: .6e}" for value in row) for row in (() if matrix is None else matrix)]
+        lines += [f"{f'{name} = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
     if geometry.F is not None and geometry.H is None:  # beside H they would read as certain
         lines.append("epipoles " + " and ".join(_point(epipole) for epipole in epipoles(geometry.F)))
-    lines += _pose_lines(document)
-    if document.camera is not None:
-        lines.append(f"intrinsics: {document.camera.source}{'' if document.camera.known else ', a hint'}")
+    lines += _pose_lines(document, geometry)
+    if camera is not None:
+        lines.append(f"intrinsics: {camera.source}{'' if camera.known else ', a hint'}")
     if document.scores:
         costs = ", ".join(f"{name} {cost:.1f}" for name, cost in document.scores.items())
         lines.append(f"penalised costs: {costs}; {document.iterations} samples")
@@ -118,65 +114,50 @@ def _seconds(timings_s: dict[str, float] | None) -> list[str]:
     return [f"{sum(timings_s.values()):.2f} s ({steps})"]
 
 
-def _rotation(document: EstimateDocument) -> str:
-    deviation = ""
-    if document.pose_covariance is not None:
-        deviation = f" +/- {np.degrees(_angle_sigma(document)):.3f}"
+def _rotation(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
+    deviation = f" +/- {np.degrees(angle_sigma_rad(geometry)):.3f}" if geometry.covariance else ""
     return f"rotation {document.rotation_deg:.3f}{deviation} degrees"
 
 
-def _angle_sigma(document: EstimateDocument) -> float:
-    """Return the standard deviation of the rotation's angle, radians: that along its axis."""
-    pose, covariance = document.cam2_from_cam1, document.pose_covariance
-    if pose is None or covariance is None:
-        return math.nan
-    return angle_sigma_rad(rotation_vector(np.array(pose.rotation)), np.array(covariance.matrix))
-
-
-def rate(document: EstimateDocument) -> str:
+def _rate(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     """Return the angular velocity, also that of the other order in time if a rolling shutter has another."""
-    known = float(np.linalg.norm(_vector(document)))
-    sigma = _angle_sigma(document) / (document.exposure_s or 1.0)
+    exposure_s = document.exposure_s or 1.0
+    known, sigma = _speed(geometry, exposure_s), angle_sigma_rad(geometry) / exposure_s
     text = f"{known:.3g} +/- {sigma:.2g} rad/s{' (may be none)' if known < sigma else ''}"
-    if document.backward is not None and not document.time_known:
-        text += f" or, in the other order in time, {np.linalg.norm(_vector(document.backward)):.3g} rad/s"
+    if document.backward is not None and geometry.backward is not None and not document.time_known:
+        other = _speed(geometry.backward, exposure_s)
+        text += f" or, in the other order in time, {other:.3g} rad/s"
     return text
 
 
-def _vector(document: EstimateDocument | BackwardDocument) -> list[float]:
-    """Return the rate about x, y and z; zero without a pose."""
-    return [document.wx or 0.0, document.wy or 0.0, document.wz or 0.0]
+def _speed(geometry: TwoViewGeometry, exposure_s: float) -> float:
+    velocity = geometry.angular_velocity(exposure_s)
+    return 0.0 if velocity is None else float(np.linalg.norm(velocity.mean))
 
 
-def _missing_translation(document: EstimateDocument) -> str:
+def _missing_translation(geometry: TwoViewGeometry) -> str:
     """Return why a pose's translation is zero; nothing if it is not."""
-    if document.cam2_from_cam1 is None or any(document.cam2_from_cam1.translation):
+    if geometry.cam2_from_cam1 is None or geometry.cam2_from_cam1.translation.any():
         return ""
-    turned = document.config == Configuration.PANORAMIC.name and document.parallax == Parallax.ABSENT
+    turned = geometry.config is Configuration.PANORAMIC and geometry.parallax is Parallax.ABSENT
     return ", no translation" if turned else ", translation unknown"
 
 
-def _pose_lines(document: EstimateDocument) -> list[str]:
+def _pose_lines(document: EstimateDocument, geometry: TwoViewGeometry) -> list[str]:
     """Return rotation and translation with their standard deviations, up to the flip of time."""
-    pose, covariance = document.cam2_from_cam1, document.pose_covariance
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None:
         return []
-    rotation = _rotation(document)
+    line = _rotation(document, geometry)
     if document.rate_unit == PER_SECOND:
-        rates = ", ".join(f"{rate:z.3f}" for rate in _vector(document))
-        rotation += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {rate(document)}"
-    if not any(pose.translation):
-        return [rotation + _missing_translation(document)]
+        rates = ", ".join(f"{rate or 0.0:z.3f}" for rate in (document.wx, document.wy, document.wz))
+        speed = _rate(document, geometry)
+        line += f", angular velocity ({rates}) rad/s in {document.exposure_s:g} s, {speed}"
+    if missing := _missing_translation(geometry):
+        return [line + missing]
     direction = ", ".join(f"{value:z.3f}" for value in pose.translation)
-    translation = f"translation towards ({direction})"
-    if covariance is not None:
-        translation += f" (+/- {covariance.translation_sigma_deg:.1f} degrees)"
-    return [f"{rotation}; {translation}"]
-
-
-def _matrix_lines(name: str, matrix: Array) -> list[str]:
-    rows = ["  ".join(f"{value: .6e}" for value in row) for row in matrix]
-    return [f"{f'{name} = ' if index == 0 else '    '}{row}" for index, row in enumerate(rows)]
+    line += f"; translation towards ({direction})"
+    return [line + (f" (+/- {covariance.translation_sigma_deg:.1f} degrees)" if covariance else "")]
 
 
 def _point(epipole: Array) -> str:

@@ -1,21 +1,20 @@
 """The command ``blur2view to-colmap``: blurred photographs as images that COLMAP can use."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection
 from pathlib import Path
 
 from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.run import FAILED, End, manifest_of, open_manifest, run_over
+from blur2view.cli.run import End, manifest_of, open_manifest, run_over
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import NamedPhotograph, ViewsWork, document_of, name_photographs, with_time
+from blur2view.cli.views import document_of, named_jobs, with_time
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
 from blur2view.colmap.link import write_links
 from blur2view.errors import OutputError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.photographs.inputs import colmap_names
-from blur2view.results.to_colmap import KeptDocument, ToColmapDocument, ViewsDocument
-from blur2view.runs.job import Job
+from blur2view.results.stored import restore
+from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
 
 
 def run(options: ToColmapOptions) -> int:
@@ -23,82 +22,61 @@ def run(options: ToColmapOptions) -> int:
 
     An interrupted run writes what is done, but nothing into a project of the user's.
     """
-    work = ViewsWork.of(options)
-    photographs, failures = name_photographs(options)
+    jobs, kept = named_jobs(options)
     path = None if options.dry_run else manifest_of(options, options.db)
     files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
-    with open_manifest(options, work, path, files) as manifest:
-        replaces = _replaces(options)
+    with open_manifest(options, path, files) as manifest:
         before = _written_before(options)
-        _refuse_loss(options, before - {one.name for one in photographs})
-        left = [one for one in photographs if not one.kept]
-        of_name = {one.name: one for one in left}
-        jobs = [
-            Job(index=index, path=one.path, target=one, source=one.source) for index, one in enumerate(left)
-        ]
-        names = colmap_names(options.inputs) | {one.path: one.name for one in left}
-        finished = run_over(options, work, jobs, manifest, names=names)
-        views = finished.payloads
-        lost = before - {one.name for one in views}
+        of_name = {job.target.name: job for job in jobs if job.refusal is None}
+        _refuse_loss(options, before, of_name.keys())
+        names = {job.path: job.target.name for job in jobs}
+        finished = run_over(options, jobs, manifest, names=names)
+        views = [restore(ExposureViews, one.payload) for _, one in finished.outcomes if not one.error]
+        written = {one.name for one in views}
         interrupted = finished.end is End.INTERRUPTED
-        if finished.end is End.BROKEN or (interrupted and (options.link or not views or lost)):
+        incomplete = options.link or not views or (before or set()) - written
+        if finished.end is End.BROKEN or (interrupted and incomplete):
             return finished.exit_code
-        _refuse_loss(options, lost)
+        _refuse_loss(options, before, written)
         views = with_time(options, views, {name: one.path for name, one in of_name.items()})
-        backup = None if options.dry_run else _write_views(options, views, of_name, replace=replaces)
+        backup = None
+        if options.link and not options.dry_run:
+            planned = [(of_name[one.name].target.plan, one) for one in views]
+            links = [(plan, one) for plan, one in planned if plan is not None]
+            backup = write_links(options.db, links, backup=options.backup)
+        elif views and not options.dry_run:
+            write_database(options.db, views, replace=before is not None)
     document = ToColmapDocument(
         target=str(options.db),
         dry_run=options.dry_run,
         backup=None if backup is None else str(backup),
         photographs=[document_of(of_name[one.name], one) for one in views],
-        kept=[KeptDocument(image=str(one.path), name=one.name) for one in photographs if one.kept],
-        failures=[*failures, *finished.failures],
+        kept=[{"image": str(job.path), "name": job.target.name} for job in kept],
+        failures=finished.failures,
     )
     if options.json:
         print(document.to_json())
     elif options.verbosity > QUIET:
         print(summary(document, linked=options.link, verbosity=options.verbosity))
-    return FAILED if failures and not interrupted else finished.exit_code
+    return finished.exit_code
 
 
-def _replaces(options: ToColmapOptions) -> bool:
-    """Return whether a database of an earlier call is replaced; what is not ours is refused."""
-    if options.link:
-        return False
-    if options.db.is_file() and holds_views_alone(options.db):
-        return True
-    refuse_existing(options.db)
-    return False
+def _written_before(options: ToColmapOptions) -> set[str] | None:
+    """Return the photographs whose views an earlier call has written, which this one writes anew.
+
+    None if no database of views alone is replaced; DatabaseError of another one that is there.
+    """
+    ours = not options.link and options.db.is_file() and holds_views_alone(options.db)
+    if not ours and not options.link:
+        refuse_existing(options.db)
+    return stored_photographs(options.db) if ours and not options.dry_run else None
 
 
-def _written_before(options: ToColmapOptions) -> set[str]:
-    """Return the photographs whose views an earlier call has written, which this one would write anew."""
-    if options.link or options.dry_run or not options.db.exists():
-        return set()
-    return stored_photographs(options.db)
-
-
-def _write_views(
-    options: ToColmapOptions,
-    views: Sequence[ExposureViews],
-    photographs: Mapping[str, NamedPhotograph],
-    *,
-    replace: bool,
-) -> Path | None:
-    """Return the backup, if there is one, after writing everything at once; photographs are by name."""
-    if options.link:
-        planned = [(photographs[one.name].plan, one) for one in views]
-        links = [(plan, one) for plan, one in planned if plan is not None]
-        return write_links(options.db, links, backup=options.backup)
-    if views:
-        write_database(options.db, views, replace=replace)
-    return None
-
-
-def _refuse_loss(options: ToColmapOptions, lost: set[str]) -> None:
-    """Refuse to write without photographs whose views are there."""
+def _refuse_loss(options: ToColmapOptions, before: set[str] | None, names: Collection[str]) -> None:
+    """Refuse to write these photographs alone where views of others are there."""
+    lost = sorted((before or set()).difference(names))
     if lost:
-        views = f"{plural(len(lost), 'photograph')} ({', '.join(sorted(lost)[:3])})"
+        views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
         raise OutputError(
             f"{options.db}: the views of {views} would be lost, as this call names them otherwise (from "
             "the folder that all share), or not, or cannot read them; name all as before, or choose another "
@@ -110,7 +88,7 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     """Return a line for each photograph, and one that says what was written or would be."""
     lines = [_line(one, verbosity, linked=linked) for one in document.photographs]
     if document.kept:
-        some = ", ".join(printable(one.name) for one in document.kept[:3])
+        some = ", ".join(printable(one["name"]) for one in document.kept[:3])
         some += ", ..." if len(document.kept) > 3 else ""
         there = plural(len(document.kept), "photograph")
         lines.append(f"{there} ({some}): the views are there already; --replace makes them anew")

@@ -7,8 +7,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from blur2view import __version__
+from blur2view.cli.arguments.segment import SegmentOptions
 from blur2view.cli.arguments.to_transforms import ToTransformsOptions
-from blur2view.cli.outputs import MASK, png
+from blur2view.cli.outputs import png
 from blur2view.cli.place import refuse_foreign, write_model
 from blur2view.cli.terminal import QUIET, SHORT, plural, printable
 from blur2view.colmap import GSPLAT
@@ -52,10 +53,10 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         exposure_s=options.exposure,
         max_smear_px=options.max_smear or float("inf"),
     )
-    frames = _present(target, content["frames"])
-    left, content = len(content["frames"]) - len(frames), content | {"frames": frames}
-    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in frames]
-    files = {} if options.masks is None else _masks(options, content, paths, images)
+    frames = {Path(os.path.normpath(target.parent / one["file_path"])): one for one in content["frames"]}
+    left, frames = len(frames), _present(frames)
+    left, content = left - len(frames), content | {"frames": list(frames.values())}
+    files = {} if options.masks is None else _masks(options, options.masks, content, frames, images)
     signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
@@ -71,28 +72,23 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     return line
 
 
-def _present(target: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the frames whose photographs are there; OutputError if none is."""
-    paths = [Path(os.path.normpath(target.parent / frame["file_path"])) for frame in frames]
-    present = [frame for frame, path in zip(frames, paths, strict=True) if path.is_file()]
+def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
+    """Return the photographs that are there, with what belongs to each; OutputError if none is."""
+    present = {path: one for path, one in photographs.items() if path.is_file()}
     if not present:
-        raise OutputError(
-            f"{paths[0]}: no such photograph ({len(paths)} of {len(paths)} are missing); "
-            "name their folder with --images"
-        )
+        path, count = next(iter(photographs)), len(photographs)
+        missing = f"no such photograph ({count} of {count} are missing)"
+        raise OutputError(f"{path}: {missing}; name their folder with --images")
     return present
 
 
 def _masks(
-    options: ToTransformsOptions, content: dict[str, Any], photographs: list[Path], images: Path
+    options: ToTransformsOptions, folder: Path, content: dict[str, Any], frames: dict[Path, Any], images: Path
 ) -> dict[Path, bytes]:
     """Return the masks that the trainer reads by their paths, and name them in the frames where it asks."""
-    assert options.masks is not None
-    names = [PurePath(os.path.relpath(path, images)) for path in photographs]
-    found = _found_masks(options.masks, names)
-    program = MaskFormat(options.dialect)
-    files: dict[Path, bytes] = {}
-    for frame, photograph, name, mask in zip(content["frames"], photographs, names, found, strict=True):
+    names = [PurePath(os.path.relpath(path, images)) for path in frames]
+    program, files, found = MaskFormat(options.dialect), dict[Path, bytes](), _found_masks(folder, names)
+    for (photograph, frame), name, mask in zip(frames.items(), names, found, strict=True):
         labels = as_stored(stored_labels(mask), photograph)
         size = tuple(frame.get(key, content.get(key)) for key in ("w", "h"))
         if labels.shape[::-1] != size:
@@ -100,12 +96,9 @@ def _masks(
                 f"{mask}: is of {labels.shape[1]}x{labels.shape[0]} pixels, its photograph of "
                 f"{size[0]}x{size[1]}; segment the photographs of the model"
             )
-        beside = photograph.parent / program.path(name).name
-        path = (
-            beside
-            if program is MaskFormat.INSTANT_NGP
-            else options.output.parent / MASKS / program.path(name)
-        )
+        path = options.output.parent / MASKS / program.path(name)
+        if program is MaskFormat.INSTANT_NGP:
+            path = photograph.parent / path.name
         if path in files or os.path.lexists(path) and not is_ours(path):
             raise OutputError(f"{path}: is no mask of an earlier call of {name}; move it away")
         files[path] = png(program.picture(labels, ignore_unobservable=False))
@@ -124,7 +117,7 @@ def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
     found = []
     for name in names:
         called = [name.with_suffix(""), *([PurePath(name.stem)] if stems[name.stem] == 1 else []), name]
-        paths = [folder / f"{one}{MASK[0]}" for one in called]
+        paths = [folder / f"{one}{SegmentOptions.endings[0]}" for one in called]
         found.append(next((path for path in paths if path.is_file()), None))
     missing = [name for name, path in zip(names, found, strict=True) if path is None]
     if missing:
@@ -147,9 +140,7 @@ def _write_model(options: ToTransformsOptions) -> str:
         raise OutputError(f"{options.model}: does not say where its photographs are; name them with --images")
     model = read_model(options.model)
     kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
-    frames = [{"file_path": os.path.relpath((images or link) / name, options.output)} for name in kept]
-    present = _present(options.output / MODEL.name, frames)
-    names = {name for name, frame in zip(kept, frames, strict=True) if frame in present}
+    names = set(_present({(images or link) / name: name for name in kept}).values())
     keep_photographs(model, options.model, names)
     refuse_foreign(folder)
     if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):

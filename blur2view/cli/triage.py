@@ -6,19 +6,16 @@ import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import Any
 
 from blur2view.arrays import Array
 from blur2view.cli.arguments.triage import TriageOptions
 from blur2view.cli.arguments.values import ground_text
 from blur2view.cli.run import End, Finished, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
-from blur2view.cli.work import EstimatingWork, result_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
-from blur2view.networks.smear_network import Detail
 from blur2view.output_files import check_file, writable_folders, write_text
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
@@ -30,10 +27,7 @@ from blur2view.photographs.selection import (
     sharpest_of_each,
     thumbnail,
 )
-from blur2view.results.table import BLURRED, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row
-from blur2view.results.uses import NEAR, use_of
-from blur2view.results.verdicts import verdict_of
-from blur2view.runs.job import Job, Result
+from blur2view.results.table import BLURRED, NEAR, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row, use_of
 from blur2view.runs.manifest import Manifest
 from blur2view.smears.blur import BlurKind
 
@@ -41,42 +35,26 @@ KEPT = {"--keep-for-poses": (SHARP, BLURRED), "--keep-for-training": (SHARP,)}
 """The uses of what lists other than --keep name."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TriageWork(EstimatingWork[None, None]):
-    """The work on one photograph, of which nothing is kept but its row."""
-
-    def __call__(self, job: Job[None]) -> Result[None]:
-        """Return the row of one photograph."""
-        one = self.estimated(job, detail=Detail.RANKING)
-        return result_of(one, None, verdict_of(one))
-
-
 def run(options: TriageOptions) -> int:
     """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-    work, lists = TriageWork.of(options), options.lists
+    lists, names = options.lists, colmap_names(options.inputs)
     # a list knows the call that wrote it whatever the table, and each what was done for the others
     targets = [one for one in (*lists.values(), options.extract, options.csv) if one is not None]
     manifests = [path for one in targets if (path := manifest_of(options, one)) is not None]
     path = manifests[0] if manifests else None
     for name, target in lists.items():
         refuse_shared(options, target, [other for key, other in lists.items() if key != name], name)
-    names = colmap_names(options.inputs)
-    files = extracted_names(names)
-    classifier = Classifier(options)
-    folders = [target.parent for target in lists.values()]
-    folders += [] if options.extract is None else [options.extract.parent]
+    files, classifier = extracted_names(names), Classifier(options)
     with (
-        writable_folders(*folders),
-        open_manifest(options, work, path, lists.values(), pointing=manifests[1:]) as manifest,
+        writable_folders(*(one.parent for one in targets)),
+        open_manifest(options, path, lists.values(), pointing=manifests[1:]) as manifest,
     ):
         for name, target in lists.items():
             _check_list(options, target, name, names.values(), manifest)
         choice = _choice(options, files, manifest)
         chosen = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
         _check_folder(options, files.values() if chosen in ("", choice) else (), manifests)
-        finished = run_over(
-            options, work, jobs_of(options), manifest, classify=classifier, line=classifier.line
-        )
+        finished = run_over(options, jobs_of(options), manifest, classify=classifier, line=classifier.line)
         if finished.end is End.BROKEN or not finished.rows:
             return finished.exit_code
         paths = [one for one, _ in finished.outcomes if not options.inputs.is_folder(one)]
@@ -86,14 +64,11 @@ def run(options: TriageOptions) -> int:
             _check_folder(options, pictures.values(), manifests)
         if lists:
             kept = [one for one in kept if listable(names[one])]
-        for name, target in lists.items():
-            if name not in KEPT and not whole and options.selects:
-                continue
+        for name, target in written_lists(options, whole=whole).items():
             uses = KEPT.get(name, ())
             of_use = [one for one, row in zip(paths, finished.rows, strict=False) if row.use in uses]
             listed = [names[one] for one in (of_use if uses else kept)]
-            listed = [one for one in listed if one.splitlines() == [one.strip()]]
-            write_text(target, "".join(f"{one}\n" for one in listed))
+            write_text(target, "".join(f"{one}\n" for one in listed if one.splitlines() == [one.strip()]))
             if manifest is not None:
                 manifest.append_target(target)
         if options.extract is not None and whole:
@@ -103,6 +78,13 @@ def run(options: TriageOptions) -> int:
     if options.verbosity > QUIET:
         print(closing_line(finished, options, len(kept)))
     return finished.exit_code or int(len(kept) < len(pictures))
+
+
+def written_lists(options: TriageOptions, *, whole: bool) -> dict[str, Path]:
+    """Return the lists that are written: none that chooses of neighbours after a run that was ended early."""
+    return {
+        name: path for name, path in options.lists.items() if name in KEPT or whole or not options.selects
+    }
 
 
 def selected(options: TriageOptions, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
@@ -157,16 +139,10 @@ def _check_list(
 
 def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifest | None) -> str:
     """Return a digest of what decides which photographs are extracted."""
-    kinds = (
-        options.limit,
-        options.max_defocus,
-        options.blurred,
-        options.best,
-        options.every_best,
-        options.in_order,
-    )
+    kinds = "limit", "max_defocus", "blurred", "best", "every_best", "in_order"
     settings = "" if manifest is None else manifest.settings.digest
-    return hashlib.sha256(json.dumps([settings, *map(str, kinds), *files.values()]).encode()).hexdigest()
+    text = json.dumps([settings, *(str(getattr(options, kind)) for kind in kinds), *files.values()])
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _check_folder(options: TriageOptions, files: Collection[str], manifests: Sequence[Path]) -> None:
@@ -192,10 +168,9 @@ class Classifier:
             row = replace(row, smear_ground_m=gsd * row.smear_px)
         length = row.smear_percent if limit.percent else row.smear_ground_m if limit.metres else row.smear_px
         before = self._last.use if self._follows(row) else ""
-        use = use_of(row, length, limit.number, self._options.max_defocus, before, limit.unit)
-        classified = replace(row, use=use.name, reason=use.reason)
-        if use.name:
-            self._last = classified
+        use, reason = use_of(row, length, limit.number, self._options.max_defocus, before, limit.unit)
+        classified = replace(row, use=use, reason=reason)
+        self._last = classified if use else self._last
         return classified
 
     def _follows(self, row: Row) -> bool:
@@ -243,7 +218,7 @@ def hint(rows: Sequence[Row], options: TriageOptions) -> str:
     return f"the sharpest has smears of {min(lengths):.3g} px, --max-smear is {options.limit}"
 
 
-def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> str:
+def closing_line(finished: Finished, options: TriageOptions, kept: int) -> str:
     """Return how many photographs are of which use, and what was written.
 
     A run that was ended early extracts nothing, and chooses nothing of neighbours.
@@ -260,12 +235,8 @@ def closing_line(finished: Finished[Any], options: TriageOptions, kept: int) -> 
     for name, listed in KEPT.items():
         if name in options.lists and not any(counts[use] for use in listed):
             parts.append(f"{name} names none, as none is {' or '.join(listed)}")
-    lists = [one for name, one in options.lists.items() if name in KEPT or whole or not options.selects]
-    written = (
-        options.csv if finished.has_table else None,
-        *lists,
-        options.extract if kept and whole else None,
-    )
+    table, lists = options.csv if finished.has_table else None, written_lists(options, whole=whole).values()
+    written = table, *lists, options.extract if kept and whole else None
     files = " and ".join(printable(str(path)) for path in written if path is not None)
     parts += [f"wrote {files}"] * bool(files)
     return f"{plural(len(rows), 'photograph')}{done_before} in {finished.seconds:.1f} s: {'; '.join(parts)}"

@@ -9,10 +9,9 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.arguments.to_colmap import ToColmapOptions, ToColmapSettings
+from blur2view.cli.arguments.to_colmap import ToColmapOptions
 from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import complain
-from blur2view.cli.work import EstimatingWork, result_of
+from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
@@ -22,41 +21,50 @@ from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.photographs.inputs import colmap_names
-from blur2view.pipeline import Run
-from blur2view.results.document import FailureDocument
-from blur2view.results.stored import plain, restore
+from blur2view.results.stored import plain
 from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ViewsDocument
 from blur2view.results.verdicts import verdict_of
-from blur2view.runs.job import Job, Result
+from blur2view.runs.job import Job, Outcome
 from blur2view.segmentation.mask import MotionLabel, segment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NamedPhotograph:
-    """One photograph of a call: its path, its name in the database, and its plan if it is linked."""
+class Named:
+    """What a photograph is called in the database, and its plan if it is linked."""
 
-    path: Path
     name: str
     plan: LinkStep | None = None
 
-    @property
-    def kept(self) -> bool:
-        """Whether its views are in the project already and stay as they are."""
-        return self.plan is not None and self.plan.step is Step.KEEP
 
-    @property
-    def source(self) -> str:
-        """What views depend on besides the picture: their name, and the features that are moved."""
-        return self.name + ("" if self.plan is None else f" {self.plan.image.digest.hex()}")
+def named_jobs(options: ToColmapOptions) -> tuple[list[Job], list[Job]]:
+    """Return the jobs, those that cannot be stored refused, and those whose views are there already."""
+    jobs: list[Job] = []
+    kept: list[Job] = []
+    paths, names = options.inputs.paths, colmap_names(options.inputs)
+    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
+    if options.link:
+        plans = plan_links(options.db, paths, replace=options.replace)
+    for path, plan in zip(paths, plans, strict=True):
+        if plan is None and not storable(names[path]):
+            plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
+        if isinstance(plan, DatabaseError):
+            jobs.append(Job(index=len(jobs), path=path, target=Named(name=names[path]), refusal=plan))
+            continue
+        name, source = names[path], names[path]
+        if plan is not None:  # views depend on the features that are moved, too
+            name, source = plan.image.name, f"{plan.image.name} {plan.image.digest.hex()}"
+        job = Job(index=len(jobs), path=path, target=Named(name=name, plan=plan), source=source)
+        (kept if plan is not None and plan.step is Step.KEEP else jobs).append(job)
+    return jobs, kept
 
 
-def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocument:
+def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
-    geometry, plan, count = views.geometry, photograph.plan, len(matched(views))
+    geometry, plan, count = views.geometry, job.target.plan, len(matched(views))
     unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
     return ViewsDocument(
-        image=str(photograph.path),
+        image=str(job.path),
         name=views.name,
         views=views.names,
         action="add" if plan is None else plan.step.value,
@@ -72,84 +80,36 @@ def document_of(photograph: NamedPhotograph, views: ExposureViews) -> ViewsDocum
     )
 
 
-def name_photographs(options: ToColmapOptions) -> tuple[list[NamedPhotograph], list[FailureDocument]]:
-    """Return the photographs with their names and plans, and those that cannot be stored, before any work."""
-    photographs: list[NamedPhotograph] = []
-    failures: list[FailureDocument] = []
-    paths, names = options.inputs.paths, colmap_names(options.inputs)
-    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
-    if options.link:
-        plans = plan_links(options.db, paths, replace=options.replace)
-    for path, plan in zip(paths, plans, strict=True):
-        step = refusal(path, names[path]) if plan is None else plan
-        if isinstance(step, DatabaseError):
-            complain(step)
-            failures.append(FailureDocument(image=str(path), error=str(step)))
-        else:
-            name = step.image.name if step else names[path]
-            photographs.append(NamedPhotograph(path=path, name=name, plan=step))
-    return photographs, failures
-
-
-def refusal(path: Path, name: str) -> DatabaseError | None:
-    """Return why a database cannot name a photograph; None if it can."""
-    if storable(name):
-        return None
-    return DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewsWork(ToColmapSettings, EstimatingWork[NamedPhotograph, ExposureViews]):
-    """The work on one photograph, whose field, which is large, is not kept."""
-
-    def __call__(self, job: Job[NamedPhotograph]) -> Result[ExposureViews]:
-        """Return the views of one photograph."""
-        photograph, plan = job.target, job.target.plan
-        # COLMAP does not turn pictures upright
-        one = self.estimated(job, as_stored=True, camera_of=partial(_camera, self.db, plan, self.run))
-        if plan is None:
-            views = views_of(photograph.name, one.estimate)
-        else:
-            moving = None
-            if self.skip_movers:
-                moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-            views = keypoint_views(
-                photograph.name, plan.image.keypoints, one.estimate, self.run.options, moving
-            )
-        return result_of(one, views, verdict_line(photograph.name, verdict_of(one), one.estimate.geometry))
-
-    def stored(self, payload: ExposureViews) -> Any:
-        """Return the views in JSON's types."""
-        return plain(payload)
-
-    def restored(self, job: Job[NamedPhotograph], stored: Any) -> ExposureViews:
-        """Return the views of an earlier call; ValueError if they cannot be those of the photograph."""
-        views: ExposureViews = restore(ExposureViews, stored)
-        if views.name != job.target.name or (views.usable is None) != (job.target.plan is None):
-            raise ValueError(f"expected the views of {job.target.name}")
-        return views
+def views_outcome(options: ToColmapOptions, job: Job) -> Outcome:
+    """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
+    name, plan = job.target.name, job.target.plan
+    # COLMAP does not turn pictures upright
+    one = estimated(options, job, as_stored=True, camera_of=partial(_camera, options, plan))
+    if plan is None:
+        views = views_of(name, one.estimate)
+    else:
+        moving = None
+        if options.skip_movers:
+            moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
+        views = keypoint_views(name, plan.image.keypoints, one.estimate, options.run.options, moving)
+    return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
 
 
 def _camera(
-    database: Path | None,
-    plan: LinkStep | None,
-    run: Run,
-    path: Path,
-    size: tuple[int, int],
-    exif: ExifValues,
+    options: ToColmapOptions, plan: LinkStep | None, path: Path, size: tuple[int, int], exif: ExifValues
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = run.intrinsics.of(path, size, exif)
-    if plan is None or database is None:
+    stated = options.run.intrinsics.of(path, size, exif)
+    if plan is None:
         return stated
-    own = camera_of_database(database, plan.image.camera_id)
+    own = camera_of_database(options.db, plan.image.camera_id)
     if (own.width, own.height) != size:
         raise CameraError(
-            f"{path}: is of {size[0]}x{size[1]} pixels, in {database} of {own.width}x{own.height}"
+            f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
             "; give the photograph that the features are from"
         )
-    asked = run.intrinsics.focal_px is not None or run.intrinsics.camera is not None
-    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.image.prior_focal and not asked else stated
+    hinted = plan.image.prior_focal and options.focal is None and options.camera is None
+    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
 
 
 def with_time(

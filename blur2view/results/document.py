@@ -1,14 +1,30 @@
-"""The base of all documents, and that of a photograph that failed."""
+"""The base of all documents."""
 
 import ast
 import inspect
 import json
 import re
-from dataclasses import asdict, dataclass, fields
+import textwrap
+from collections.abc import Iterator
+from dataclasses import asdict, fields
+from enum import Enum
 from typing import Any, Self
 
 Matrix = list[list[float]]
 JSON_TYPES = {"Matrix": "3x3", "dict": "object", "tuple": "list of 2 str"}
+
+
+def explained(kind: type) -> Iterator[tuple[dict[str, str], str]]:
+    """Yield the fields that a class itself declares, names with types, and the text below that is theirs."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    types: dict[str, str] = {}
+    for node in definition.body:  # type: ignore[attr-defined]
+        match node:
+            case ast.AnnAssign(target=ast.Name(id=name), annotation=annotation):
+                types[name] = ast.unparse(annotation)
+            case ast.Expr(value=ast.Constant(value=str(text))) if types:
+                yield types, " ".join(text.split())
+                types = {}
 
 
 class Document:
@@ -20,37 +36,32 @@ class Document:
     null = " or null"  # how the explanations call what may be missing
 
     @classmethod
-    def from_attributes(cls, source: Any) -> Self | None:
-        """Return the document of what has its fields as attributes, None of None; arrays become lists."""
-        if source is None:
-            return None
-        values = {field.name: getattr(source, field.name) for field in fields(cls)}  # type: ignore[arg-type]
-        values |= {name: list(one) for name, one in values.items() if isinstance(one, tuple)}
-        return cls(**values | {name: one.tolist() for name, one in values.items() if hasattr(one, "tolist")})
+    def gathered(cls, *sources: Any, **stated: Any) -> Self:
+        """Return the document of what is stated, else of the attributes of the first source that has them.
 
-    def to_json(self, indent: int | None = 2) -> str:
-        """Return the document as JSON text, without ``indent`` on one line.
-
-        NaN and infinity are errors of the program.
+        Arrays become lists, enums their texts.
         """
+        names = [field.name for field in fields(cls)]  # type: ignore[arg-type]
+        for name in names:
+            if name not in stated:
+                stated[name] = next(getattr(one, name) for one in sources if hasattr(one, name))
+        return cls(**{name: _json(stated[name]) for name in names})
+
+    def to_json(self) -> str:
+        """Return the document as JSON text; NaN and infinity are errors of the program."""
+        return json.dumps(self.plain(), indent=2, allow_nan=False)
+
+    def plain(self) -> dict[str, Any]:
+        """Return what JSON holds of the document."""
         fields: Any = self
-        return json.dumps(asdict(fields), indent=indent, allow_nan=False)
+        return asdict(fields)
 
     @classmethod
-    def explanations(cls) -> list[tuple[str, str]]:
-        """Return the keys, and what explains them after their types."""
-        (definition,) = ast.parse(inspect.getsource(cls)).body
-        rows: list[tuple[str, str]] = []
-        kinds: dict[str, str] = {}
-        for node in definition.body:  # type: ignore[attr-defined]
-            match node:
-                case ast.AnnAssign(target=ast.Name(id=name), annotation=annotation):
-                    kinds[name] = cls._json_type(ast.unparse(annotation))
-                case ast.Expr(value=ast.Constant(value=str(text))) if kinds:
-                    kind = kinds[name] if len(set(kinds.values())) == 1 else "number"
-                    rows.append((", ".join(kinds), f"({kind}) {' '.join(text.split())}"))
-                    kinds = {}
-        return rows
+    def explanations(cls) -> Iterator[tuple[str, str]]:
+        """Yield the keys, and what explains them after their types."""
+        for types, text in explained(cls):
+            kinds = {cls._json_type(one) for one in types.values()}
+            yield ", ".join(types), f"({kinds.pop() if len(kinds) == 1 else 'number'}) {text}"
 
     @classmethod
     def _json_type(cls, annotation: str) -> str:
@@ -59,11 +70,13 @@ class Document:
         return kind + cls.null * annotation.endswith("| None")
 
 
-@dataclass(frozen=True, kw_only=True)
-class FailureDocument(Document):
-    """A photograph that failed."""
+def part(source: Any, *names: str) -> dict[str, Any] | None:
+    """Return what a document holds of an object, its attributes of these names; None of None."""
+    return None if source is None else {name: _json(getattr(source, name)) for name in names}
 
-    image: str
-    """The photograph as it was named."""
-    error: str
-    """What is wrong and how to mend it, one line."""
+
+def _json(value: Any) -> Any:
+    """Return an array or a tuple as a list, an enum as its text."""
+    if isinstance(value, Enum):
+        return str(value)
+    return value.tolist() if hasattr(value, "tolist") else list(value) if isinstance(value, tuple) else value

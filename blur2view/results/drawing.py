@@ -70,6 +70,13 @@ def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thi
     cv2.line(canvas, start, end, np.ravel(colour).tolist(), thickness, cv2.LINE_AA, _SHIFT)
 
 
+def draw_ring(canvas: Picture, centre: ArrayLike, radius: int, colour: ArrayLike, thickness: int) -> None:
+    """Draw an anti-aliased circle on a dark rim."""
+    x, y = np.asarray(centre, float).round().astype(int).tolist()
+    for tone, width in (((0, 0, 0), thickness + 2), (np.ravel(colour).tolist(), thickness)):
+        cv2.circle(canvas, (x, y), radius, tone, width, cv2.LINE_AA)
+
+
 def write(
     canvas: Picture,
     text: str | Sequence[str],

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from blur2view.geometry.model_table import MotionModel
-from blur2view.results.document import Document, FailureDocument, Matrix
-from blur2view.results.pose import BackwardDocument, CameraDocument, CovarianceDocument, PoseDocument, pose_of
+from blur2view.results.document import Document, Matrix, part
+from blur2view.results.pose import backward_of, pose_of
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
@@ -75,11 +75,11 @@ class EstimateDocument(Document):
     K: Matrix | None
     """Calibration matrix of the intrinsics that were used, in pixels with (0, 0) at the centre of the
     top-left one."""
-    camera: CameraDocument | None
+    camera: dict[str, Any] | None
     """These intrinsics as COLMAP has them: model, params (in COLMAP's pixels), source, known."""
     E: Matrix | None
     """Essential matrix of known intrinsics."""
-    cam2_from_cam1: PoseDocument | None
+    cam2_from_cam1: dict[str, Any] | None
     """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. Where
     neither parallax is proven nor the direction of the translation known to 30 degrees it is zero, and the
     rotation the one that explains the smears alone, or the mean over all directions."""
@@ -103,14 +103,14 @@ class EstimateDocument(Document):
     first: else F, H, E, the pose, wx, wy, wz and the order of every smear may all be of the reverse."""
     time_confidence: float
     """How sure that decision is, 0 to 1."""
-    pose_covariance: CovarianceDocument | None
+    pose_covariance: dict[str, Any] | None
     """Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
     tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for a direction that is unknown)."""
     exposure_s: float | None
     """Exposure time in seconds, from --exposure or EXIF."""
     readout_s: float | None
     """From --readout: all is then that of an exposure of all rows at once."""
-    backward: BackwardDocument | None
+    backward: dict[str, Any] | None
     """With --readout the same of the other order in time, which is another motion than the inverse: config,
     cam2_from_cam1, rotation_deg, wx, wy, wz, pose_covariance; null where the rows leave no such smears in
     that order, or it has no pose."""
@@ -135,64 +135,28 @@ class EstimateDocument(Document):
         from blur2view.results.verdicts import verdict_of
 
         estimate, geometry, (height, width) = one.estimate, one.estimate.geometry, one.estimate.grid.shape
-        return cls(
-            image=str(one.path),
-            width=width,
-            height=height,
-            frame=one.frame,
-            timestamp_s=one.timestamp_s,
-            F=None if geometry.F is None else geometry.F.tolist(),
-            H=None if geometry.H is None else geometry.H.tolist(),
-            config=geometry.config.name,
-            meaning=verdict_of(one),
-            blur=str(estimate.blur.kind),
-            smear_px=estimate.blur.smear_px,
-            defocus_px=estimate.blur.defocus_px,
-            defocus_sigma_px=estimate.blur.defocus_sigma_px,
-            moving_share=estimate.blur.moving_share,
-            parallax=str(geometry.parallax),
-            parallax_probability=geometry.parallax_probability,
-            rotation_probability=geometry.rotation_probability,
-            plane_probability=geometry.table.probability(MotionModel.PLANE, MotionModel.ROLLING_PLANE),
-            models={
-                str(row.model): {
-                    "parameters": row.parameters,
-                    "log_likelihood": row.log_likelihood,
-                    "probability": row.probability,
-                }
-                for row in geometry.table.rows
-            },
-            independent_smears=geometry.table.effective_count,
-            reason=geometry.reason,
-            motion_model=str(geometry.model),
-            scores={str(name): cost for name, cost in geometry.scores},
-            support=geometry.support,
-            support_by_chance=geometry.support_by_chance,
-            K=None if estimate.camera is None else estimate.camera.K.tolist(),
-            camera=CameraDocument.from_attributes(estimate.camera),
-            E=None if geometry.cam2_from_cam1 is None or geometry.E is None else geometry.E.tolist(),
-            **pose_of(geometry, one),
-            time_known=estimate.time.known,
-            time_confidence=estimate.time.confidence,
-            exposure_s=one.exposure_s,
-            readout_s=one.run.readout_s,
-            backward=BackwardDocument.of(one),
-            num_matches=len(estimate.matches),
-            num_inliers=int(geometry.inlier_mask.sum()),
-            iterations=geometry.iterations,
-            beta=one.run.select.beta,
-            max_error_px=one.run.options.max_error_px,
-            seed=one.run.seed,
-            model_id=estimate.model_id,
-            timings_s=one.timings_s,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimatesDocument(Document):
-    """What ``blur2view estimate --json`` prints."""
-
-    estimates: list[EstimateDocument]
-    """One document per photograph."""
-    failures: list[FailureDocument]
-    """Photographs that failed: image, error."""
+        table, camera = geometry.table, estimate.camera
+        figures = "parameters", "log_likelihood", "probability"
+        stated = {
+            "image": str(one.path),
+            "width": width,
+            "height": height,
+            "meaning": verdict_of(one),
+            "blur": estimate.blur.kind,
+            "plane_probability": table.probability(MotionModel.PLANE, MotionModel.ROLLING_PLANE),
+            "models": {str(row.model): {name: getattr(row, name) for name in figures} for row in table.rows},
+            "independent_smears": table.effective_count,
+            "motion_model": geometry.model,
+            "scores": {str(name): cost for name, cost in geometry.scores},
+            "K": None if camera is None else camera.K,
+            "camera": part(camera, "model", "params", "source", "known"),
+            "E": None if geometry.cam2_from_cam1 is None else geometry.E,
+            "time_known": estimate.time.known,
+            "time_confidence": estimate.time.confidence,
+            "backward": backward_of(geometry.backward, one),
+            "num_matches": len(estimate.matches),
+            "num_inliers": int(geometry.inlier_mask.sum()),
+        }
+        stated |= pose_of(geometry, one)
+        run = one.run
+        return cls.gathered(one, geometry, estimate, estimate.blur, run, run.select, run.options, **stated)

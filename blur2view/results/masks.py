@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from blur2view.results.document import Document, FailureDocument, Matrix
+from blur2view.results.document import Document, Matrix, part
 from blur2view.results.estimate import EstimateDocument
-from blur2view.results.pose import CovarianceDocument, PoseDocument
 
 if TYPE_CHECKING:
     from blur2view.segmentation.mask import MotionMask
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegionDocument(Document):
-    """One connected part of a photograph that moves by itself."""
-
-    area_px: int
-    """Its number of pixels."""
-    box: list[int]
-    """x, y, width and height of its bounding box."""
-    centroid: list[float]
-    """Mean x and y of its pixels."""
-    probability: float
-    """Mean probability of moving of its pixels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +27,8 @@ class MaskDocument(Document):
     K: Matrix | None
     E: Matrix | None
     """Calibration matrix and essential matrix, as there."""
-    cam2_from_cam1: PoseDocument | None
-    pose_covariance: CovarianceDocument | None
+    cam2_from_cam1: dict[str, Any] | None
+    pose_covariance: dict[str, Any] | None
     """The camera's pose and its covariance, as there."""
     config: str
     """The configuration, a name of COLMAP's TwoViewGeometryConfiguration."""
@@ -57,7 +42,7 @@ class MaskDocument(Document):
     """The grey of static, moving and unobservable pixels in the mask: 0, 255 and 128."""
     shares: dict[str, float]
     """The share of the pixels with each of these labels."""
-    regions: list[RegionDocument]
+    regions: list[dict[str, Any] | None]
     """The connected moving parts, largest first: area_px, box (x, y, width, height), centroid and probability
     (mean of moving)."""
     beta: float
@@ -75,23 +60,12 @@ class MaskDocument(Document):
         from blur2view.segmentation.formats import GREY
         from blur2view.segmentation.mask import MotionLabel
 
-        same = cls.__dataclass_fields__.keys() & EstimateDocument.__dataclass_fields__.keys()
-        values = {name: getattr(estimate, name) for name in same} | {
-            "geometry_reason": estimate.reason,
-            "reason": mask.reason,
-            "labels": {label.name.lower(): int(GREY[label]) for label in MotionLabel},
-            "shares": {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
-            "regions": [RegionDocument.from_attributes(region) for region in mask.regions],
-            "timings_s": estimate.timings_s and estimate.timings_s | {"segment": segment_s},
-        }
-        return cls(**values)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MasksDocument(Document):
-    """What ``blur2view segment --json`` prints."""
-
-    masks: list[MaskDocument]
-    """One document per photograph."""
-    failures: list[FailureDocument]
-    """Photographs that failed: image, error."""
+        return cls.gathered(
+            estimate,
+            geometry_reason=estimate.reason,
+            reason=mask.reason,
+            labels={label.name.lower(): int(GREY[label]) for label in MotionLabel},
+            shares={label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
+            regions=[part(one, "area_px", "box", "centroid", "probability") for one in mask.regions],
+            timings_s=estimate.timings_s and estimate.timings_s | {"segment": segment_s},
+        )

@@ -17,6 +17,7 @@ from blur2view.results.drawing import (
     Picture,
     View,
     draw_line,
+    draw_ring,
     with_room,
     wrap,
     write,
@@ -170,10 +171,8 @@ def _draw_circles(canvas: Picture, view: View, grid: SmearGrid) -> None:
         return
     spacing = max(SMEAR_SPACING_PX, 2.4 * float(np.median(found[:, 2])) * view.scale)
     for index in spread_subset(view.to_canvas(found[:, :2]), np.zeros(len(found)), spacing):
-        x, y = view.to_canvas(found[index, :2])
         radius = max(round(found[index, 2] * view.scale), 1)
-        for colour, thickness in (((0, 0, 0), 3), (CIRCLE, 1)):
-            cv2.circle(canvas, (round(x), round(y)), radius, colour, thickness, cv2.LINE_AA)
+        draw_ring(canvas, view.to_canvas(found[index, :2]), radius, CIRCLE, thickness=1)
 
 
 def _draw_epipolar_lines(
@@ -215,8 +214,7 @@ def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
             continue  # at infinity
         x, y = view.to_canvas(epipole[:2] / epipole[2])
         if 0 <= x < canvas.shape[1] and 0 <= y < canvas.shape[0]:
-            for colour, thickness in (((0, 0, 0), 4), ((255, 255, 255), 2)):
-                cv2.circle(canvas, (round(x), round(y)), 11, colour, thickness, cv2.LINE_AA)
+            draw_ring(canvas, (x, y), 11, (255, 255, 255), thickness=2)
 
 
 def _panel(

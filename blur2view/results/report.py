@@ -4,7 +4,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from pathlib import PurePath
@@ -12,7 +12,6 @@ from string import Template
 
 import numpy as np
 
-from blur2view.input_files import parse_json
 from blur2view.pipeline import FileEstimate
 from blur2view.results.overlay import draw_smears
 from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, photograph, picture
@@ -52,13 +51,6 @@ class Entry:
             thumbnail=picture(shown_small, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
-
-    def renamed(self, name: str) -> "Entry":
-        """Return the entry of an estimated photograph by another name, also in its document."""
-        shown = parse_json(self.content)
-        document = parse_json(shown["document"]) | {"image": name}
-        shown |= {"name": name, "document": json.dumps(document, indent=2, allow_nan=False)}
-        return replace(self, name=name, content=json.dumps(shown, allow_nan=False))
 
     @classmethod
     def failed(cls, name: str, error: str) -> "Entry":
@@ -103,24 +95,21 @@ def _hash(text: str) -> str:
 
 def _card(index: int, entry: Entry) -> str:
     """Return the photograph's card in the gallery, readable without any script."""
-    length = "" if entry.median_px is None else f"{entry.median_px:.6g}"
-    order = VERDICT_ORDER.index(entry.verdict) if entry.content else len(VERDICT_ORDER)
-    picture_html = f'<img src="{escape(entry.thumbnail)}" alt="" decoding="async">' if entry.content else ""
-    length_text = f"used: median {entry.median_px:.1f} px" if entry.median_px is not None else "no smears"
-    kind = escape(entry.kind)
-    body = (
-        f'<span class="card-picture">{picture_html}</span>'
-        f'<span class="card-name">{escape(PurePath(entry.name).name)}</span>'
-        f'<span class="card-text">{escape(entry.text)}</span>'
-        f'<span class="card-verdict"><span class="chip chip-{kind}">{escape(entry.verdict)}</span>'
-        f'<span class="card-length">{length_text if entry.content else ""}</span></span>'
-    )
-    link = f'<a class="card-body" href="#photo-{index}">{body}</a>'
-    return (
-        f'<li class="card card-{kind}" data-index="{index}" data-name="{escape(entry.name)}" '
-        f'data-verdict="{order}" data-kind="{kind}" data-length="{length}">'
-        + (link if entry.content else f'<div class="card-body">{body}</div>')
-        + "</li>"
+    median, done = entry.median_px, bool(entry.content)
+    words = "no smears" if median is None else f"used: median {median:.1f} px"
+    return Template(_part("card.html")).substitute(
+        index=index,
+        kind=escape(entry.kind),
+        name=escape(entry.name),
+        short=escape(PurePath(entry.name).name),
+        text=escape(entry.text),
+        verdict=escape(entry.verdict),
+        order=VERDICT_ORDER.index(entry.verdict) if done else len(VERDICT_ORDER),
+        length="" if median is None else f"{median:.6g}",
+        words=words * done,
+        picture=f'<img src="{escape(entry.thumbnail)}" alt="" decoding="async">' * done,
+        tag=f'a class="card-body" href="#photo-{index}"' if done else 'div class="card-body"',
+        end="a" if done else "div",
     )
 
 

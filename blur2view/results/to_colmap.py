@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from blur2view.results.document import Document, FailureDocument
+from blur2view.results.document import Document
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,16 +40,6 @@ class ViewsDocument(Document):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeptDocument(Document):
-    """A photograph whose views are in the database already."""
-
-    image: str
-    """The photograph as it was named."""
-    name: str
-    """Its name in the database."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ToColmapDocument(Document):
     """What ``blur2view to-colmap --json`` prints."""
 
@@ -61,7 +51,7 @@ class ToColmapDocument(Document):
     """The copy of the database from before, with --link."""
     photographs: list[ViewsDocument]
     """One object per photograph that was written, see below."""
-    kept: list[KeptDocument]
+    kept: list[dict[str, str]]
     """Photographs whose views are in the database already: image, name."""
-    failures: list[FailureDocument]
+    failures: list[dict[str, str]]
     """Photographs that failed: image, error."""

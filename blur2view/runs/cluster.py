@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from blur2view.errors import RunError
-from blur2view.runs.job import Job, Outcome, Payload, Target, Work, perform
+from blur2view.runs.job import Done, Job, Outcome, Work, perform
 from blur2view.runs.processes import AHEAD
 
 CONNECT_S = 5  # for the scheduler to answer
@@ -43,11 +43,9 @@ class Cluster:
             self._client.close()
             raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
 
-    def __call__(
-        self, work: Work[Target, Payload], jobs: Iterator[Job[Target]]
-    ) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
+    def __call__(self, work: Work, jobs: Iterator[Job]) -> Done:
         """Yield the jobs, which must have their contents, with their outcomes, files unwritten."""
-        pending: dict[Any, Job[Target]] = {}
+        pending: dict[Any, Job] = {}
         try:
             while True:
                 with self._in_touch():
@@ -69,13 +67,14 @@ class Cluster:
             with suppress(Exception, asyncio.CancelledError):
                 self._client.close()
 
-    def _outcome(self, job: Job[Target], future: Any) -> Outcome[Payload]:
+    def _outcome(self, job: Job, future: Any) -> Outcome:
         with self._in_touch():
             try:
-                outcome: Outcome[Payload] = future.result()
+                outcome: Outcome = future.result()
             except self._dask.scheduler.KilledWorker:
-                error = f"{job.path}: every worker that read it died; resize it or give them memory"
-                outcome = Outcome(error=error)
+                outcome = Outcome(
+                    error=f"{job.path}: every worker that read it died; resize it or give them memory"
+                )
         return outcome
 
     @contextmanager

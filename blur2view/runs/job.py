@@ -2,124 +2,96 @@
 
 import errno
 import hashlib
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from blur2view.errors import Blur2ViewError, ImageError, RunError, within_memory
-from blur2view.output_files import unwritable, write_files
+from blur2view.output_files import ResultFiles, unwritable, write_files
 from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
 
-Target = TypeVar("Target")
-Payload = TypeVar("Payload")
 # the next photograph's files would not fit either
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Neighbour:
-    """A photograph before or after another one in time, which decides that one's order in time."""
+class Photograph:
+    """A photograph's file, with its content where that has been read already."""
 
-    path: Path
-    steps: int  # from the other one to it: -1 or 1
-    content: bytes | None = None  # of the file, where it has been read already
+    path: Path  # as the user named it; VIDEO/000120 is a frame
+    content: bytes | None = None
+    steps: int = 0  # -1 or 1 to it from the one that it is before or after in time, whose order it decides
 
     @property
     def encoded(self) -> bytes:
         """Return the file's content, read if need be; ImageError if it cannot be."""
-        return read_content(self.path, beside=True) if self.content is None else self.content
+        return read_content(self.path, beside=self.steps != 0) if self.content is None else self.content
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Job(Generic[Target]):
+class Job(Photograph):
     """One photograph, as it goes to the process that works on it."""
 
     index: int  # its place in the call
-    path: Path  # as the user named it; VIDEO/000120 is a frame
-    target: Target  # what the work needs besides: where its files go, or its name in a database
+    files: ResultFiles | None = None  # where its results go
+    target: Any = None  # what the work needs besides, as its name in a database
     refusal: Blur2ViewError | None = None  # why it cannot be begun
-    content: bytes | None = None  # of the file, where it has been read already
     digest: str = ""  # SHA-256 of the file; empty where the content is still to be read
-    source: str = (
-        ""  # what its result depends on besides it and its neighbours, such as features in a database
-    )
+    # what its result depends on besides it and its neighbours, such as features in a database
+    source: str = ""
     frame: int | None = None  # its number in its video
     timestamp_s: float | None = None  # its time there
-    neighbours: tuple[Neighbour, ...] = ()
-
-    @property
-    def encoded(self) -> bytes:
-        """Return the file's content, read if need be."""
-        return read_content(self.path) if self.content is None else self.content
+    neighbours: tuple[Photograph, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Result(Generic[Payload]):
-    """What the work on one photograph gives."""
+class Outcome:
+    """What comes of one photograph."""
 
-    payload: Payload  # what the command needs in the end
-    summary: str  # what is printed; its first line stands for the photograph where there are many
-    row: Row  # of a table, without the name
+    payload: Any = None  # what the command needs in the end
+    summary: str = ""  # what is printed; its first line stands for the photograph where there are many
+    row: Row = Row()  # of a table, without the name
     files: Mapping[Path, bytes] = field(default_factory=dict)  # to be written together, in this order
     warnings: tuple[str, ...] = ()  # each begins with the option that it is about
-
-
-class Work(ABC, Generic[Target, Payload]):
-    """What is done with every photograph: a frozen dataclass of all that the result depends on."""
-
-    @abstractmethod
-    def __call__(self, job: Job[Target]) -> Result[Payload]:
-        """Return what is made of a photograph; Blur2ViewError where it fails."""
-
-    def stored(self, payload: Payload) -> Any:
-        """Return what a manifest holds of a payload, in JSON's types; nothing where files hold it."""
-
-    def restored(self, job: Job[Target], stored: Any) -> Payload:
-        """Return the payload of what a manifest or the job's files hold, which may be anything.
-
-        OSError or one of `stored.DAMAGE` where that cannot be: then the work is done again.
-        """
-        payload: Payload = stored
-        return payload
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome(Generic[Payload]):
-    """What comes back of one photograph."""
-
-    result: Result[Payload] | None = None  # None if it failed
     digest: str = ""  # as of `Job`
     outputs: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of every file that is written
-    error: str = ""  # why it failed, one line
+    error: str = ""  # why it failed, one line; empty if it is done
     stop: bool = False  # whether the others would fail likewise
     skipped: bool = False  # whether an earlier call did it
 
 
-def failed(error: Blur2ViewError) -> Outcome[Any]:
+Done = Generator[tuple[Job, Outcome]]
+Work = Callable[[Job], Outcome]
+"""What is done with every photograph, also in other processes: all that the result depends on.
+
+The payload is of JSON's types where a manifest is to hold it. Blur2ViewError of what fails.
+"""
+
+
+def failed(error: Blur2ViewError) -> Outcome:
     """Return the outcome of a photograph that fails."""
     return Outcome(error=str(error), stop=isinstance(error, RunError))
 
 
-def perform(work: Work[Target, Payload], job: Job[Target], *, write: bool = True) -> Outcome[Payload]:
+def perform(work: Work, job: Job, *, write: bool = True) -> Outcome:
     """Return the outcome of one photograph, its files written or not; errors of the user's are data."""
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
-            outcome = Outcome(result=work(job), digest=digest)
+            outcome = replace(work(job), digest=digest)
             return written(outcome) if write else outcome
     except Blur2ViewError as error:
         return failed(error)
 
 
-def written(outcome: Outcome[Payload]) -> Outcome[Payload]:
+def written(outcome: Outcome) -> Outcome:
     """Return an outcome whose files are written; it is a failure if they cannot be."""
-    if outcome.result is None or not (files := outcome.result.files):
+    if not (files := outcome.files):
         return outcome
     try:
         write_files(files)
@@ -127,7 +99,7 @@ def written(outcome: Outcome[Payload]) -> Outcome[Payload]:
         refusal = unwritable(next(iter(files)).parent, error)
         return failed(RunError(str(refusal)) if error.errno in FULL else refusal)
     outputs = {path: hashlib.sha256(content).hexdigest() for path, content in files.items()}
-    return replace(outcome, result=replace(outcome.result, files={}), outputs=outputs)
+    return replace(outcome, files={}, outputs=outputs)
 
 
 def file_digest(path: Path) -> str:
@@ -138,7 +110,7 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tuple[Neighbour, ...]]:
+def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tuple[Photograph, ...]]:
     """Return the neighbours of each photograph, the earlier one first.
 
     Of a frame those beside it in its video; with ``sequence`` of other photographs those that are named
@@ -147,7 +119,7 @@ def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tu
     files = [path for path in paths if frame_of(path) is None] if sequence else []
     named = dict(enumerate(files)).get
     place = {path: index for index, path in enumerate(files)}
-    neighbours: dict[Path, tuple[Neighbour, ...]] = {}
+    neighbours: dict[Path, tuple[Photograph, ...]] = {}
     for path in paths:
         beside = {}
         for steps in (-1, 1) if sequence is not False else ():
@@ -155,13 +127,13 @@ def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tu
                 beside[steps] = frame_path(frame[0], frame[1] + steps)
             elif path in place and (other := named(place[path] + steps)) and other.parent == path.parent:
                 beside[steps] = other
-        neighbours[path] = tuple(Neighbour(path=other, steps=steps) for steps, other in beside.items())
+        neighbours[path] = tuple(Photograph(path=other, steps=steps) for steps, other in beside.items())
     return neighbours
 
 
-def with_contents(neighbours: Iterable[Neighbour]) -> tuple[Neighbour, ...]:
+def with_contents(neighbours: Iterable[Photograph]) -> tuple[Photograph, ...]:
     """Return neighbours with their contents, without those that cannot be read."""
-    read: list[Neighbour] = []
+    read: list[Photograph] = []
     for one in neighbours:
         with suppress(ImageError):
             read.append(replace(one, content=one.encoded))

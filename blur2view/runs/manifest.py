@@ -1,9 +1,9 @@
 """The manifest: JSON lines that say what is done, appended as it is done, so that a later call goes on.
 
-A line is written by one call of the system and forced to the disk; one that was cut off is dropped when the
-manifest is opened again. A line of ``"options"`` says what results depend on, the others hold the digests and
-the row of a photograph, done or failed, or the digest of a file of all photographs. It lies hidden beside its
-output, or in it if that is a folder. One call at a time has a manifest.
+A line is written by one call of the system and forced to the disk, with a digest of itself: one that was cut
+off or changed is passed over. A line of ``"options"`` says what results depend on, the others hold the
+digests and the row of a photograph, done or failed, or the digest of a file of all photographs. It lies
+hidden beside its output, or in it if that is a folder. One call at a time has a manifest.
 """
 
 import errno
@@ -19,17 +19,18 @@ from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.input_files import MAX_BYTES, open_regular, parse_json
-from blur2view.output_files import ResultFiles, unwritable
+from blur2view.input_files import MAX_BYTES, open_regular, parse_json, read_regular
+from blur2view.output_files import unwritable
 from blur2view.photographs.video import frame_of
-from blur2view.results.stored import DAMAGE, plain, restore
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Outcome, Payload, Result, Target, Work, file_digest
+from blur2view.runs.job import Job, Outcome, file_digest
 
-SIGN, FORMAT = "blur2view", 3  # 1 held pickles, 2 summaries
+SIGN, FORMAT = "blur2view", 4  # 1 held pickles, 2 summaries, 3 no digests of lines
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
-
 NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
+DAMAGE = (ValueError, TypeError, LookupError, AttributeError)
+"""What reading a line may raise that is none of ours."""
+Line = dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +44,7 @@ class Settings:
     @property
     def digest(self) -> str:
         """Return a name of these settings, which every line repeats."""
-        text = json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return _digest_of({"format": FORMAT, **asdict(self)})
 
 
 class Manifest:
@@ -58,11 +58,11 @@ class Manifest:
 
     def __init__(self, path: Path, settings: Settings, *, resume: bool, earlier: Iterable[Path] = ()) -> None:
         self.path, self.settings, self._resume = path, settings, resume
-        self._done: dict[str, dict[str, Any]] = {}
+        self._done: dict[str, Line] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
         self._known: set[str] = set()
-        self._heads: dict[str, dict[str, Any]] = {}
+        self._heads: dict[str, Line] = {}
         self._digests: dict[Path, str] = {}
         self._headed = self._damaged = False
         self._looked_at = {os.path.abspath(path)}
@@ -71,10 +71,10 @@ class Manifest:
         try:
             for other in earlier:
                 self._read_other(other)
-            self._damaged = False
+            self._damaged, self._end = False, 0
             if os.fstat(self._file).st_size:  # some files of /proc that say so wait for ever
                 with open(self._file, "rb", closefd=False) as file:
-                    self._read(file, path)
+                    self._end = self._read(file, path)
         except BaseException:
             self.close()
             raise
@@ -98,14 +98,14 @@ class Manifest:
             *_, head = self._heads.values()
             if (head[SIGN], head.get("format")) != (self.settings.version, FORMAT):
                 return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
-            then, now = _leaves(head["options"]), _leaves(self.settings.options)
-            changed = ", ".join(sorted(name for name in then | now if then.get(name) != now.get(name)))
+            then, now = head["options"], self.settings.options
+            changed = ", ".join(sorted(name for name in {**then, **now} if then.get(name) != now.get(name)))
             return OutputError(f"{self.path}: other options ({changed}) made it; all is done again")
         if self._damaged:
-            return OutputError(f"{self.path}: its last line was cut off; that photograph is done again")
+            return OutputError(f"{self.path}: a line was cut off or changed; that photograph is done again")
         return None
 
-    def knows(self, job: Job[Any]) -> bool:
+    def knows(self, job: Job) -> bool:
         """Return whether an earlier call with these settings did a photograph, whatever it was then."""
         return self._name(job.path) in self._done
 
@@ -120,33 +120,23 @@ class Manifest:
                 return owner
         return None
 
-    def _source(self, job: Job[Any]) -> str:
-        """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
-        for path in {one.path for one in job.neighbours} - self._digests.keys():
-            self._digests[path] = "" if frame_of(path) else _digest(path) or ""
-        return job.source + " ".join(f"{one.steps:+d}{self._digests[one.path]}" for one in job.neighbours)
-
-    def _name(self, path: Path) -> str:
-        return Path(os.path.relpath(path, self.path.parent)).as_posix()
-
-    def find(self, job: Job[Target], work: Work[Target, Payload]) -> Result[Payload] | None:
+    def find(self, job: Job) -> Outcome | None:
         """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
 
-        A line may hold anything: it is not found unless it gives values of the right types.
+        The payload is the photograph's document, if it has files, or what the manifest holds.
         """
         line = self._done.pop(self._name(job.path), None)  # which may be large
-        if line is None or (line.get("sha256"), line.get("source")) != (job.digest, self._source(job)):
+        if line is None or (line["sha256"], line["source"]) != (job.digest, self._source(job)):
             return None
-        outputs = line["outputs"].items()
-        expected = job.target.paths if isinstance(job.target, ResultFiles) else ()
-        known = {self._name(one) for one in expected} == line["outputs"].keys()
-        if not known or any(_digest(self.path.parent / name) != digest for name, digest in outputs):
+        expected = {self._name(one) for one in job.files.paths} if job.files else set()
+        whole = (_digest(self.path.parent / name) == digest for name, digest in line["outputs"].items())
+        if expected != line["outputs"].keys() or not all(whole):
             return None  # its results have other names since then, or another content
-        try:
-            payload = work.restored(job, line.get("kept"))
-            return Result(payload=payload, summary=f"{job.path}: done before", row=restore(Row, line["row"]))
-        except (OSError, Blur2ViewError, *DAMAGE):
-            return None
+        with suppress(OSError, *DAMAGE):
+            payload = parse_json(read_regular(job.files.document)) if job.files else line["kept"]
+            done = f"{job.path}: done before"
+            return Outcome(payload=payload, summary=done, row=Row(**line["row"]), skipped=True)
+        return None
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
@@ -156,17 +146,16 @@ class Manifest:
         """Return the digest that was appended last for what is made of all photographs; empty if none was."""
         return self._targets.get(self._name(target), "")
 
-    def append(self, job: Job[Target], outcome: Outcome[Payload], work: Work[Target, Payload]) -> None:
+    def append(self, job: Job, outcome: Outcome) -> None:
         """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
-        line: dict[str, Any] = {"settings": self.settings.digest, "image": self._name(job.path)}
-        if outcome.result is None:
+        line: Line = {"settings": self.settings.digest, "image": self._name(job.path)}
+        if outcome.error:
             if line["image"] in self._known:
                 self._write(line | {"error": outcome.error})
             return
-        result, folder = outcome.result, self.path.parent
         line |= {"sha256": outcome.digest, "source": self._source(job)}
-        line["outputs"] = {one.relative_to(folder).as_posix(): sum_ for one, sum_ in outcome.outputs.items()}
-        self._write(line | {"row": plain(result.row), "kept": work.stored(result.payload)})
+        line["outputs"] = {self._name(path): digest for path, digest in outcome.outputs.items()}
+        self._write(line | {"row": asdict(outcome.row), "kept": None if job.files else outcome.payload})
 
     def append_target(self, target: Path, digest: str = "") -> None:
         """Append that a call makes something of all photographs: of a file its own digest by default."""
@@ -176,6 +165,15 @@ class Manifest:
         """Append that another manifest says what is done, too."""
         self._write({"manifest": self._name(other)})
 
+    def _source(self, job: Job) -> str:
+        """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
+        for path in {one.path for one in job.neighbours} - self._digests.keys():
+            self._digests[path] = "" if frame_of(path) else _digest(path) or ""
+        return job.source + " ".join(f"{one.steps:+d}{self._digests[one.path]}" for one in job.neighbours)
+
+    def _name(self, path: Path) -> str:
+        return Path(os.path.relpath(path, self.path.parent)).as_posix()
+
     def _read_other(self, path: Path) -> None:
         """Note the lines of another manifest, if it is one."""
         if (place := os.path.abspath(path)) not in self._looked_at:
@@ -183,57 +181,52 @@ class Manifest:
             with suppress(OSError, Blur2ViewError), open_regular(path) as file:
                 self._read(file, path)
 
-    def _read(self, file: BinaryIO, path: Path) -> None:
-        """Note the lines of earlier calls; one that was cut off is dropped."""
-        size = file.seek(0, os.SEEK_END)
+    def _read(self, file: BinaryIO, path: Path) -> int:
+        """Note the lines of earlier calls; return where the last whole one ends."""
+        end, size = 0, file.seek(0, os.SEEK_END)
         file.seek(0)
         if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
             raise _foreign(path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
         file.seek(0)
-        for line in file:
+        for text in file:
+            end += len(text) * text.endswith(b"\n")
             try:
-                self._note(parse_json(line if line.endswith(b"\n") else b""), path.parent)  # else it was cut
+                line = parse_json(text)
+                if SIGN not in line and line.pop("digest") != _digest_of(line):
+                    raise ValueError("another one wrote it, or a part of it")
+                self._note(line, path.parent)
             except DAMAGE:
                 self._damaged = True
+        return end
 
-    def _note(self, line: Any, folder: Path) -> None:
+    def _note(self, line: Line, folder: Path) -> None:
         """Note a file of all photographs, or what was done with these settings, as seen from a folder."""
-
-        def name(stored: Any) -> str:
-            return self._name(folder / restore(str, stored))
-
         if SIGN in line:
-            restore(str, line[SIGN])
-            restore(int, line.get("format", 1))
-            self._heads[restore(str, line["settings"])] = line | {"options": dict(line["options"])}
-            return
-        if "manifest" in line:
-            self._read_other(folder / restore(str, line["manifest"]))
-            return
-        if "target" in line:
-            self._targets[name(line["target"])] = restore(str, line["sha256"])
-            return
-        image = name(line["image"])
-        self._known.add(image)
-        self._done.pop(image, None)  # failed since, or done otherwise
-        if "outputs" in line:
-            owner = image, restore(str, line["sha256"])
-            outputs = restore(dict[str, str], line["outputs"])
-            line["outputs"] = {name(one): digest for one, digest in outputs.items()}
-            self._owners |= dict.fromkeys(line["outputs"], owner)
-            if self._resume and line.get("settings") == self.settings.digest:
-                self._done[image] = line
+            self._heads[line["settings"]] = line | {"options": dict(line["options"])}
+        elif "manifest" in line:
+            self._read_other(folder / line["manifest"])
+        elif "target" in line:
+            self._targets[self._name(folder / line["target"])] = line["sha256"]
+        else:
+            image = self._name(folder / line["image"])
+            self._known.add(image)
+            self._done.pop(image, None)  # failed since, or done otherwise
+            if "outputs" in line:
+                line["outputs"] = {self._name(folder / one): sum_ for one, sum_ in line["outputs"].items()}
+                self._owners |= dict.fromkeys(line["outputs"], (image, line["sha256"]))
+                if self._resume and line["settings"] == self.settings.digest:
+                    self._done[image] = line
 
-    def _write(self, line: dict[str, Any]) -> None:
+    def _write(self, line: Line) -> None:
         """Append a line and wait until the disk has it."""
         settings = self.settings
         about = {"settings": settings.digest, "command": settings.command, "options": dict(settings.options)}
         head = {SIGN: settings.version, "format": FORMAT, **about}
-        lines = [line] if self._headed else [head, line]
-        content = "".join(json.dumps(line) + "\n" for line in lines).encode()
+        lines = [*([] if self._headed else [head]), line | {"digest": _digest_of(line)}]
+        content = "".join(json.dumps(one) + "\n" for one in lines).encode()
         try:
             if not self._headed:
-                _drop_cut_line(self._file)
+                os.ftruncate(self._file, self._end)  # without what was cut off
             while content:
                 content = content[os.write(self._file, content) :]
             os.fsync(self._file)
@@ -265,25 +258,13 @@ def _open_alone(path: Path) -> int:
     return file
 
 
-def _leaves(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of options by their names, also of those within others."""
-    found: dict[str, Any] = {}
-    for name, value in options.items():
-        inner = _leaves(value) if isinstance(value, dict) else {}
-        found |= {name if one == "digest" else one: held for one, held in inner.items()} or {name: value}
-    return found
-
-
 def _foreign(path: Path, more: str = "") -> OutputError:
     return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
 
 
-def _drop_cut_line(file: int) -> None:
-    size = end = os.fstat(file).st_size
-    while end and os.pread(file, 1, end - 1) != b"\n":
-        end -= 1
-    if end != size:
-        os.ftruncate(file, end)
+def _digest_of(value: Any) -> str:
+    """Return a digest of what JSON holds."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _digest(path: Path) -> str | None:

@@ -3,48 +3,48 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from functools import partial
 from multiprocessing import get_context, parent_process
-from typing import Any
 
 import cv2
 
-from blur2view.runs.job import Job, Outcome, Payload, Target, Work, perform
+from blur2view.runs.job import Done, Job, Outcome, Work, perform
 
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
 PATIENCE_S = 5.0  # a process that was told to end has that long
 END = getattr(signal, "SIGUSR1", signal.SIGTERM)  # pycolmap takes SIGTERM for a crash and prints a trace
 _ENDING = threading.Event()
-Engine = Callable[[Work[Any, Any], Iterator[Job[Any]]], Generator[tuple[Job[Any], Outcome[Any]]]]
+Engine = Callable[[Work, Iterator[Job]], Done]
 """Does jobs, each taken when there is room for it, and yields it with its outcome when done, in any order."""
 
 
-def in_this_process(
-    work: Work[Target, Payload], jobs: Iterator[Job[Target]]
-) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
+def in_this_process(work: Work, jobs: Iterator[Job]) -> Done:
     """Yield the jobs with their outcomes, one after another."""
     for job in jobs:
         yield job, perform(work, job)
 
 
-def in_processes(
-    work: Work[Target, Payload], jobs: Iterator[Job[Target]], *, count: int
-) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
+def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
     """Yield the jobs with their outcomes, done by several processes.
 
     A process that dies (of too little memory, of a damaged file that crashes a decoder) takes the jobs in
     hand with it; each of them is tried once more, alone.
     """
     executor = _executor(count)
-    pending: dict[Future[Outcome[Payload]], Job[Target]] = {}
+    pending: dict[Future[Outcome], Job] = {}
     try:
         while True:
             while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
-                pending[_submitted(executor, work, job)] = job
+                try:
+                    future = executor.submit(_performed, work, job)
+                except BrokenProcessPool as error:  # the processes have died meanwhile
+                    future = Future()
+                    future.set_exception(error)
+                pending[future] = job
             if not pending:
                 return
             done, _ = wait(pending, return_when=FIRST_COMPLETED)
@@ -61,26 +61,15 @@ def in_processes(
         _end(executor)
 
 
-def _submitted(
-    executor: ProcessPoolExecutor, work: Work[Target, Payload], job: Job[Target]
-) -> Future[Outcome[Payload]]:
-    """Return the future of a job; it has failed already if the processes have died meanwhile."""
-    try:
-        return executor.submit(_performed, work, job)
-    except BrokenProcessPool as error:
-        future: Future[Outcome[Payload]] = Future()
-        future.set_exception(error)
-        return future
-
-
-def _alone(work: Work[Target, Payload], job: Job[Target]) -> Outcome[Payload]:
+def _alone(work: Work, job: Job) -> Outcome:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
     executor = _executor(1)
     try:
         return executor.submit(_performed, work, job).result()
     except BrokenProcessPool:
-        error = f"{job.path}: the process that read it died, perhaps of too little memory; resize it"
-        return Outcome(error=error)
+        return Outcome(
+            error=f"{job.path}: the process that read it died, perhaps of too little memory; resize it"
+        )
     finally:
         _end(executor)
 
@@ -104,7 +93,7 @@ def _leave(number: int, frame: object) -> None:
     raise SystemExit
 
 
-def _performed(work: Work[Target, Payload], job: Job[Target]) -> Outcome[Payload]:
+def _performed(work: Work, job: Job) -> Outcome:
     """Return the outcome of a job in a process that was not told to end."""
     if _ENDING.is_set():
         raise SystemExit

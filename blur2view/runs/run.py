@@ -1,7 +1,7 @@
 """A run over many photographs: skips what is done, does the rest in any order, gives outcomes in order."""
 
-from collections.abc import Generator, Iterable, Iterator
-from contextlib import closing
+from collections.abc import Iterable, Iterator
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -9,78 +9,58 @@ from pathlib import Path
 from blur2view.errors import Blur2ViewError
 from blur2view.photographs.content import read_content
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
-from blur2view.runs.job import (
-    Job,
-    Outcome,
-    Payload,
-    Target,
-    Work,
-    failed,
-    file_digest,
-    with_contents,
-    written,
-)
+from blur2view.runs.job import Done, Job, Outcome, Work, failed, file_digest, with_contents, written
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.processes import Engine
 
-Waiting = dict[int, tuple[Job[Target], Outcome[Payload]] | None]
+Waiting = dict[int, tuple[Job, Outcome] | None]
 """By index, until it is their turn; None for a frame that its video does not have."""
 
 
 def outcomes(
-    work: Work[Target, Payload],
-    jobs: Iterable[Job[Target]],
-    engine: Engine,
-    manifest: Manifest | None = None,
-    *,
-    sends: bool = False,
-) -> Generator[tuple[Job[Target], Outcome[Payload]]]:
+    work: Work, jobs: Iterable[Job], engine: Engine, manifest: Manifest | None = None, *, sends: bool = False
+) -> Done:
     """Yield every job, of consecutive indices, with its outcome in their order.
 
     The manifest has it as soon as it is done. With ``sends`` photographs are read here and sent, as to other
     machines. OutputError or RunError if the manifest cannot be written, or no photograph can be done any
     more; KeyboardInterrupt after the outcomes that are there.
     """
-    waiting: Waiting[Target, Payload] = {}
+    waiting: Waiting = {}
     turn = 0
-    left = _left(work, jobs, manifest, waiting, sends=sends)
     try:
-        with closing(engine(work, left)) as done:
+        with closing(engine(work, _left(jobs, manifest, waiting, sends=sends))) as done:
             for job, outcome in done:
                 outcome = written(outcome)
                 if manifest is not None and not outcome.stop:
-                    manifest.append(job, outcome, work)
+                    manifest.append(job, outcome)
                 waiting[job.index] = replace(job, content=None, neighbours=()), outcome
                 while turn in waiting:
-                    pair = waiting.pop(turn)
-                    turn += 1
-                    if pair is not None:
+                    if (pair := waiting.pop(turn)) is not None:
                         yield pair
+                    turn += 1
     except KeyboardInterrupt:
         yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
         raise
     yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
 
 
-def _left(
-    work: Work[Target, Payload],
-    jobs: Iterable[Job[Target]],
-    manifest: Manifest | None,
-    waiting: Waiting[Target, Payload],
-    *,
-    sends: bool,
-) -> Iterator[Job[Target]]:
+def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, sends: bool) -> Iterator[Job]:
     """Yield the jobs that are to be done; the outcomes of the others go where they wait."""
     for job in jobs:
         try:
             if job.refusal is not None:
                 raise job.refusal
-            if (outcome := _found(work, job, manifest)) is not None:
+            outcome = None
+            if manifest is not None and manifest.knows(job):
+                with suppress(OSError):  # reading it will say why
+                    outcome = manifest.find(replace(job, digest=_digest(job.path)))
+            if outcome is not None:
                 waiting[job.index] = job, outcome
             elif (frame := frame_of(job.path)) is not None:  # a video is read once, in order
                 yield _read_frame(job, *frame)
             elif sends:
-                yield replace(job, content=read_content(job.path), neighbours=with_contents(job.neighbours))
+                yield replace(job, content=job.encoded, neighbours=with_contents(job.neighbours))
             else:
                 yield job
         except EndOfVideo:
@@ -89,7 +69,7 @@ def _left(
             waiting[job.index] = job, failed(error)
 
 
-def any_left(jobs: Iterable[Job[Target]]) -> bool:
+def any_left(jobs: Iterable[Job]) -> bool:
     """Return whether there are photographs among the jobs: a video may have fewer frames than it says."""
     for job in jobs:
         try:
@@ -103,26 +83,13 @@ def any_left(jobs: Iterable[Job[Target]]) -> bool:
     return False
 
 
-def _read_frame(job: Job[Target], video: Path, number: int) -> Job[Target]:
+def _read_frame(job: Job, video: Path, number: int) -> Job:
     """Return the job of a frame with what is read of its video, in order: before it, itself, after it."""
     before = with_contents(one for one in job.neighbours if one.steps < 0)
-    read = replace(job, content=read_content(job.path), digest=_digest(job.path))
+    read = replace(job, content=job.encoded, digest=_digest(job.path))
     after = with_contents(one for one in job.neighbours if one.steps > 0)
     time_s = frame_time(video, number)
     return replace(read, frame=number, timestamp_s=time_s, neighbours=before + after)
-
-
-def _found(
-    work: Work[Target, Payload], job: Job[Target], manifest: Manifest | None
-) -> Outcome[Payload] | None:
-    """Return what an earlier call made of a photograph that is as it was."""
-    if manifest is None or not manifest.knows(job):
-        return None
-    try:
-        result = manifest.find(replace(job, digest=_digest(job.path)), work)
-    except OSError:  # reading it will say why
-        return None
-    return None if result is None else Outcome(result=result, skipped=True)
 
 
 _video_digest = cache(file_digest)

@@ -99,13 +99,3 @@ def test_nobody_at_the_address_is_one_line(tmp_path: Path) -> None:
         code, printed, complaints = finish("estimate", photograph, "--dask", address)
         assert code == 1 and printed == "" and complaints.count("\n") == 1
         assert f"{address}: no Dask scheduler answers" in complaints
-
-
-def test_cluster_without_workers_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
-    address, workers = cluster
-    for worker in workers:
-        worker.kill()
-        worker.wait()
-    (photograph,) = write_photographs(tmp_path, 1)
-    code, _, complaints = finish("estimate", photograph, "--dask", address)
-    assert code == 1 and complaints.count("\n") == 1 and "has no worker; start some with" in complaints

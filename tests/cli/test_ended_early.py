@@ -61,26 +61,7 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
     assert read == ["003.png", "004.png"]
 
 
-def test_interrupt_keeps_what_is_done_and_says_how_to_go_on(
-    run: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(path: Path, **options: Any) -> Any:
-        if path.name == "003.png":
-            raise KeyboardInterrupt
-        return read_pixels(path, **options)
-
-    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
-    done = run(folder, "-o", tmp_path / "out")
-    assert done == 130 and done.err == (
-        "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
-        "the same call with --resume goes on\n"
-    )
-    monkeypatch.setattr(pipeline, "read_pixels", read_pixels)
-    done = run(folder, "-o", tmp_path / "out", "--resume")
-    assert done == 0 and "2 done, 3 done before" in done.out
-
-
-def test_report_of_an_interrupted_run_holds_what_is_done(
+def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
     call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(path: Path, **options: Any) -> Any:
@@ -88,9 +69,18 @@ def test_report_of_an_interrupted_run_holds_what_is_done(
             raise KeyboardInterrupt
         return read_pixels(path, **options)
 
-    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
-    assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
+    with monkeypatch.context() as patched:
+        patched.setattr(pipeline, "read_pixels", interrupt)
+        done = call("estimate", folder, "-o", tmp_path / "out")
+        assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
+        assert call("estimate", folder / "003.png").err == "blur2view: interrupted\n"
+    assert done == 130 and done.err == (
+        "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
+        "the same call with --resume goes on\n"
+    )
     assert "3 photographs, " in (tmp_path / "page.html").read_text()
+    done = call("estimate", folder, "-o", tmp_path / "out", "--resume")
+    assert done == 0 and "2 done, 3 done before" in done.out
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view.photographs.image import read_image
 from tests.support.calls import Call
-from tests.support.many_photographs import contents
+from tests.support.many_photographs import contents, write_frames
 from tests.support.tables import table
 
 
@@ -15,11 +15,7 @@ def write_clip(path: Path, count: int) -> Path:
     """Return a video of one scene, the camera moved a little from frame to frame."""
     rng = np.random.default_rng(0)
     scene = cv2.resize(rng.integers(0, 255, (12, 24, 3), dtype=np.uint8), None, fx=10, fy=10)
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (160, 96))
-    for index in range(count):
-        video.write(scene[:96, index : index + 160])
-    video.release()
-    return path
+    return write_frames(path, [scene[:96, index : index + 160] for index in range(count)])
 
 
 def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alike(

@@ -1,6 +1,5 @@
 """What fails, on whichever side of the program: one line each, and never a traceback."""
 
-import os
 import shlex
 import subprocess
 import sys
@@ -18,68 +17,12 @@ from tests.support.calls import Call
 from tests.support.many_photographs import command, environment
 
 
-def test_quiet_call_prints_failures_only(run: Call, still: Path, tmp_path: Path) -> None:
-    printed = run(still, tmp_path / "absent.jpg", "--quiet")
-    assert printed == 1
-    assert printed.out == "" and len(printed.lines) == 1
-
-
-def test_names_of_any_kind_are_printed(run: Call, still: Path, tmp_path: Path) -> None:
-    odd = tmp_path / os.fsdecode(b"\xff photo.png")
-    still.rename(odd)
-    assert run(odd, "-o", tmp_path / "out") == 0
-
-
-def test_link_to_itself_is_one_line(run: Call, tmp_path: Path) -> None:
-    (tmp_path / "loop.jpg").symlink_to("loop.jpg")
-    done = run(tmp_path / "loop.jpg", "-o", tmp_path / "out")
-    assert done == 1 and len(done.lines) == 1
-
-
-def test_interrupt_is_no_traceback(run: Call, still: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(path: Path, **options: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(pipeline, "read_pixels", interrupt)
-    done = run(still)
-    assert done == 130 and done.err == "blur2view: interrupted\n"
-
-
 def test_control_characters_of_a_name_are_printed_as_escapes(run: Call, still: Path, tmp_path: Path) -> None:
     odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
     printed = run(odd, tmp_path / "absent\n.png")
     assert printed == 1
     assert "two\\nlines\\x1b[31m.png: Sharp" in printed.out and len(printed.out.splitlines()) == 2
     assert len(printed.lines) == 1
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["estimate", "-o", "a\0"],
-        ["segment", "-o", "a\0"],
-        ["report", "-o", "a\0"],
-        ["to-colmap", "--db", "a\0"],
-        ["estimate", "--camera", "PINH\0OLE 4 4 4"],
-        ["estimate", "--camera", "\x1b[31m\n"],
-    ],
-)
-def test_what_no_path_holds_is_wrong_usage(words: list[str], still: Path, call: Call) -> None:
-    done = call(*words, still)
-    assert done == 2 and not set(done.line) & set("\0\x1b")
-
-
-def test_null_characters_of_a_network_and_a_photograph_are_one_line_each(run: Call, still: Path) -> None:
-    done = run("a\0.png", still)
-    assert done == 1 and len(done.lines) == 1 and "DEGENERATE" in done.out
-    done = run(still, "--model", "a\0")
-    assert done == 1 and len(done.lines) == 1
-
-
-def test_photographs_beyond_the_memory_are_refused_with_the_remedy(run: Call, still: Path) -> None:
-    done = run(still, "--max-memory", 1e-5)
-    assert done == 1 and "--max-memory 1" in done.err
-    assert run(still, "--max-memory", 1) == 0
 
 
 @pytest.mark.parametrize("raised", [MemoryError(), cv2.error("Failed to allocate")])
@@ -166,16 +109,3 @@ def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
         running.stdout.close()
         assert running.stderr.read() == b""
     assert running.returncode == 141
-
-
-@pytest.mark.slow
-def test_standard_input_that_is_no_list_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "t.png").write_bytes(b"\x89PNG\r\n")
-    strict = environment() | {"PYTHONIOENCODING": "utf-8:strict"}
-    with (tmp_path / "t.png").open("rb") as file:
-        done = subprocess.run(
-            command("estimate", "-"), env=strict, stdin=file, capture_output=True, text=True, check=False
-        )
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith("blur2view: ") and "no such file" in line

@@ -80,12 +80,6 @@ def test_a_synopsis_names_what_is_needed_and_that_there_are_options(
         assert caught.value.code == 0 and printed in capsys.readouterr().out
 
 
-def test_an_option_is_written_in_full(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        cli.main(["estimate", "a.jpg", "--foca", "800"])
-    assert "--foca is no option of estimate; did you mean --focal?" in capsys.readouterr().err
-
-
 def test_an_option_is_declared_once(capsys: pytest.CaptureFixture[str]) -> None:
     parser = CommandParser(prog="segment").of(MoreOptions)
     for words, code, printed in (

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.calls import Call
-from tests.support.many_photographs import contents, finish, write_photographs, write_video
+from tests.support.many_photographs import write_photographs, write_video
+from tests.support.tables import table
 
 
 def test_folder_prints_one_line_each_and_a_total(run: Call, folder: Path, tmp_path: Path) -> None:
@@ -58,23 +59,26 @@ def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Pat
     assert done == 1 and len(done.lines) == 1
 
 
-@pytest.mark.parametrize("command", ["estimate", "triage", "to-colmap", "report"])
-def test_name_too_long_for_the_system_costs_one_line(
-    call: Call, folder: Path, tmp_path: Path, command: str
+@pytest.mark.parametrize(
+    "command", ["triage --keep keep.txt", "estimate -o out", "report --no-mask -o a.html"]
+)
+def test_folder_without_photographs_is_one_line_and_no_photograph(
+    call: Call, folder: Path, here: Path, command: str
 ) -> None:
-    targets = {"estimate": "-o", "triage": "--csv", "to-colmap": "--db", "report": "-o"}
-    done = call(command, "n" * 5000 + ".png", folder, targets[command], tmp_path / "target")
-    assert done == 1 and "cannot be read (File name too long)" in done.line
-    assert (tmp_path / "target").exists()
+    (here / "empty").mkdir()
+    name, *words = command.split()
+    done = call(name, "empty", *words, "--csv", "new/t.csv")
+    assert (done, done.out) == (1, "") and "empty: holds no photograph" in done.line
+    assert {path.name for path in here.iterdir()} == {"in", "empty"}
+    done = call(name, folder, "empty", *words, "--csv", "t.csv")
+    assert done == 1 and "empty: holds no photograph" in done.line
+    assert [row["name"] for row in table(here / "t.csv")] == [f"{n:03d}.png" for n in range(5)]
+    if name == "report":
+        assert (here / "a.html").read_text().count('<li class="card') == 5
 
 
-@pytest.mark.slow
-def test_two_processes_write_the_same_bytes_as_one(tmp_path: Path, tiny_model: Path) -> None:
-    write_photographs(tmp_path / "in", 6)
-    shared = ["--model", tiny_model, "--no-timings"]
-    for count in (1, 2):
-        words = [tmp_path / "in", "-o", tmp_path / f"out{count}", "--jobs", count, *shared]
-        code, printed, complaints = finish("estimate", *words)
-        assert code == 0 and complaints == ""
-        assert printed.count("\n") == 7
-    assert contents(tmp_path / "out1") == contents(tmp_path / "out2")
+def test_results_that_were_moved_are_gone_on_with(call: Call, folder: Path, tmp_path: Path) -> None:
+    assert call("estimate", folder, "-o", tmp_path / "out") == 0
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "out").rename(tmp_path / "deep/out")
+    assert call("estimate", folder, "-o", tmp_path / "deep/out", "--resume") == 0

@@ -1,6 +1,5 @@
 """``blur2view estimate -o``: what is replaced, refused or left alone."""
 
-import os
 import shutil
 from pathlib import Path
 
@@ -42,34 +41,6 @@ def test_only_results_of_an_earlier_call_are_replaced(
         (out / name).write_bytes(ours)
 
 
-def test_device_is_never_replaced_by_a_page(call: Call, still: Path, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "page.html").write_text("mine")
-    for name in ("pipe", "page.html"):
-        done = call("report", still, "-o", tmp_path / name, "--overwrite")
-        assert done == 1 and "is no page of an earlier call" in done.line
-    assert (tmp_path / "pipe").is_fifo() and (tmp_path / "page.html").read_text() == "mine"
-
-
-def test_full_disk_while_overwriting_keeps_the_old_results(
-    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "out"
-    assert run(moving, "-o", out) == 0
-    before = contents(out)
-
-    write = Path.write_bytes
-
-    def full(self: Path, content: bytes) -> int:
-        if ".png." in self.name:  # the second file
-            raise OSError(28, "No space left on device")
-        return write(self, content)
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    assert run(moving, "-o", out, "--overwrite", "--beta", "0.1") == 1
-    assert contents(out) == before
-
-
 def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
     run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,15 +79,6 @@ def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(
     found = {str(path.relative_to(out)) for path in out.rglob("*.json")}
     assert found == {"a/x.json", "b/x.tif.json", "b/x.png.json", "still.json"}
     assert not (out / "c").exists()
-
-
-@pytest.mark.parametrize("below", ["", "deeper"])
-def test_folder_that_cannot_be_written_is_one_line(
-    run: Call, still: Path, tmp_path: Path, below: str
-) -> None:
-    (tmp_path / "file").touch()
-    done = run(still, "-o", tmp_path / "file" / below)
-    assert done == 1 and "results cannot be written there" in done.line and "name another folder" in done.line
 
 
 def test_full_disk_leaves_no_half_written_file(

@@ -121,14 +121,6 @@ def test_bytes_are_the_same_in_two_processes_and_after_resume(results: Path, tmp
     assert contents(tmp_path / "two") == two
 
 
-def test_a_changed_neighbour_is_done_again_with_its_photograph(run: Call, tmp_path: Path) -> None:
-    paths = write_photographs(tmp_path / "in", 5)
-    words = (tmp_path / "in", "-o", tmp_path / "out", "--sequence")
-    assert run(*words) == 0
-    paths[4].write_bytes(paths[0].read_bytes())
-    assert "2 done, 3 done before" in run(*words, "--resume").out
-
-
 def test_neighbour_that_cannot_be_read_costs_its_own_line_only(call: Call, tmp_path: Path) -> None:
     paths = write_photographs(tmp_path, 3)
     paths[1].write_bytes(b"no picture")

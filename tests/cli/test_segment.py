@@ -77,30 +77,12 @@ def test_programs_get_their_masks(
     run: Call, walker: Path, tmp_path: Path, program: str, name: str, moving: int, static: int
 ) -> None:
     out = tmp_path / "out"
-    assert run(walker, "-o", out, "--masks", program) == 0
+    assert run(walker, "-o", out, "--masks", program, "--masks", "colmap") == 0
     grey, mask = (np.asarray(Image.open(out / path)) for path in ("a.mask.png", f"masks/{name}"))
     assert (mask[grey == 255] == moving).all() and (mask[grey != 255] == static).all()
     assert run(walker, "-o", out, "--masks", program, "--overwrite", "--unobservable", "ignore") == 0
     mask = np.asarray(Image.open(out / "masks" / name))
     assert (mask[grey != 0] == moving).all() and (mask[grey == 0] == static).all()
-
-
-def test_mask_for_a_program_replaces_no_file_of_others(run: Call, walker: Path, tmp_path: Path) -> None:
-    (mine := tmp_path / "out" / "masks" / "a.png.png").parent.mkdir(parents=True)
-    mine.write_bytes(b"mine")
-    assert run(walker, "-o", tmp_path / "out", "--masks", "colmap", "--overwrite") == 1
-    assert mine.read_bytes() == b"mine"
-
-
-@pytest.mark.parametrize("program", ["colmap", "nerfstudio", "instant-ngp"])
-def test_a_photograph_without_a_name_is_one_failure(
-    run: Call, walker: Path, tmp_path: Path, program: str
-) -> None:
-    names = tmp_path / "names.txt"
-    names.write_text(f"/\n{walker}\n")
-    done = run(f"@{names}", "-o", tmp_path / "out", "--masks", program)
-    assert done == 1 and done.err.count("\n") == 1
-    assert (tmp_path / "out" / "a.mask.png").is_file()
 
 
 def test_same_seed_gives_the_same_bytes(run: Call, walker: Path, tmp_path: Path) -> None:
@@ -128,13 +110,3 @@ def test_masks_of_large_photographs_take_little_memory(tiny_model: Path, tmp_pat
         peaks.append(usage.ru_maxrss * 1024)
     # 24 megapixels within 2 GiB, of which the program itself takes 0.25
     assert (peaks[1] - peaks[0]) / (width * height - 320 * 400) < 78
-
-
-def test_one_run_writes_the_masks_of_several_programs(run: Call, walker: Path, tmp_path: Path) -> None:
-    programs = ("--masks", "nerfstudio", "--masks", "instant-ngp", "--masks", "instant-ngp")
-    assert run(walker, "-o", tmp_path / "out", *programs) == 0
-    masks = [
-        np.asarray(Image.open(tmp_path / "out/masks" / name)) for name in ("a.png", "dynamic_mask_a.png")
-    ]
-    np.testing.assert_array_equal(masks[0] == 0, masks[1] == 255)
-    assert len(list((tmp_path / "out/masks").iterdir())) == 2

@@ -2,7 +2,7 @@
 
 import shutil
 from pathlib import Path
-from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -30,58 +30,6 @@ def test_every_command_writes_the_same_rows(
     assert float(first[0]["rotation_deg"]) >= 0
 
 
-@pytest.mark.parametrize("words", [["--csv", "frames/still.png"], ["--keep", "frames/still.png"]])
-def test_no_photograph_is_replaced_by_a_table_or_a_list(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
-    monkeypatch.chdir(frames.parent)
-    before = (frames / "still.png").read_bytes()
-    for more in ([], ["--overwrite"]):
-        assert call("triage", "frames", *words, *more) == 1
-    assert (frames / "still.png").read_bytes() == before
-
-
-def test_files_of_others_are_spared(frames: Path, call: Call, tmp_path: Path) -> None:
-    sheet, keep = tmp_path / "t.csv", tmp_path / "keep.txt"
-    sheet.write_text("a,b\n")
-    keep.write_text("still.png\nsomething else\n")
-    for words in (("--csv", sheet), ("--keep", keep)):
-        assert "of an earlier call" in call("triage", frames, *words, "--overwrite").line
-    assert sheet.read_text() == "a,b\n" and "something else" in keep.read_text()
-    one = tmp_path / "one"
-    for command, option in (("triage", "--keep"), ("report", "-o")):
-        assert "two results would be one file" in call(command, frames, "--csv", one, option, one).line
-    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["keep.txt", "t.csv"]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["estimate", "-o", "o2", "--csv", "o2/chaos.json"],
-        ["segment", "-o", "o2", "--csv", "o2/still.motion.json"],
-        ["estimate", "--csv", "o2/.estimate.manifest.jsonl", "-o", "o2"],
-        ["triage", "--csv", ".k.txt.manifest.jsonl", "--keep", "k.txt"],
-        *(["to-colmap", "--db", "a.db", "--csv", f"{name}"] for name in ("a.db-wal", ".a.db.manifest.jsonl")),
-    ],
-)
-def test_table_and_list_replace_no_result_and_no_manifest_of_their_call(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
-    monkeypatch.chdir(frames.parent)
-    done = call(words[0], "frames", *words[1:])
-    assert done == 1 and "two results would be one file" in done.err
-    assert [path.name for path in frames.parent.iterdir()] == ["frames"]
-
-
-def test_refused_table_leaves_no_folder(frames: Path, call: Call, tmp_path: Path) -> None:
-    (tmp_path / "there.csv").write_text("a,b\n")
-    (tmp_path / "file").touch()
-    words = ("estimate", frames / "still.png")
-    assert call(*words, "-o", tmp_path / "new", "--csv", tmp_path / "there.csv") == 1
-    assert call(*words, "-o", tmp_path / "file" / "new", "--csv", tmp_path / "sheets" / "t.csv") == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "frames", "there.csv"]
-
-
 @pytest.mark.parametrize(
     ("command", "words"),
     [("report", ["-o", "a.html"]), ("triage", ["--keep", "a.html"]), ("to-colmap", ["--db", "a.html"])],
@@ -102,27 +50,17 @@ def test_table_that_cannot_be_written_costs_no_other_result(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("command", "option"), [("triage", "--keep"), ("to-colmap", "--db")])
 @pytest.mark.parametrize("error", [RunError("the cluster is gone"), OutputError("the manifest is full")])
 def test_run_that_cannot_go_on_keeps_what_an_earlier_one_made_of_all(
-    frames: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+    frames: Path, call: Call, tmp_path: Path, error: Exception, command: str, option: str
 ) -> None:
-    sheet, keep = tmp_path / "t.csv", tmp_path / "k.txt"
-    made = {"triage": keep, "to-colmap": tmp_path / "a.db"}
-    words = {"triage": ("--csv", sheet, "--keep", keep), "to-colmap": ("--db", made["to-colmap"])}
-    for command, target in made.items():
-        assert call(command, frames, *words[command]) == 0 and target.exists()
-    before = {command: target.read_bytes() for command, target in made.items()}
+    words, made = (command, frames, option, tmp_path / "made"), tmp_path / "made"
+    assert call(*words) == 0
+    before = made.read_bytes()
     shutil.copy(frames / "still.png", frames / "another.png")
-
-    def fail(manifest: Manifest, line: Any) -> None:
-        raise error
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Manifest, "_write", fail)
-        for command, target in made.items():
-            done = call(command, frames, *words[command], "--resume")
-            assert done == 1 and done.line == f"blur2view: {error}"
-            assert target.read_bytes() == before[command]
-    for command, target in made.items():
-        assert call(command, frames, *words[command], "--resume") == 0
-        assert target.read_bytes() != before[command]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Manifest, "_write", Mock(side_effect=error))
+        done = call(*words, "--resume")
+    assert done == 1 and done.line == f"blur2view: {error}" and made.read_bytes() == before
+    assert call(*words, "--resume") == 0 and made.read_bytes() != before

@@ -14,9 +14,11 @@ from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.to_colmap import summary
-from blur2view.cli.views import NamedPhotograph, document_of
+from blur2view.cli.views import Named, document_of
+from blur2view.colmap.link import LinkStep
 from blur2view.colmap.mapping import mapper_options
 from blur2view.results.to_colmap import ToColmapDocument
+from blur2view.runs.job import Job
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.colmap.test_link import link_of, only_plan
 from tests.support.colmap_check import check_database
@@ -108,19 +110,6 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
     code, _, err = run("--db", path, "--link", *CAMERA, *photos)
     assert code == 1 and err.count("without --link") == 2 and "choose another --db" in err
     assert run("--db", tmp_path / "other.db", *CAMERA, *photos)[0] == 0
-    # where it read the photographs, too, they can be linked
-    extraction = pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1)
-    pycolmap.extract_features(path, photos[0].parent, extraction_options=extraction)
-    with pycolmap.Database.open(path) as database:  # pictures as smooth have none
-        features = np.random.default_rng(0).uniform((20, 20), (300, 220), (400, 2))
-        image = database.read_image_with_name("moving.png")
-        assert image is not None
-        database.update_keypoints(image.image_id, features.astype(np.float32))
-    code, _, err = run("--db", path, "--link", *CAMERA, photos[0])
-    assert code == 1 and "add --replace" in err
-    code, out, err = run("--db", path, "--link", "--replace", *CAMERA, photos[0])
-    assert (code, err) == (0, "") and "moving.png: replace" in out
-    assert check_database(path) == []
 
 
 def test_dry_run_writes_nothing(run: Any, photos: list[Path], project: Path, tmp_path: Path) -> None:
@@ -179,11 +168,16 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
     assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
-def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: Path) -> None:
+def named(plan: LinkStep) -> Job:
+    """Return a photograph that is linked."""
+    return Job(index=0, path=Path("a/still.png"), target=Named(name="still.png", plan=plan))
+
+
+def test_line_and_document_give_one_reason_and_say_where_depth_and_order_are_from(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
     views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
     unusable = replace(views, usable=np.zeros(len(views.points_open), bool))
-    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), unusable)
+    document = document_of(named(plan), unusable)
     assert document.reason == "no feature of yours has a smear that can be used"
     whole = ToColmapDocument(
         target="p.db", dry_run=False, backup="b.bak", photographs=[document], kept=[], failures=[]
@@ -192,17 +186,9 @@ def test_line_and_document_give_one_reason_where_no_smear_can_be_used(project: P
         f"still.png: add, no matches: {document.reason} [{document.config}]",
         "p.db: wrote 2 images and 3 pairs of 1 photograph; backup b.bak",
     ]
-
-
-def test_linked_photographs_say_where_depth_and_order_are_from(project: Path) -> None:
-    plan = link_of(only_plan(project, "still.png"))[0]
-    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
-    document = document_of(NamedPhotograph(path=Path("a/still.png"), name="still.png", plan=plan), views)
-    open_ = replace(document, translation_known=False, time_known=True, time_confidence=0.99)
-    whole = ToColmapDocument(
-        target="p.db", dry_run=False, backup=None, photographs=[open_], kept=[], failures=[]
-    )
-    line, total = summary(whole, linked=True).splitlines()
+    linked = document_of(named(plan), views)
+    open_ = replace(linked, translation_known=False, time_known=True, time_confidence=0.99)
+    line, total = summary(replace(whole, photographs=[open_]), linked=True).splitlines()
     assert "translation undecided" in line and "order in time known by neighbours (99 % sure)" in line
     assert total.endswith("undecided: the depth of their points comes from your other photographs")
 

@@ -10,8 +10,7 @@ import pytest
 from blur2view.cli import commands as cli
 from blur2view.cli.arguments.triage import TriageOptions
 from blur2view.cli.triage import Classifier
-from blur2view.results.table import Row
-from blur2view.results.uses import use_of
+from blur2view.results.table import Row, use_of
 from tests.support.calls import Call
 from tests.support.colour_code import forward_motion
 from tests.support.tables import table
@@ -41,6 +40,16 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert keep.read_text() == "left/moving.png\nstill.png\n"
     assert call("triage", *words, "--max-smear", 100) == 0
     assert keep.read_text() == "chaos.png\nleft/moving.png\nstill.png\n"
+    poses, training = tmp_path / "poses.txt", tmp_path / "train.txt"
+    lists = ("--keep-for-poses", poses, "--keep-for-training", training)
+    done = call("triage", frames, "--recursive", "--gsd", "2cm", "--csv", sheet, *lists)
+    for row in table(sheet):
+        assert float(row["smear_ground_m"]) == pytest.approx(0.02 * float(row["smear_px"]), rel=1e-4)
+        assert row["use"] == "sharp" or "above 1 px" in row["reason"]
+    assert (poses.read_text(), training.read_text()) == ("left/moving.png\nstill.png\n", "still.png\n")
+    assert "cm on the ground" in done.out and f"wrote {sheet} and {poses} and {training}" in done.out
+    again = ("--gsd", "2cm", "--csv", sheet, *lists, "--resume", "--max-smear", "10m")
+    assert call("triage", frames, "--recursive", *again) == 0 and training.read_text().count("\n") == 3
 
 
 def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
@@ -72,17 +81,6 @@ def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     assert "1 sharp, 0 blurred but of use, 1 unusable, 1 failed; " in last
 
 
-@pytest.mark.parametrize("option", ["--keep", "--csv"])
-def test_list_of_the_photographs_is_not_replaced(
-    frames: Path, call: Call, monkeypatch: pytest.MonkeyPatch, option: str
-) -> None:
-    monkeypatch.chdir(frames)
-    Path("all.txt").write_text("chaos.png\nstill.png\n")
-    done = call("triage", "@all.txt", option, "all.txt", "--overwrite")
-    assert done == 1 and "all.txt" in done.line
-    assert Path("all.txt").read_text() == "chaos.png\nstill.png\n"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("again", [["--resume"], ["--overwrite"], []])
 def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
@@ -99,40 +97,36 @@ def test_list_is_ours_after_a_photograph_was_deleted_and_without_its_table(
     assert (tmp_path / "keep.txt").read_text() == "mine.png\n"
 
 
-@pytest.mark.parametrize(
-    ("smear_px", "verdict", "before", "use"),
-    [
-        (3.0, "DEGENERATE", "", "sharp"),
-        (3.1, "DEGENERATE", "", "unusable"),
-        (30, "UNDEFINED", "", "unusable"),
-        (None, "DEGENERATE", "", "unclear"),
-        *((30, verdict, "", "blurred") for verdict in ("UNCALIBRATED", "PLANAR", "PANORAMIC", "MULTIPLE")),
-        *((near, "PLANAR", use, use) for near in (2.95, 3.05, 3.2) for use in ("sharp", "blurred")),
-        (2.7, "PLANAR", "blurred", "sharp"),
-        (3.4, "PLANAR", "sharp", "blurred"),
-    ],
-)
-def test_use_follows_smear_and_geometry(smear_px: float | None, verdict: str, before: str, use: str) -> None:
-    row = Row(verdict=verdict, smear_px=smear_px, defocus_px=1.0, blur="camera moved")
-    assert use_of(row, smear_px, 3.0, 2.0, before).name == use
-    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before).name == ""
+MOVED = "camera moved"
 
 
 @pytest.mark.parametrize(
-    ("blur", "defocus_px", "smear_px", "use"),
+    ("smear_px", "verdict", "blur", "defocus_px", "before", "use"),
     [
-        ("out of focus", 3.0, 1.0, "out of focus"),
-        ("sharp", 2.1, 1.0, "out of focus"),
-        ("camera at rest", 1.0, 1.0, "sharp"),
-        ("out of focus and moved", 4.0, 9.0, "out of focus"),
-        ("cannot tell", None, 1.0, "unclear"),
+        (3.0, "DEGENERATE", MOVED, 1.0, "", "sharp"),
+        (3.1, "DEGENERATE", MOVED, 1.0, "", "unusable"),
+        (30, "UNDEFINED", MOVED, 1.0, "", "unusable"),
+        (None, "DEGENERATE", MOVED, 1.0, "", "unclear"),
+        *(
+            (30, one, MOVED, 1.0, "", "blurred")
+            for one in ("UNCALIBRATED", "PLANAR", "PANORAMIC", "MULTIPLE")
+        ),
+        *((near, "PLANAR", MOVED, 1.0, use, use) for near in (2.95, 3.2) for use in ("sharp", "blurred")),
+        (2.7, "PLANAR", MOVED, 1.0, "blurred", "sharp"),
+        (3.4, "PLANAR", MOVED, 1.0, "sharp", "blurred"),
+        (1.0, "DEGENERATE", "out of focus", 3.0, "", "out of focus"),  # which is never sharp
+        (1.0, "DEGENERATE", "sharp", 2.1, "", "out of focus"),
+        (1.0, "DEGENERATE", "camera at rest", 1.0, "", "sharp"),
+        (9.0, "DEGENERATE", "out of focus and moved", 4.0, "", "out of focus"),
+        (1.0, "DEGENERATE", "cannot tell", None, "", "unclear"),
     ],
 )
-def test_what_is_out_of_focus_is_never_sharp(
-    blur: str, defocus_px: float | None, smear_px: float, use: str
+def test_use_follows_smear_focus_and_geometry(
+    smear_px: float | None, verdict: str, blur: str, defocus_px: float | None, before: str, use: str
 ) -> None:
-    row = Row(verdict="DEGENERATE", blur=blur, defocus_px=defocus_px, smear_px=smear_px)
-    assert use_of(row, smear_px, 3.0, 2.0).name == use
+    row = Row(verdict=verdict, smear_px=smear_px, defocus_px=defocus_px, blur=blur)
+    assert use_of(row, smear_px, 3.0, 2.0, before)[0] == use
+    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before) == ("", "")
 
 
 @pytest.mark.parametrize(
@@ -166,13 +160,6 @@ def test_what_no_list_holds_is_not_counted_as_kept(frames: Path, call: Call, tmp
     assert done == 1 and "a\\nb.png: has a line break" in done.line
     assert (tmp_path / "keep.txt").read_text() == "c d.png\nstill.png\n"
     assert "; 2 kept; wrote" in done.out
-
-
-@pytest.mark.skipif(not Path("/proc/kmsg").exists(), reason="Linux alone has such files")
-def test_a_list_that_would_be_waited_for_is_refused(call: Call, moving: Path, tmp_path: Path) -> None:
-    (tmp_path / "keep.txt").symlink_to("/proc/kmsg")
-    done = call("triage", moving, "--keep", tmp_path / "keep.txt")
-    assert done == 1 and "is no list of an earlier call" in done.err
 
 
 @pytest.mark.slow

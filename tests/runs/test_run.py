@@ -2,98 +2,88 @@
 
 import os
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from blur2view.errors import ImageError
-from blur2view.results.table import Row
-from blur2view.runs.job import Job, Outcome, Result, Work
+from blur2view.photographs.video import frame_path
+from blur2view.runs.job import Job, Outcome, neighbours_of
 from blur2view.runs.processes import Engine, in_processes, in_this_process, processes
 from blur2view.runs.run import outcomes
 from tests.support.many_photographs import announcing, write_video
 
 
-@dataclass(frozen=True, kw_only=True)
-class Number:
-    """What is kept of a photograph."""
-
-    process: int
-    length: int
-
-
-@dataclass(frozen=True, kw_only=True)
-class CountWork(Work[float, Number]):
+class CountWork:
     """Counts the bytes of a file; the first take longest, and a word in the file makes it fail or die."""
 
-    def __call__(self, job: Job[float]) -> Result[Number]:
-        """Return the number of bytes."""
+    def __call__(self, job: Job) -> Outcome:
+        """Return the process and the number of bytes."""
         content = job.encoded
         time.sleep(job.target)
         if content == b"fail":
             raise ImageError(f"{job.path}: fails")
         if content == b"die":
             os._exit(9)
-        return Result(
-            payload=Number(process=os.getpid(), length=len(content)), summary=str(job.path), row=Row()
-        )
+        return Outcome(payload=(os.getpid(), len(content)), summary=str(job.path))
 
 
-def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0) -> list[Outcome[Number]]:
+def results(engine: Engine, folder: Path, words: list[str], pause_s: float = 0.0) -> list[Outcome]:
     """Return the outcomes of files that hold these words, which come in the order of the files."""
     for index, word in enumerate(words):
         (folder / f"{index}.txt").write_text(word)
-    pauses = [pause_s * (len(words) - index) for index in range(len(words))]
     jobs = [
-        Job(index=index, path=folder / f"{index}.txt", target=pause) for index, pause in enumerate(pauses)
+        Job(index=index, path=folder / f"{index}.txt", target=pause_s * (len(words) - index))
+        for index in range(len(words))
     ]
     found = list(outcomes(CountWork(), jobs, engine))
     assert [job.index for job, _ in found] == list(range(len(words)))
     return [outcome for _, outcome in found]
 
 
+def lengths(found: list[Outcome]) -> list[int | None]:
+    """Return the numbers of bytes, None of what failed."""
+    return [None if one.error else one.payload[1] for one in found]
+
+
 def test_one_process_is_this_one(tmp_path: Path) -> None:
     assert processes(1) is in_this_process
     found = results(processes(1), tmp_path, ["a", "fail", "ccc"])
-    assert [(one.result and one.result.payload.length, one.error) for one in found] == [
-        (1, ""), (None, f"{tmp_path / '1.txt'}: fails"), (3, "")
-    ]  # fmt: skip
-    assert found[0].result is not None and found[0].result.payload.process == os.getpid()
+    assert lengths(found) == [1, None, 3] and found[1].error == f"{tmp_path / '1.txt'}: fails"
+    assert found[0].payload[0] == os.getpid()
 
 
 @pytest.mark.slow
 def test_results_of_several_processes_come_in_order(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "fail", "dddd", "eeeee"], pause_s=0.05)
-    assert [one.result and one.result.payload.length for one in found] == [1, 2, None, 4, 5]
-    others = {one.result.payload.process for one in found if one.result is not None}
+    assert lengths(found) == [1, 2, None, 4, 5]
+    others = {one.payload[0] for one in found if not one.error}
     assert len(others) == 2 and os.getpid() not in others
 
 
 @pytest.mark.slow
 def test_process_that_dies_costs_the_photograph_that_killed_it(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "die", "dddd", "eeeee", "ffffff"])
-    assert [one.result and one.result.payload.length for one in found] == [1, 2, None, 4, 5, 6]
+    assert lengths(found) == [1, 2, None, 4, 5, 6]
     assert "2.txt: the process that read it died" in found[2].error
 
 
 @pytest.mark.slow
 def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("a")
-    jobs: list[Job[float]] = [Job(index=n, path=tmp_path / "a.txt", target=0.01) for n in range(50)]
+    jobs = [Job(index=n, path=tmp_path / "a.txt", target=0.01) for n in range(50)]
     running = in_processes(CountWork(), iter(jobs), count=2)
     _, outcome = next(running)
     running.close()
-    assert outcome.result is not None
     with pytest.raises(ProcessLookupError):
-        os.kill(outcome.result.payload.process, 0)
+        os.kill(outcome.payload[0], 0)
 
 
 def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
     taken = 0
 
-    def jobs() -> Iterator[Job[float]]:
+    def jobs() -> Iterator[Job]:
         nonlocal taken
         for index in range(9):
             taken += 1
@@ -114,5 +104,25 @@ def test_frames_that_a_video_only_announces_are_left_out(
     jobs = [Job(index=index, path=video / f"{number:06d}", target=0.0) for index, number in numbers]
     found = list(outcomes(CountWork(), jobs, in_this_process))
     assert [job.index for job, _ in found] == [0, 1, 4]
-    assert all(one.result is not None and one.result.payload.length > 64 * 80 * 3 for _, one in found[:2])
+    assert all(one.payload[1] > 64 * 80 * 3 for _, one in found[:2])
     assert "has 15 frames, none of number 15" in found[2][1].error
+
+
+def _beside(paths: Sequence[Path], sequence: bool | None) -> list[list[tuple[int, Path]]]:
+    """Return the steps to the neighbours of each photograph, and where they are."""
+    return [[(one.steps, one.path) for one in found] for found in neighbours_of(paths, sequence).values()]
+
+
+def test_neighbours_are_named_beside_a_photograph_and_lie_in_its_folder() -> None:
+    first, second, elsewhere = paths = [Path("a/1.png"), Path("a/2.png"), Path("b/1.png")]
+    assert _beside(paths, True) == [[(1, second)], [(-1, first)], []]
+    assert _beside([elsewhere, first, second], True) == [[], [(1, second)], [(-1, first)]]
+    assert _beside(paths, None) == [[], [], []]
+
+
+def test_frames_have_neighbours_unless_they_are_refused(tmp_path: Path) -> None:
+    video = tmp_path / "walk.mp4"
+    video.touch()
+    first, second, third = paths = [frame_path(video, index) for index in range(3)]
+    assert _beside(paths[:2], None) == [[(1, second)], [(-1, first), (1, third)]]
+    assert _beside(paths[:2], False) == [[], []]

@@ -29,10 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.cli.outputs import ESTIMATE, result_contents
-from blur2view.output_files import ResultFiles, write_files
+from blur2view.cli.outputs import estimate_contents
+from blur2view.output_files import write_files
 from blur2view.pipeline import Run, estimate, estimate_file
-from blur2view.results.estimate import EstimateDocument
 from blur2view.smears.selection import SelectOptions, select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
@@ -50,8 +49,8 @@ FRAMES = 24
 STEPS = {
     "Python": "",
     "Python and NumPy": "import numpy",
-    "imports of the command": "import blur2view.cli.estimate",
-    "the network, loaded": "import blur2view.cli.estimate; blur2view.SmearNetwork()",
+    "imports of the command": "import blur2view.cli.outputs",
+    "the network, loaded": "import blur2view.cli.outputs; blur2view.SmearNetwork()",
 }
 """What a process does before it reads a photograph; each has those before it."""
 LAUNCHER = """
@@ -103,7 +102,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     one = estimate_file(photo, network, Run(select=SelectOptions(), options=EstimatorOptions(), seed=0))
     image, found = one.image, one.estimate
     grid, matches = found.grid, found.matches
-    files = ResultFiles(folder=folder, stem="stages", endings=ESTIMATE)
+    names = folder / "stages.smear.npz", folder / "stages.png"
 
     def whole() -> None:
         with redirect_stdout(StringIO()):
@@ -115,7 +114,7 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
         "matches": timed(lambda: select_matches(grid), repeats),
         "solve": timed(lambda: estimate_two_view(matches, rng=np.random.default_rng(0)), repeats),
         "draw and write": timed(
-            lambda: write_files(result_contents(files, EstimateDocument.of(one), one)), repeats
+            lambda: write_files(dict(zip(names, estimate_contents(one), strict=True))), repeats
         ),
         "motion mask": timed(lambda: blur2view.segment(found, image), repeats),
         "decode to F": timed(lambda: estimate(blur2view.read_image(photo), network=network), repeats),

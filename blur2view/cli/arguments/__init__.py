@@ -1,1 +1,1 @@
-"""What the user may ask of each command: options and ``--help``, built without importing what takes time."""
+"""What the user may ask of each command, and what it does: one file each, that imports late."""

@@ -1,13 +1,19 @@
-"""``blur2view estimate``: its options and its help."""
+"""``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
+import os
+import shlex
+import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from blur2view.cli.arguments.help_text import MANIFEST, Rows
-from blur2view.cli.arguments.option import option
-from blur2view.cli.arguments.shared import FolderOptions
-from blur2view.results.estimate import EstimateDocument, EstimatesDocument
+from blur2view.cli.arguments.option import Rows, option
+from blur2view.cli.arguments.shared import MANIFEST, FolderOptions
+from blur2view.results.estimate import EstimateDocument
+
+if TYPE_CHECKING:
+    from blur2view.runs.job import Job, Outcome
 
 CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
@@ -33,19 +39,15 @@ FILES = """
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
     uncertainty (sigma)
 """
+ALL = """
+estimates: (list) One document per photograph.
+failures: (list) Photographs that failed: image, error.
+"""
+MOST_NAMED = 3  # inputs that the next command repeats; of more it names the folders
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateSettings:
-    """Those on which the files of a photograph depend."""
-
-    full_field: bool = option(False, rare=True)
-    """write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 bytes a
-    pixel"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimateOptions(EstimateSettings, FolderOptions):
+class EstimateOptions(FolderOptions):
     """The options of ``blur2view estimate``.
 
     Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the
@@ -56,13 +58,19 @@ class EstimateOptions(EstimateSettings, FolderOptions):
     """
 
     command = "estimate"
+    listed = "estimates"
+    endings = (".smear.npz", ".png", ".json")
+
     output: Path | None = option(None, "DIR", names="-o --output")
     "write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below"
+    full_field: bool = option(False, rare=True, result=True)
+    """write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 bytes a
+    pixel"""
 
     tables: ClassVar[dict[str, Rows]] = {
         "configurations, in COLMAP's names": CONFIGURATIONS,
         "files of -o": FILES + MANIFEST,
-        "JSON document of --json": EstimatesDocument,
+        "JSON document of --json": ALL,
         "JSON document of a photograph": EstimateDocument,
     }
     examples = (
@@ -72,3 +80,37 @@ class EstimateOptions(EstimateSettings, FolderOptions):
         "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv --jsonl | head",
         'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
     )
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return the document, the summary and the files of one photograph."""
+        from blur2view.cli.outputs import estimate_contents, with_files
+        from blur2view.cli.summary import estimate_summary
+        from blur2view.cli.work import estimated
+        from blur2view.networks.smear_network import Detail
+
+        one = estimated(self, job, detail=Detail.PIXELS if self.full_field else Detail.GEOMETRY)
+        document = EstimateDocument.of(one)
+        summary = estimate_summary(document, one.estimate, job.files, self.verbosity) if self.prints else ""
+        contents = partial(estimate_contents, one, full_field=self.full_field)
+        return with_files(job, one, document, summary, contents)
+
+    def execute(self) -> int:
+        """Return the exit code, after estimating every photograph; tell a person what may be of use next."""
+        from blur2view.cli.outputs import run_with_files
+
+        code = run_with_files(self)
+        if code == 0 and self.prints and sys.stdout.isatty():
+            print(f"next: {self._next()}")
+        return code
+
+    def _next(self) -> str:
+        """Return the command that may be of use next: which frames to keep, or a page to look at."""
+        named, paths = self.images, self.inputs.paths
+        if len(named) > MOST_NAMED:
+            named = sorted({os.path.dirname(path) or os.curdir for path in paths})
+        command, more = "report", ["-o", "report.html"]
+        if self.inputs.one_video:
+            command, more = "triage", ["--every-best", "6", "--extract", "best"]
+        elif len(paths) > 1:
+            command, more = "triage", ["--csv", "table.csv"]
+        return shlex.join(["blur2view", command, *named, *more])

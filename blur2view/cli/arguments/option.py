@@ -2,24 +2,22 @@
 
 The parser, both helps, the completion of a shell, the errors and what a command reads come from that field. A
 command has its own options and those of its base classes; one that it declares anew without `option` is not
-offered. Those that the work on a photograph needs, too, stand in a class ``...Settings``, which options and
-work both inherit.
+offered.
 """
 
-import ast
-import inspect
-import textwrap
 from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
-from itertools import pairwise
+from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
-from blur2view.cli.arguments.help_text import Rows
 from blur2view.cli.arguments.values import file_path, positive
 from blur2view.cli.terminal import QUIET, SHORT, VERBOSE
+from blur2view.results.document import Document, explained
 
+Rows = str | type[Document] | Mapping[str, str]
+"""A table of the help: lines as "name: explanation", further ones indented, or a document's keys."""
 INPUT, OUTPUT, VIEWS = "input", "output", "views"
 MANY, CAMERA, ESTIMATION = "many photographs", "camera", "estimation"
 GROUPS = {
@@ -47,6 +45,7 @@ def option(
     names: str = "",
     either: str = "",
     convert: Callable[[str], Any] | None = None,
+    result: bool = False,
     **shown: Any,
 ) -> Any:
     """Return the field of an option, which the text below it explains.
@@ -54,11 +53,14 @@ def option(
     It is called ``names``, by default --NAME, a flag that is true without it --no-NAME, and one that may also
     be None both, one of None or words may be repeated; what has neither a default (`MISSING`) nor names is an
     argument. Options with one word of ``either`` exclude each other; ``convert`` is by default that of
-    `CONVERT`. ``shown`` are attributes of argparse, as choices; ``rare``, if --help-all alone has the option;
-    and what the text has, as %(cutoff)s.
+    `CONVERT`. With ``result`` what is made of a photograph depends on it: --resume does that again where it
+    has changed. ``shown`` are attributes of argparse, as choices; ``rare``, if --help-all alone has the
+    option; and what the text has, as %(cutoff)s.
     """
     metadata = {"group": group, "names": names.split(), "either": either, "convert": convert}
-    return field(default=default, metadata={**metadata, "shown": {"metavar": metavar, **shown}})
+    return field(
+        default=default, metadata=metadata | {"result": result, "shown": {"metavar": metavar, **shown}}
+    )
 
 
 def refused() -> Any:
@@ -87,17 +89,16 @@ class Options:
         """How much is printed: `QUIET`, `SHORT` or `VERBOSE`."""
         return VERBOSE if self.verbose else QUIET if self.quiet else SHORT
 
+    def execute(self) -> int:
+        """Return the exit code of the command, after running it; what it needs is imported only now."""
+        command = import_module(f"blur2view.cli.{self.command.replace('-', '_')}")
+        return int(command.run(self))
+
 
 def texts(kind: type) -> dict[str, str]:
     """Return what stands below the fields of a class and its bases, by their names."""
-    found = {}
-    for base in reversed(kind.__mro__[:-1]):
-        (definition,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        for above, below in pairwise(definition.body):  # type: ignore[attr-defined]
-            match above, below:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                    found[name] = " ".join(text.split())
-    return found
+    above = reversed(kind.__mro__[:-1])
+    return {list(types)[-1]: text for base in above for types, text in explained(base)}
 
 
 def declared(kind: type[Options]) -> list[Field[Any]]:

@@ -3,15 +3,22 @@
 import argparse
 import copy
 import re
+import shutil
 from importlib import import_module
 from typing import Any, NoReturn
 
-from blur2view.cli.arguments.help_text import EXIT_CODES, Layout, add_table
-from blur2view.cli.arguments.option import Options, add_options, declared, refusals
+from blur2view.cli.arguments.option import Options, Rows, add_options, declared, refusals
 from blur2view.cli.arguments.values import file_path
 from blur2view.cli.terminal import printable
 from blur2view.errors import CameraError
 
+EXIT_CODES = """
+0: done; a photograph without F is a result, with its reason
+1: something failed: one line on stderr each, other photographs are done all the same
+2: wrong usage
+130: interrupted by Ctrl-C: what is done is kept, --resume goes on
+141: what read the output wants no more of it, as head does; the rest is not done
+"""
 MESSAGES = {
     r"^argument -(\w)/.*: ignored explicit argument '([a-z]+)'": r"-\1\2 has one dash; did you mean --\1\2?",
     "^argument ": "",
@@ -24,6 +31,28 @@ MESSAGES = {
     "invalid choice: (.*) \\(choose from (.*)\\)": r"expected one of \2, got \1",
 }
 """What argparse says, and what we do."""
+
+
+class Layout(argparse.HelpFormatter):
+    """As argparse has it, no wider than is read with ease; a text of several lines keeps them."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=min(max(shutil.get_terminal_size().columns, 60), 110) - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
+
+
+def add_table(parser: Any, title: str, rows: Rows) -> None:
+    """Add a titled list to what the help shows below the options: of a text, or of a document its keys.
+
+    A text has lines as "name: explanation", of which further ones are indented.
+    """
+    if isinstance(rows, str):
+        rows = dict(line.split(": ", 1) for line in re.sub(r"\n +", " ", rows).splitlines() if line)
+    group = parser.add_argument_group(title)
+    for name, text in rows.explanations() if isinstance(rows, type) else rows.items():
+        group._group_actions.append(argparse.Action([], "", metavar=name, help=text.replace("%", "%%")))
 
 
 class CommandParser(argparse.ArgumentParser):

@@ -1,13 +1,22 @@
-"""``blur2view report``: its options and its help."""
+"""``blur2view report``: one page that shows the result of every photograph; its options, help and work."""
 
+import re
+import time
 from argparse import SUPPRESS
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import option, refused
+from blur2view import __version__
+from blur2view.cli.arguments.option import Rows, option, refused
 from blur2view.cli.arguments.shared import PhotographOptions
+from blur2view.cli.terminal import QUIET, SHORT, printable
+from blur2view.errors import OutputError
+from blur2view.output_files import below_shared_folder, check_file, writable_folders, write_files, writing
+
+if TYPE_CHECKING:
+    from blur2view.runs.job import Job, Outcome
 
 CONTROLS = """
 click or tap: a smear: its ends and, where there is no H, both epipolar lines
@@ -22,18 +31,11 @@ epipole: where epipolar lines meet: the camera moved towards it or from it
 P(moves): probability that a pixel moves by itself, of the motion mask
 uncertainty: standard deviation (sigma) of a smear that the network predicts, pixels
 """
+FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportSettings:
-    """Those on which the entry of a photograph depends."""
-
-    mask: bool = option(True)
-    "without the motion mask: faster"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions(ReportSettings, PhotographOptions):
+class ReportOptions(PhotographOptions):
     """The options of ``blur2view report``.
 
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
@@ -46,6 +48,8 @@ class ReportOptions(ReportSettings, PhotographOptions):
     command = "report"
     output: Path = option(Path("report.html"), "HTML", names="-o --output")
     "the page (default: %(default)s); one of an earlier call is replaced, unless all fail"
+    mask: bool = option(True)
+    "without the motion mask: faster"
     overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
     resume: bool = refused()
     "a page is drawn anew, from the photographs"
@@ -60,3 +64,62 @@ class ReportOptions(ReportSettings, PhotographOptions):
         "blur2view report clip.mp4 --every 10 -o report.html",
         "blur2view report a.jpg --focal 525 --no-mask",
     )
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return the entry of one photograph, by the name that the page shows."""
+        import numpy as np
+
+        from blur2view.cli.summary import verdict_line
+        from blur2view.cli.work import estimated, outcome_of
+        from blur2view.results.report import Entry
+        from blur2view.results.verdicts import verdict_of
+        from blur2view.segmentation.mask import segment
+
+        one, mask = estimated(self, job), None
+        start = time.perf_counter()
+        if self.mask:
+            mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
+        mask_s = time.perf_counter() - start if self.mask else None
+        summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry)
+        summary += f"\n  {one.estimate.geometry.reason}" * (self.verbosity > SHORT)
+        return outcome_of(one, Entry.of(replace(one, path=Path(job.target)), mask, mask_s), summary)
+
+    def execute(self) -> int:
+        """Return the exit code, after estimating every photograph and writing the page.
+
+        A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted
+        run leaves a page of what is done.
+        """
+        from blur2view.cli.run import End, jobs_of, open_manifest, run_over
+        from blur2view.results.report import Entry, report
+
+        page, shown = self.output, shown_names(self.inputs.paths)
+        check_file(page, "page", self.inputs.paths)
+        with writable_folders(page.parent), open_manifest(self, None, [page]):
+            jobs = [replace(job, target=shown[job.path]) for job in jobs_of(self)]
+            finished = run_over(self, jobs, None)
+            entries = [
+                one.payload or Entry.failed(shown[path], without_folders(one.error, path, shown[path]))
+                for path, one in finished.outcomes
+                if not self.inputs.is_folder(path)
+            ]
+            if finished.end is not End.BROKEN and any(entry.content for entry in entries):
+                content = report(entries, __version__)
+                with writing(page.parent):
+                    write_files({page: content})
+                if self.verbosity > QUIET:
+                    print(f"wrote {printable(str(page))} ({len(content) / 1e6:.2f} MB)")
+            elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
+                raise OutputError(f"{page}: is not written, as every photograph failed; name others")
+        return finished.exit_code
+
+
+def shown_names(images: Sequence[Path]) -> dict[Path, str]:
+    """Return names without the folders that all photographs share: a report is made to be sent."""
+    below = zip(images, below_shared_folder(images), strict=True)
+    return {image: path.name if ".." in path.parts else str(path) for image, path in below}
+
+
+def without_folders(error: str, path: Path, name: str) -> str:
+    """Return the line of a photograph that failed, in which it has this name, without absolute paths."""
+    return FOLDERS.sub("", error.replace(str(path), name))

@@ -1,18 +1,20 @@
-"""``blur2view segment``: its options and its help."""
+"""``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
 import os
+import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from blur2view.cli.arguments.help_text import MANIFEST, Rows
-from blur2view.cli.arguments.option import option, refused
-from blur2view.cli.arguments.shared import FolderOptions
+from blur2view.cli.arguments.option import Rows, option, refused
+from blur2view.cli.arguments.shared import MANIFEST, FolderOptions
 from blur2view.cli.arguments.values import probability
 from blur2view.movers.parts import THRESHOLD
-from blur2view.results.masks import MaskDocument, MasksDocument
+from blur2view.results.masks import MaskDocument
 
-MASKS = ("colmap", "nerfstudio", "instant-ngp")
+if TYPE_CHECKING:
+    from blur2view.runs.job import Job, Outcome
+
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
     or its smear is not read)
@@ -21,25 +23,16 @@ FILES = """
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last
 """
+MASKS = ("colmap", "nerfstudio", "instant-ngp")
+ALL = """
+masks: (list) One document per photograph.
+failures: (list) Photographs that failed: image, error.
+"""
+FOLDER = Path("masks")  # below -o, of masks for another program
 
 
 @dataclass(frozen=True, kw_only=True)
-class SegmentSettings:
-    """Those on which the files of a photograph depend."""
-
-    threshold: float = option(THRESHOLD, "P", convert=probability)
-    """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
-    what moves, and marks more of what stands still"""
-    masks: list[str] | None = option(None, choices=MASKS)
-    """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
-    pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
-    to-transforms --masks DIR puts them where these trainers look)"""
-    unobservable: str = option("keep", choices=("keep", "ignore"), rare=True)
-    "what --masks makes of unobservable pixels (default: keep)"
-
-
-@dataclass(frozen=True, kw_only=True)
-class SegmentOptions(SegmentSettings, FolderOptions):
+class SegmentOptions(FolderOptions):
     """The options of ``blur2view segment``.
 
     Segment what moves by itself from what the camera's motion explains. The camera's motion is one smooth
@@ -50,8 +43,20 @@ class SegmentOptions(SegmentSettings, FolderOptions):
     """
 
     command = "segment"
+    listed = "masks"
+    endings = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
+
     output: Path | None = option(None, "DIR", names="-o --output")
     "write DIR/<stem>.mask.png, .moving.png, .motion.png and .motion.json, see below"
+    threshold: float = option(THRESHOLD, "P", convert=probability, result=True)
+    """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
+    what moves, and marks more of what stands still"""
+    masks: list[str] | None = option(None, choices=MASKS, result=True)
+    """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
+    pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
+    to-transforms --masks DIR puts them where these trainers look)"""
+    unobservable: str = option("keep", choices=("keep", "ignore"), rare=True, result=True)
+    "what --masks makes of unobservable pixels (default: keep)"
     sequence: bool | None = False
     exposure: float | None = None
     readout: float | None = refused()
@@ -61,7 +66,7 @@ class SegmentOptions(SegmentSettings, FolderOptions):
 
     tables: ClassVar[dict[str, Rows]] = {
         "files of -o": FILES + MANIFEST,
-        "JSON document of --json": MasksDocument,
+        "JSON document of --json": ALL,
         "JSON document of a photograph": MaskDocument,
     }
     examples = (
@@ -78,3 +83,42 @@ class SegmentOptions(SegmentSettings, FolderOptions):
         if self.masks is None:
             object.__setattr__(self, "unobservable", "keep")  # what has no effect is no other setting
         super().__post_init__()
+
+    def beside(self, photograph: Path) -> tuple[Path, ...]:
+        """Return the masks for programs of a photograph of this name, below the folder."""
+        from blur2view.segmentation.formats import MaskFormat
+
+        return tuple(FOLDER / MaskFormat(name).path(photograph) for name in dict.fromkeys(self.masks or ()))
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return the document, the summary and the files of one photograph."""
+        import numpy as np
+
+        from blur2view.cli.outputs import png, with_files
+        from blur2view.cli.summary import mask_summary
+        from blur2view.cli.work import estimated
+        from blur2view.results.estimate import EstimateDocument
+        from blur2view.results.mask_overlay import draw_motion
+        from blur2view.segmentation.formats import GREY, MaskFormat
+        from blur2view.segmentation.mask import segment
+
+        one = estimated(self, job)
+        start = time.perf_counter()
+        rng = np.random.default_rng(self.run.seed)
+        mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
+        document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
+        summary = mask_summary(document, mask, job.files, self.verbosity) if self.prints else ""
+
+        def contents() -> list[bytes]:
+            ignore, formats = self.unobservable == "ignore", map(MaskFormat, dict.fromkeys(self.masks or ()))
+            masks = [format_.picture(mask.labels, ignore_unobservable=ignore) for format_ in formats]
+            levels = np.round(255 * mask.probability).astype(np.uint8)
+            return list(map(png, (*masks, GREY[mask.labels], levels, draw_motion(one.image, mask))))
+
+        return with_files(job, one, document, summary, contents)
+
+    def execute(self) -> int:
+        """Return the exit code, after segmenting every photograph."""
+        from blur2view.cli.outputs import run_with_files
+
+        return run_with_files(self)

@@ -1,10 +1,11 @@
 """The options that the commands over photographs share."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import CAMERA, ESTIMATION, INPUT, MANY, Options, option
@@ -16,19 +17,26 @@ from blur2view.two_view.options import EstimatorOptions
 if TYPE_CHECKING:
     from blur2view.photographs.inputs import Inputs
     from blur2view.pipeline import Run
+    from blur2view.runs.job import Job, Outcome
 
 RESULTS = (".json", ".jsonl", ".csv", ".png", ".jpg", ".npz")  # suffixes of files, not of folders
+MANIFEST = """
+.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
+    with
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions(Options):
-    """The options of all commands that estimate.
+    """The options of all commands that estimate, which go to the processes that do the work.
 
-    ``inputs`` are the photographs, ``run`` is how each is estimated.
+    ``inputs`` are the photographs, which stay here; ``run`` is how each is estimated, ``digest`` the SHA-256
+    of the network's file.
     """
 
     run: "Run" = field(init=False)
     inputs: "Inputs" = field(init=False)
+    digest: str = field(init=False)
 
     images: list[str] = option(MISSING, "INPUT", group=INPUT)
     """photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard input; JPEG,
@@ -54,7 +62,7 @@ class PhotographOptions(Options):
     timestamps: Path | None = option(None, "TABLE", rare=True)
     """times of the photographs: a table that names each in one column and has its time in another, as
     EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as 1403636579.763.png)"""
-    timings: bool = option(True, rare=True)
+    timings: bool = option(True, rare=True, result=True)
     "without timings: equal calls give equal bytes"
     csv: Path | None = option(None, "FILE")
     "write a table with a row for each photograph; blur2view triage --help-all names its columns"
@@ -75,71 +83,79 @@ class PhotographOptions(Options):
     max_failures: int | None = option(None, "N", group=MANY, rare=True)
     "stop when as many photographs have failed"
 
-    focal: float | None = option(None, "PX", group=CAMERA, convert=values.pixels)
+    focal: float | None = option(None, "PX", group=CAMERA, convert=values.pixels, result=True)
     "focal length in pixels; the principal point is the photograph's centre"
-    camera: str | None = option(None, "CAMERA", group=CAMERA)
+    camera: str | None = option(None, "CAMERA", group=CAMERA, result=True)
     """instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for example
     "SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR, one of another size is scaled), a
     COLMAP database as "project.db" (the camera of the image of this name) or "project.db:ID", or "exif" to
     take the focal length of EXIF for true"""
-    exposure: float | None = option(None, "S", group=CAMERA, convert=values.exposure)
+    exposure: float | None = option(None, "S", group=CAMERA, convert=values.exposure, result=True)
     """exposure time in seconds, as 0.04, 1/25 or 40ms, with --focal or --camera: the angular velocity is the
     rotation over it (default: that of EXIF)"""
-    readout: float | None = option(None, "S", group=CAMERA, convert=values.seconds, rare=True)
+    readout: float | None = option(None, "S", group=CAMERA, convert=values.seconds, rare=True, result=True)
     """of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the first row to
     that of the last one; rows are those of the file as stored. A point that moves with the rows is seen for
     longer, so the motion differs with the order in time: one is given, of both that which has less parallax,
     the other is backward in the JSON document"""
 
-    gyroscope: bool = option(False, group=CAMERA, rare=True)
+    gyroscope: bool = option(False, group=CAMERA, rare=True, result=True)
     """with --focal or --camera: give rates the sign that a gyroscope along the camera's axes shows, which is
     the negative of the scene's"""
 
     beta: float = option(
-        SelectOptions.beta, "SHARE", group=ESTIMATION, rare=True, max_matches=SelectOptions.max_matches
+        SelectOptions.beta,
+        "SHARE",
+        group=ESTIMATION,
+        rare=True,
+        max_matches=SelectOptions.max_matches,
+        result=True,
     )
     """share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be used, the most
     certain ones; at most %(max_matches)s of them, spread evenly, are (default: %(default)s)"""
-    max_error: float = option(EstimatorOptions.max_error_px, "PX", group=ESTIMATION, rare=True)
+    max_error: float = option(EstimatorOptions.max_error_px, "PX", group=ESTIMATION, rare=True, result=True)
     """a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the better of
     both orders, is below a tenth of its length and below this many pixels, or below two of its own
     standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)"""
-    seed: int = option(0, "N", group=ESTIMATION, convert=values.seed, rare=True)
+    seed: int = option(0, "N", group=ESTIMATION, convert=values.seed, rare=True, result=True)
     "of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)"
     max_memory: float = option(MAX_MEMORY_GIB, "GIB", group=ESTIMATION, rare=True)
     """refuse photographs whose estimate takes more memory of its process, of which --jobs starts many; masks
     take up to half as much again (default: %(default)s, enough for 32 megapixels, with masks for 24)"""
     model: str | None = option(None, "ONNX", group=ESTIMATION, rare=True)
     "a smear network, written by tools/training/export_reader.py (default: the shipped one)"
-    provider: str | None = option(None, "NAME", group=ESTIMATION, rare=True)
+    provider: str | None = option(None, "NAME", group=ESTIMATION, rare=True, result=True)
     """let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has, for example
     onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "run", self._run())
-        object.__setattr__(self, "inputs", self._inputs())
+        from blur2view.networks.model_file import model_path
+        from blur2view.photographs.inputs import list_photographs
+        from blur2view.photographs.video import frame_numbers
+        from blur2view.runs.job import file_digest
+
+        frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
+        stdin, model = None if sys.stdin is None else sys.stdin.buffer, model_path(self.model)
+        inputs = list_photographs(self.images, recursive=self.recursive, frames=frames, stdin=stdin)
+        digest = file_digest(model) if model.is_file() else ""
+        for name, value in (("run", self._run()), ("inputs", inputs), ("digest", digest)):
+            object.__setattr__(self, name, value)
         if self.dask is not None and callable(self.run.intrinsics.camera):
             raise ValueError(
                 "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
             )
 
-    @property
-    def prints_documents(self) -> bool:
-        """Whether documents are printed instead of lines."""
-        return self.json or self.jsonl
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"images": [], "inputs": None}
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return what is made of one photograph, in whichever process; Blur2ViewError where it fails."""
+        raise NotImplementedError
 
     @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
-        return not self.prints_documents and self.verbosity > QUIET
-
-    def _inputs(self) -> "Inputs":
-        from blur2view.photographs.inputs import list_photographs
-        from blur2view.photographs.video import frame_numbers
-
-        frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
-        stdin = None if sys.stdin is None else sys.stdin.buffer
-        return list_photographs(self.images, recursive=self.recursive, frames=frames, stdin=stdin)
+        return not self.json and not self.jsonl and self.verbosity > QUIET
 
     def _run(self) -> "Run":
         from blur2view.camera.intrinsics import Intrinsics
@@ -172,6 +188,9 @@ class PhotographOptions(Options):
 class FolderOptions(PhotographOptions):
     """Those of a command that writes files of each photograph into a folder, if one is named."""
 
+    listed: ClassVar[str]  # what the documents are called in the one that --json prints
+    endings: ClassVar[Sequence[str]]  # of a photograph's files, behind its stem, in the order of writing
+
     output: Path | None
     overwrite: bool = option(False, rare=True)
     "replace results of other photographs, too (those of an earlier call of the same are anyway)"
@@ -192,3 +211,7 @@ class FolderOptions(PhotographOptions):
         if self.resume and self.output is None:
             raise ValueError("--resume goes on with results in a folder; name it with -o")
         super().__post_init__()
+
+    def beside(self, photograph: Path) -> tuple[Path, ...]:
+        """Return further files of a photograph of this name, below the folder, which are written first."""
+        return ()

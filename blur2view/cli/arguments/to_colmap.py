@@ -1,13 +1,16 @@
 """``blur2view to-colmap``: its options and its help."""
 
 from dataclasses import MISSING, dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import VIEWS, option, refused
+from blur2view.cli.arguments.option import VIEWS, Rows, option, refused
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
+
+if TYPE_CHECKING:
+    from blur2view.runs.job import Job, Outcome
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -34,19 +37,7 @@ order in time: one photograph does not show which view came first; neighbours in
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToColmapSettings:
-    """Those on which the views of a photograph depend."""
-
-    db: Path = option(MISSING, "DB", names="--db")
-    "the database: a new one, or with --link yours"
-    link: bool = option(False)
-    "add to a database that holds the photographs and their features"
-    skip_movers: bool = option(False, group=VIEWS, rare=True)
-    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ToColmapOptions(ToColmapSettings, PhotographOptions):
+class ToColmapOptions(PhotographOptions):
     """The options of ``blur2view to-colmap``.
 
     Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
@@ -68,10 +59,16 @@ class ToColmapOptions(ToColmapSettings, PhotographOptions):
     "estimate, say what would be written, and write nothing"
     json: bool = option(False)
     "print one JSON document instead of the summaries, see below"
+    db: Path = option(MISSING, "DB", names="--db")
+    "the database: a new one, or with --link yours"
+    link: bool = option(False, result=True)
+    "add to a database that holds the photographs and their features"
     sequence: bool | None = option(None, group=VIEWS)
     """the photographs are a video in this order, whatever they are called: neighbours show which view came
     first. Without it those do that lie in one folder and whose names differ by one in their number, which is
     as good where no frame is left out; with --no-sequence nothing is concluded from neighbours"""
+    skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
+    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
     timings: bool = True
     timestamps: Path | None = None
     gyroscope: bool = False
@@ -107,3 +104,8 @@ class ToColmapOptions(ToColmapSettings, PhotographOptions):
     def in_order(self) -> bool | None:
         """Whether neighbours show which view came first; None: those whose names say so."""
         return True if self.sequence is None and self.inputs.one_video else self.sequence
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return the views of one photograph."""
+        outcome: Outcome = import_module("blur2view.cli.views").views_outcome(self, job)  # which imports this
+        return outcome

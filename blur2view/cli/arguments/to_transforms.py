@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from blur2view.cli.arguments import values
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import INPUT, Options, option
+from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.colmap import DIALECTS, GSPLAT
 
 KEYS = """

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from blur2view.cli.arguments.help_text import Rows
-from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import Amount, best, metres, radius, smear
 from blur2view.results.table import Row
+
+if TYPE_CHECKING:
+    from blur2view.runs.job import Job, Outcome
 
 MAX_SMEAR = Amount(number=3.0)
 """Longest median smear, pixels, of a photograph that is called sharp: at most this, half of the SIFT features
@@ -125,3 +127,12 @@ class TriageOptions(PhotographOptions):
     def selects(self) -> bool:
         """Whether photographs are kept by their order of blur, whatever they are of use for."""
         return self.best is not None or self.every_best is not None
+
+    def __call__(self, job: "Job") -> "Outcome":
+        """Return the row of one photograph."""
+        from blur2view.cli.work import estimated, outcome_of
+        from blur2view.networks.smear_network import Detail
+        from blur2view.results.verdicts import verdict_of
+
+        one = estimated(self, job, detail=Detail.RANKING)
+        return outcome_of(one, None, verdict_of(one))

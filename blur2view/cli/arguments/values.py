@@ -2,6 +2,7 @@
 
 import math
 from argparse import ArgumentTypeError
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,25 +58,21 @@ def frames(text: str) -> int:
     return positive(text)
 
 
-def seed(text: str) -> int:
-    """Return a number of 0 or more."""
-    if int(text) < 0:
-        raise ArgumentTypeError(f"must not be negative, got {text}")
-    return int(text)
+def within(kind: type, words: str, allowed: Callable[[float], bool]) -> Callable[[str], float]:
+    """Return what reads a number of a type that is ``allowed``, which is in words for the message."""
+
+    def number(text: str) -> float:
+        value: float = kind(text)
+        if not allowed(value):
+            raise ArgumentTypeError(f"must {words}, got {text}")
+        return value
+
+    return number
 
 
-def share(text: str) -> float:
-    """Return a number above 0 and at most 1."""
-    if not 0 < float(text) <= 1:
-        raise ArgumentTypeError(f"must be above 0 and at most 1, got {text}")
-    return float(text)
-
-
-def probability(text: str) -> float:
-    """Return a number above 0 and below 1."""
-    if not 0 < float(text) < 1:
-        raise ArgumentTypeError(f"must be above 0 and below 1, got {text}")
-    return float(text)
+seed = within(int, "not be negative", lambda value: value >= 0)
+share = within(float, "be above 0 and at most 1", lambda value: 0 < value <= 1)
+probability = within(float, "be above 0 and below 1", lambda value: 0 < value < 1)
 
 
 def number_and_unit(text: str, *units: str) -> tuple[str, str]:
@@ -105,13 +102,23 @@ def exposure(text: str) -> float:
     return value
 
 
+def measured(
+    text: str, expected: str, *units: str, allowed: Callable[[float, str], object] = lambda value, unit: True
+) -> tuple[float, str]:
+    """Return a finite number of 0 or more and its unit, one of these or empty: what is ``expected``."""
+    number, unit = number_and_unit(text, *units)
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value < math.inf or not allowed(value, unit):
+        raise ArgumentTypeError(f"expected {expected}, got {text}")
+    return value, unit
+
+
 def pixels(text: str) -> float:
     """Return a focal length in pixels; as few as millimetres would be need their unit."""
-    amount, unit = number_and_unit(text, "px", "mm")
-    try:
-        value = float(amount)
-    except ValueError:
-        raise ArgumentTypeError(f"expected pixels as 800, got {text}") from None
+    value, unit = measured(text, "pixels as 800", "px", "mm")
     if unit != "px" and (unit or 0 < value < SHORT_PX):
         share = f"{value:g} mm of 35-mm film are {value / FILM_MM:.2f} of the picture's width"
         query = f"{text} is not in pixels;" if unit else f"{text} pixels or millimetres?"
@@ -121,57 +128,38 @@ def pixels(text: str) -> float:
 
 def radius(text: str) -> float:
     """Return a positive number of pixels."""
-    value = amount(text.removesuffix("px"))
-    if value.percent or not value.number:
-        raise ArgumentTypeError(f"expected pixels above 0, as 2, got {text}")
-    return value.number
+    return measured(text, "pixels above 0, as 2", "px", allowed=lambda value, _: value)[0]
 
 
 def frame_or_seconds(text: str) -> int | float:
     """Return a frame's number, or a time in seconds as a float."""
-    try:
-        value = float(text.removesuffix("s")) if text.endswith("s") else int(text)
-    except ValueError:
-        value = -1
-    if not 0 <= value < math.inf:
-        raise ArgumentTypeError(f"expected a frame as 120 or a time as 12.5s, got {text}")
-    return value
-
-
-def amount(text: str) -> Amount:
-    """Return a number of 0 or more, or a percentage as 50%."""
-    try:
-        value = float(text.removesuffix("%"))
-    except ValueError:
-        value = math.nan
-    if not 0 <= value < math.inf:
-        raise ArgumentTypeError(f"expected a number as 3 or a percentage as 50%, got {text}")
-    return Amount(number=value, percent=text.endswith("%"))
+    expected = "a frame as 120 or a time as 12.5s"
+    value, unit = measured(text, expected, "s", allowed=lambda value, unit: unit or value.is_integer())
+    return value if unit else int(value)
 
 
 def metres(text: str) -> float:
     """Return the metres of a distance on the ground, above 0, with its unit."""
-    number, unit = number_and_unit(text, "mm", "cm", "m")
-    try:
-        value = float(number) * {"mm": 1e-3, "cm": 1e-2, "m": 1.0}[unit]
-    except (KeyError, ValueError):
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise ArgumentTypeError(f"expected a distance with its unit as 2cm, got {text}")
-    return value
+    units = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+    expected = "a distance with its unit as 2cm"
+    value, unit = measured(text, expected, *units, allowed=lambda value, unit: value and unit)
+    return value * units[unit]
 
 
 def smear(text: str) -> Amount:
     """Return a length in pixels, a percentage of the diagonal, or a distance on the ground as 2cm."""
     if text.endswith("m"):
         return Amount(number=metres(text), metres=True)
-    return amount(text.removesuffix("px"))
+    value, unit = measured(text.removesuffix("px"), "a number as 3 or a percentage as 50%", "%")
+    return Amount(number=value, percent=bool(unit))
 
 
 def best(text: str) -> Amount:
     """Return a number of photographs, 1 or more, or a percentage above 0 and at most 100."""
-    value = amount(text)
-    whole = value.number.is_integer() or value.percent
-    if not whole or not 0 < value.number <= (100 if value.percent else math.inf):
-        raise ArgumentTypeError(f"expected a number of photographs as 300 or 50%, got {text}")
-    return value
+    value, unit = measured(
+        text,
+        "a number of photographs as 300 or 50%",
+        "%",
+        allowed=lambda value, unit: 0 < value <= 100 if unit else value >= 1 and value.is_integer(),
+    )
+    return Amount(number=value, percent=bool(unit))
