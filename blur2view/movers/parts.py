@@ -24,7 +24,7 @@ LEAST_PLACES = 100
 MOST = 0.45
 """Share of the picture from which on a part may as well be the surroundings that a camera passes: it does not
 count as one that moves: with 0.6 more of what moves is found, and far more of what only lies deep."""
-CONSTANT, PEAK, DEPARTURE = -1.11, 1.25, 0.78
+CONSTANT, PEAK, DEPARTURE = -0.78, 1.56, 1.0
 """Log-odds that a part moves: a constant, a share of the log-odds of its highest probability, and a power of
 its mean departure; fitted by ``python -m tools.training.fit_parts``, see the training log."""
 FLOOR = 0.05

@@ -22,10 +22,11 @@ STILL_PX = 1.0
 """Median displacement of the camera's motion below which it stands still."""
 SHARED = 0.4
 """Share of what is read in the picture from which on it is open which motion is the camera's."""
+SURE_OF_LINES = 0.99
+"""Probability of parallax from which on the lines judge what moves, which may pass for parallax itself."""
 OFF_LINES = 1.35
-"""Mean deviations off the lines, where parallax is proven, below which a part is at another depth: of ten
-such parts of 175 development scenes the eight that stand still have 0.1 to 1.3, the two that move 1.5 and
-1.7."""
+"""Mean deviations off these lines below which a part is at another depth: of ten such parts of 175
+development scenes the eight that stand still have 0.1 to 1.3, the two that move 1.5 and 1.7."""
 DEPTH_MOVES = 0.1
 """Probability of moving that is left to these."""
 
@@ -107,7 +108,8 @@ def segment(
         found = moving_probability(image, grid, F, estimate.camera, starts, estimate.execution)
     probability = to_pixels(found.moving, image, found.place_px)
     parts = moving_parts(probability, found.part, threshold, found.place_px)
-    if F is not None and geometry.parallax is Parallax.PROVEN and found.camera_px >= STILL_PX:
+    proven = geometry.parallax is Parallax.PROVEN and (geometry.parallax_probability or 1) >= SURE_OF_LINES
+    if F is not None and proven and found.camera_px >= STILL_PX:
         cells = Cells.of(grid, estimate.camera)
         off_lines = off_lines_px(cells, F) / off_lines_error_px(cells)
         depth = parts & ~parts_above(parts, off_lines, OFF_LINES, grid.stride)

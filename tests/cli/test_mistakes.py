@@ -113,7 +113,7 @@ MISTAKES = [
     ("triage @names.txt --csv names.txt", "names.txt: "),
     ("triage @names.txt --keep names.txt --overwrite", "names.txt: names the photographs of this call"),
     ("triage a.png --keep endless", "is no list of an earlier call"),
-    ("report a.png -o a.png --overwrite", "a report is HTML; name it a.html"),
+    ("report a.png -o a.png --overwrite", "the page would replace a photograph; name another with -o"),
     ("report a.png -o empty", "empty: is a folder; name the page with -o"),
     ("report a.png -o pipe --overwrite", "is no page of an earlier call"),
     ("estimate a.png -o new --csv notes.txt --overwrite", "is no table of an earlier call"),

@@ -1,7 +1,8 @@
 """Export a trained mover network to the ONNX file that the package ships.
 
 ``python -m tools.training.export_movers runs/movers/last.pt models/movers.onnx`` writes the averaged weights,
-and checks the file against torch.
+and checks the file against torch. Of several checkpoints of one training, as after each of its cycles, their
+mean: it ranks as well, and errs less where nothing moves.
 """
 
 import json
@@ -14,12 +15,19 @@ from tools.training.export import export
 from tools.training.movers import CELLS, PLACES, Movers
 
 
-def main(checkpoint: Existing, target: Target) -> None:
-    """Export one checkpoint."""
-    state = torch.load(checkpoint, map_location="cpu", weights_only=True)
+def main(checkpoints: list[Existing], target: Target) -> None:
+    """Export the mean of the weights of one or more checkpoints."""
+    states = [torch.load(path, map_location="cpu", weights_only=True) for path in checkpoints]
     network = Movers().eval()
-    network.load_state_dict(state["average"])
-    facts = {"steps": state["step"], "pictures": state["step"] * state["batch"], "seed": state["seed"]}
+    weights = [state["average"] for state in states]
+    network.load_state_dict(
+        {name: torch.stack([one[name].double() for one in weights]).mean(0) for name in weights[0]}
+    )
+    facts = {
+        "steps": [state["step"] for state in states],
+        "pictures": [state["step"] * state["batch"] for state in states],
+        "seed": states[0]["seed"],
+    }
     shown, odd = (
         (torch.rand(1, PLACES, 8 * h, 8 * w), torch.rand(1, CELLS, h, w)) for h, w in ((12, 16), (7, 13))
     )

@@ -77,7 +77,7 @@ def test_file_computes_what_torch_does_and_another_is_refused(tmp_path: Path) ->
     network = Movers().eval()
     state = {"average": network.state_dict(), "step": 3, "batch": 8, "seed": 0}
     torch.save(state, tmp_path / "last.pt")
-    main(tmp_path / "last.pt", tmp_path / "movers.onnx")
+    main([tmp_path / "last.pt"] * 2, tmp_path / "movers.onnx")
     places, cells = np.zeros((40, 24, PLACES), np.float32), np.zeros((5, 3, CELLS), np.float32)
     moving, read = MoverNetwork(tmp_path / "movers.onnx").log_odds(places, cells)
     assert moving.shape == read.shape == (40, 24)
