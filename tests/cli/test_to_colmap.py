@@ -153,7 +153,7 @@ def test_features_on_movers_are_left_unmatched_on_demand(
     for words in ([], ["--skip-movers", "--replace"]):
         assert cli.main(["to-colmap", str(picture), "--db", str(project), "--link", "--json", *words]) == 0
         counts.append(json.loads(capsys.readouterr().out)["photographs"][0]["num_matches"])
-    assert 0.8 * counts[0] < counts[1] < 0.95 * counts[0]  # an eighth of the picture moves
+    assert 0.75 * counts[0] < counts[1] < 0.95 * counts[0]  # an eighth of the picture moves
 
 
 def test_a_bad_and_a_missing_photograph_cost_one_line_each(
