@@ -139,7 +139,7 @@ class OnnxNetwork:
         timer.start()
         try:
             outputs: list[AnyArray] = self.session.run(None, inputs, options)
-        except Exception:
+        except Exception:  # of the same types, or that its time was over
             why = "takes too long" if options.terminate else "cannot be run"
             raise ModelError(f"{self.path}: {why} on {size[0]}x{size[1]} pixels; {self.remedy}") from None
         finally:
