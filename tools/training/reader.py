@@ -30,6 +30,8 @@ PREVAILS = 0.7, 1.1
 class Circular(nn.Module):
     """A convolution along the circle of directions, dense in channels: (..., 32, C) -> (..., 32, outputs)."""
 
+    matrix: Tensor
+
     def __init__(self, inputs: int, outputs: int, reach: int) -> None:
         super().__init__()
         self.shifts = range(-reach, reach + 1)
@@ -50,17 +52,32 @@ class Circular(nn.Module):
     def by_gathering(self, x: Tensor) -> Tensor:
         """Compute the same for ONNX Runtime, which gathers directions faster than it cuts and joins."""
         turned = [(torch.arange(DIRECTIONS) - shift) % DIRECTIONS for shift in self.shifts]
-        inputs, outputs = x.shape[-1], self.bias.shape[0]
-        if inputs <= outputs:
-            near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
-            weight = self.weight.reshape(len(turned), outputs, inputs).permute(1, 0, 2).reshape(outputs, -1)
-            return nnf.linear(near.reshape(*x.shape[:-1], len(turned) * inputs), weight, self.bias)
-        parts = nnf.linear(x, self.weight).reshape(*x.shape[:-2], DIRECTIONS * len(turned), outputs)
         count = len(turned)
+        if self.gathers_first:
+            near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
+            return torch.matmul(near.reshape(*x.shape[:-1], -1), self.matrix) + self.bias
+        parts = torch.matmul(x, self.matrix).reshape(*x.shape[:-2], DIRECTIONS * count, len(self.bias))
         total: Tensor = self.bias
         for k, index in enumerate(turned):
             total = total + torch.index_select(parts, -2, index * count + k)
         return total
+
+    @property
+    def gathers_first(self) -> bool:
+        """Whether directions are gathered before the product, which is cheaper where inputs are few."""
+        return self.weight.shape[1] <= len(self.bias)
+
+    def store_matrix(self) -> None:
+        """Keep the weights also as the one matrix of the product that ONNX Runtime computes."""
+        matrix = self.weight.detach()
+        if self.gathers_first:
+            matrix = torch.cat(matrix.chunk(len(self.shifts)), 1)
+        self.register_buffer("matrix", matrix.t().contiguous())
+
+    def weight_of(self, matrix: Tensor) -> Tensor:
+        """Return the weights that make that matrix."""
+        weight = matrix.t()
+        return torch.cat(weight.chunk(len(self.shifts), 1)) if self.gathers_first else weight
 
 
 def band(count: int, reach: int, like: Tensor) -> Tensor:
