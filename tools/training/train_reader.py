@@ -32,7 +32,7 @@ from tools.training.reader import (
     Circular,
     Reader,
     ReaderOptions,
-    box_sum,
+    box_sums,
     cross_entropy,
     kind_target,
     loss_of,
@@ -156,7 +156,8 @@ def difference_of(displacement: Tensor) -> Tensor:
     """Return how much cells of smears (N, h, w, S, 2) differ from the mean of 5 x 5 about them, 0 to 1."""
     z = torch.view_as_complex(displacement.contiguous())
     cell = torch.view_as_real(z * z / (z.abs() + 1e-6)).mean(-2)  # double angles: signs mean nothing
-    around = box_sum(cell, 2) / box_sum(torch.ones_like(cell), 2)
+    total, count = box_sums(2, cell[..., None, :], torch.ones_like(cell[..., None, :1]))
+    around = (total / count).squeeze(-2)
     apart = torch.linalg.norm(cell - around, dim=-1)
     share: Tensor = apart / (torch.linalg.norm(around, dim=-1) + LEAST_DIFFERENCE_PX)
     return share.clamp(max=1)
