@@ -50,34 +50,19 @@ class Circular(nn.Module):
         return total
 
     def by_gathering(self, x: Tensor) -> Tensor:
-        """Compute the same for ONNX Runtime, which gathers directions faster than it cuts and joins."""
+        """Compute the same for ONNX Runtime: directions are gathered fast, above all those of 8 bits."""
         turned = [(torch.arange(DIRECTIONS) - shift) % DIRECTIONS for shift in self.shifts]
-        count = len(turned)
-        if self.gathers_first:
-            near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
-            return torch.matmul(near.reshape(*x.shape[:-1], -1), self.matrix) + self.bias
-        parts = torch.matmul(x, self.matrix).reshape(*x.shape[:-2], DIRECTIONS * count, len(self.bias))
-        total: Tensor = self.bias
-        for k, index in enumerate(turned):
-            total = total + torch.index_select(parts, -2, index * count + k)
-        return total
-
-    @property
-    def gathers_first(self) -> bool:
-        """Whether directions are gathered before the product, which is cheaper where inputs are few."""
-        return self.weight.shape[1] <= len(self.bias)
+        near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
+        return torch.matmul(near.reshape(*x.shape[:-1], -1), self.matrix) + self.bias
 
     def store_matrix(self) -> None:
-        """Keep the weights also as the one matrix of the product that ONNX Runtime computes."""
-        matrix = self.weight.detach()
-        if self.gathers_first:
-            matrix = torch.cat(matrix.chunk(len(self.shifts)), 1)
-        self.register_buffer("matrix", matrix.t().contiguous())
+        """Keep the weights also as the one matrix of that product."""
+        matrix = torch.cat(self.weight.detach().chunk(len(self.shifts)), 1).t()
+        self.register_buffer("matrix", matrix.contiguous())
 
     def weight_of(self, matrix: Tensor) -> Tensor:
         """Return the weights that make that matrix."""
-        weight = matrix.t()
-        return torch.cat(weight.chunk(len(self.shifts), 1)) if self.gathers_first else weight
+        return torch.cat(matrix.t().chunk(len(self.shifts), 1))
 
 
 def band(count: int, reach: int, like: Tensor) -> Tensor:
