@@ -11,7 +11,8 @@ import torch
 from blur2view.errors import ModelError
 from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network
-from tools.training.export import difference
+from tools.training import export
+from tools.training.export import MOST_ROUNDED, differences
 from tools.training.export_reader import ExportedOctave, inputs_of, main, sample_picture
 from tools.training.reader import Circular, Reader, ReaderOptions
 from tools.training.train_reader import exported_weights, load_average
@@ -32,15 +33,22 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
-    checkpoint: Path, tmp_path: Path
+    checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     exported, (trained, _) = tmp_path / "smear.onnx", load_average(checkpoint)
+    exact = tmp_path / "exact.onnx"
+    with monkeypatch.context() as patch:
+        patch.setattr(export, "with_integers", lambda model, scratch: model)
+        main(checkpoint, exact)
     main(checkpoint, exported)
     grey = sample_picture()
     assert grey.min() >= 0 and grey.max() <= 1
     for height, width in ((256, 320), (64, 64), (96, 224)):
         inputs = inputs_of(trained, grey[..., :height, :width].contiguous())
-        assert difference(exported, ExportedOctave(trained), inputs) < 0.1
+        for one in differences(exact, ExportedOctave(trained), inputs):
+            assert np.abs(one).max() < 2e-3
+        for one in differences(exported, ExportedOctave(trained), inputs):
+            assert np.sqrt(np.square(one).mean()) < MOST_ROUNDED / 2
     network = SmearNetwork(exported, threads=1)
     info = network.info
     assert (info.features, info.license) == (12, "Apache-2.0")
