@@ -49,8 +49,8 @@ STEPS = 12  # Levenberg-Marquardt steps; fits start near their end: bound
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.2  # standard deviations: a smaller step ends a fit
 # Of several starts those that take a first, a second, a third and a fourth step; then the cheapest alone goes
-# on. With 3 and 2, two of 120 exact scenes (`make_scene(default_rng(seed), rotation_share=0.8)`) end in another
-# minimum, and F of RK differs three times as much from seed to seed.
+# on. With 3 and 2, 3 of 120 exact scenes (`test_estimate`) end in another minimum, and F of RK differs three
+# times as much from seed to seed.
 KEPT = 5, 5, 5, 2
 TOLERANCE = 3e-4  # relative decrease of the cost that ends a fit
 FREE_TOLERANCE = 1e-2  # of a fit that takes every smear for independent; another goes on from it
