@@ -199,7 +199,7 @@ def explained(likelihood: Likelihood, models: list[Array]) -> tuple[Array, float
 
 
 def _search(likelihood: Likelihood, rng: np.random.Generator) -> Array | None:
-    return ransac(SmearEstimator(likelihood=likelihood), SEARCH, rng).model
+    return ransac(SmearEstimator(likelihood=likelihood, compact=True), SEARCH, rng).model
 
 
 def _refit(likelihood: Likelihood, F: Array) -> Array:

@@ -58,8 +58,6 @@ def opencv(points1: Array, points2: Array) -> Array | None:
     ("camera", "seeds", "least"), [(True, SEEDS, 0.9), (False, SEEDS, 0.9), (True, LOCAL_MINIMA, 0.95)]
 )
 def test_exact_smears_give_the_true_F_and_orders(camera: bool, seeds: Iterable[int], least: float) -> None:
-    """Without a camera one in eight may end in another minimum (of 44 seeds one did)."""
-    missed = 0
     for seed in seeds:
         scene = make_scene(np.random.default_rng(seed), count=600, rotation_share=0.8)
         geometry = solve(matches_of(scene, 0.2, camera))
@@ -67,14 +65,10 @@ def test_exact_smears_give_the_true_F_and_orders(camera: bool, seeds: Iterable[i
         assert geometry.F is not None
         assert np.isclose(np.linalg.norm(geometry.F), 1)
         assert np.linalg.svd(geometry.F)[1][2] < 1e-9
-        if not camera and median_rho(geometry.F, scene) >= 5e-4:
-            missed += 1
-            continue
         assert median_rho(geometry.F, scene) < 5e-4
         assert geometry.inlier_mask.mean() > 0.99
         right = (geometry.swapped == scene.swapped).mean()
         assert max(right, 1 - right) > least
-    assert missed <= 1
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:

@@ -109,7 +109,7 @@ def test_one_order_has_the_rotation_and_the_other_leaves_the_same_smears(
     delays = 0.03 / EXPOSURE_S * FOCAL * middle @ towards / (HEIGHT - 1 if towards[1] else WIDTH - 1)
     rays = np.column_stack([middle, np.ones(len(middle))])
     there = turned(rays, other, -delays)
-    assert np.median(np.abs(smears(there, shutter, other)[:, ::-1] - ends)) < 1.0
+    assert np.median(np.abs(smears(there, shutter, other)[:, ::-1] - ends)) < 0.5
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -125,7 +125,7 @@ def test_rotation_about_the_optical_axis_is_no_parallax(sign: int) -> None:
     ("readout_s", "rotation", "moved", "within"),
     [
         (0.03, 0.04 * ABOUT_X + 0.01 * ABOUT_Z, (0.02, 0.03, 0.05), 0.02),
-        (0.045, 0.05 * ABOUT_X + 0.03 * ABOUT_Z, (0.02, 0.03, 0.15), 0.15),  # 9 of 20 seeds: 0.04
+        (0.045, 0.05 * ABOUT_X + 0.03 * ABOUT_Z, (0.02, 0.03, 0.15), 0.05),
     ],
     ids=["30 ms", "45 ms"],
 )
@@ -148,7 +148,7 @@ def test_proven_parallax_keeps_its_rotation_and_translation(
         )
 
     (turned, towards), (plain, _) = missed(solve(ends, shutter)), missed(solve(ends, None))
-    assert turned < within and towards < 70 * within
+    assert turned < within and towards < 2
     assert plain > 0.05
 
 
