@@ -20,7 +20,6 @@ from blur2view.output_files import (
     SIGNED_BY,
     ResultFiles,
     below_shared_folder,
-    half_written,
     is_ours,
     remove_left_over,
     writable_folders,
@@ -34,8 +33,6 @@ from blur2view.smears.stored import stored_smears
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
-MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
-MAX_PATH = 4095  # bytes of a whole path, on Linux
 MANIFEST = ".manifest.jsonl"
 
 
@@ -103,10 +100,6 @@ def plan_outputs(
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    written = [half_written(path).absolute() for path in paths]
-    parts = [part for path in written for part in path.parts]
-    if max(map(_bytes, parts)) > MAX_NAME or max(map(_bytes, map(str, written))) > MAX_PATH:
-        return "the names of its results would be too long; rename it or the folder that it is in"
     foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
@@ -114,10 +107,6 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
-
-
-def _bytes(name: str) -> int:
-    return len(name.encode(errors="replace"))
 
 
 def result_names(inputs: Inputs) -> list[Path]:

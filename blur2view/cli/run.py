@@ -52,7 +52,7 @@ class Finished:
     @property
     def failures(self) -> list[dict[str, str]]:
         """The photographs that failed, as documents have them."""
-        return [failure(path, one) for path, one in self.outcomes if one.error]
+        return [{"image": str(path), "error": one.error} for path, one in self.outcomes if one.error]
 
     @property
     def skipped(self) -> int:
@@ -150,7 +150,8 @@ def run_over(
                     lines = lines[: 1 if len(jobs) > 1 and options.verbosity == SHORT else None]
                     bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
                 if options.jsonl:
-                    document = failure(job.path, outcome) if outcome.error else outcome.payload
+                    failed_ = {"image": str(job.path), "error": outcome.error}
+                    document = failed_ if outcome.error else outcome.payload
                     print(json.dumps(document, allow_nan=False), flush=True)
                 for warning in outcome.warnings:  # one about each option: of most photographs it is the same
                     if (about := warning.partition(" ")[0]) not in warned and options.verbosity > QUIET:
@@ -205,31 +206,19 @@ def _print_end(run: Finished, count: int, manifest: Manifest | None, *, total: b
         print(line, file=sys.stderr)
 
 
-def failure(path: Path, outcome: Outcome) -> dict[str, str]:
-    """Return what a document says of a photograph that failed."""
-    return {"image": str(path), "error": outcome.error}
-
-
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job]:
     """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
     paths, table = options.inputs.paths, options.timestamps
-    neighbours = neighbours_of(paths, options.sequence).items()
+    neighbours = neighbours_of(paths, options.sequence)
     times = [None] * len(paths) if table is None else timestamps_of(paths, table)
-    jobs = [
-        Job(
-            index=index,
-            path=path,
-            neighbours=beside,
-            timestamp_s=time_s,
-            source="" if table is None else f"{time_s}",
-        )
-        for index, ((path, beside), time_s) in enumerate(zip(neighbours, times, strict=True))
-    ]
-    planned = (
-        replace(job, refusal=files) if isinstance(files, OutputError) else replace(job, files=files)
-        for job, files in zip(jobs, plan, strict=False)
-    )
-    return list(planned) or jobs
+    jobs = []
+    for index, (path, time_s) in enumerate(zip(paths, times, strict=True)):
+        files = plan[index] if plan else None
+        refusal, files = (files, None) if isinstance(files, OutputError) else (None, files)
+        source = "" if table is None else f"{time_s}"
+        job = Job(index=index, path=path, neighbours=neighbours[path], timestamp_s=time_s, source=source)
+        jobs.append(replace(job, files=files, refusal=refusal))
+    return jobs
 
 
 def refuse_shared(options: PhotographOptions, target: Path, others: Paths, option: str) -> None:

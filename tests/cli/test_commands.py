@@ -94,15 +94,3 @@ def test_many_photographs_show_progress_to_a_person(
     assert captured.out.startswith(f"{still}: Sharp")
     done = run(still)
     assert done == 0 and done.err == ""
-
-
-def test_the_next_command_is_told_to_who_watches_and_can_be_pasted(
-    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    odd = moving.rename(moving.with_name("a b.png"))
-    assert "next: " not in run(odd).out
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
-    assert run(odd).out.endswith(f"next: blur2view report '{odd}' -o report.html\n")
-    assert run(odd, still).out.endswith(f"next: blur2view triage '{odd}' {still} --csv table.csv\n")
-    for words in ((odd, "-q"), (odd, "--json"), (odd, odd.with_name("none.png"))):
-        assert "next: " not in run(*words).out

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from blur2view.cli.arguments.report import shown_names, without_folders
+from blur2view.cli.report import shown_names, without_folders
 from blur2view.results.report import Entry, report
 from tests.support.calls import Call
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
