@@ -29,11 +29,11 @@ from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document
 from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Job, Outcome
+from blur2view.runs.manifest import ENDING, Manifest
 from blur2view.smears.stored import stored_smears
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
-MANIFEST = ".manifest.jsonl"
 
 
 def run_with_files(options: FolderOptions) -> int:
@@ -42,13 +42,9 @@ def run_with_files(options: FolderOptions) -> int:
     With ``--json`` one document of all is printed at the end, with ``--jsonl`` that of each photograph.
     """
     folder = options.output
-    path = manifest_of(options, options.csv) if folder is None else folder / f".{options.command}{MANIFEST}"
-    others = [] if folder is None else sorted({*folder.glob(f".*{MANIFEST}")} - {path})
-    with writable_folders(folder), open_manifest(options, path, [folder], others) as manifest:
-        plan: Sequence[ResultFiles | OutputError] = ()
-        if folder is not None:
-            owner = None if manifest is None or options.overwrite else manifest.other_owner
-            plan = plan_outputs(options.inputs, folder, options.endings, beside=options.beside, owner=owner)
+    path = manifest_of(options, options.csv) if folder is None else folder / f".{options.command}{ENDING}"
+    with writable_folders(folder), open_manifest(options, path, [folder]) as manifest:
+        plan = [] if folder is None else plan_outputs(options, folder, manifest)
         jobs = jobs_of(options, plan)
         paths = {path for job in jobs if job.files for path in job.files.paths}
         if options.csv is not None:
@@ -56,8 +52,7 @@ def run_with_files(options: FolderOptions) -> int:
         folders = sorted({path.parent for path in paths})
         with writable_folders(*folders):
             finished = run_over(options, jobs, manifest)
-            if options.resume:  # at the end: workers of a killed call live on for a moment
-                remove_left_over(paths, folders)
+            remove_left_over(paths, folders)  # at the end: workers of a killed call live on for a moment
     if options.json:
         done = [one.payload for _, one in finished.outcomes if not one.error]
         document = {options.listed: done, "failures": finished.failures}
@@ -66,33 +61,31 @@ def run_with_files(options: FolderOptions) -> int:
 
 
 def plan_outputs(
-    inputs: Inputs,
-    folder: Path,
-    endings: Sequence[str],
-    *,
-    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
-    owner: Callable[[Path, Sequence[Path]], str | None] | None = None,
+    options: FolderOptions, folder: Path, manifest: Manifest | None
 ) -> list[ResultFiles | OutputError]:
     """Return the files of each photograph of a call, or why they must not be written.
 
-    Photographs and files of others are never replaced; results of another photograph are unless ``owner``,
-    which looks them up in a manifest, says which. ``beside`` maps the name of a photograph to those of
-    further files, below the folder.
+    Photographs and files of others are never replaced; results of another photograph, of which a manifest
+    says so, are with --overwrite.
     """
+    inputs, owners = options.inputs, None if options.overwrite else manifest
     photographs = {os.path.realpath(image) for image in inputs.paths}
     first_of: dict[Path, Path] = {}
     plan: list[ResultFiles | OutputError] = []
     for image, name in zip(inputs.paths, result_names(inputs), strict=True):
-        further = tuple(folder / path for path in beside(inputs.names.get(image, Path(image.name))))
+        beside = options.beside(inputs.names.get(image, Path(image.name)))
         files = ResultFiles(
-            folder=folder / name.parent, stem=name.name, endings=tuple(endings), beside=further
+            folder=folder / name.parent,
+            stem=name.name,
+            endings=tuple(options.endings),
+            beside=tuple(folder / path for path in beside),
         )
         other = next((first_of[path] for path in files.paths if path in first_of), None)
         first_of |= dict.fromkeys(files.paths, image)
         refusal = _refusal(files.paths, photographs)
         if other is not None:
             refusal = f"its results would replace those of {other}; use another -o"
-        elif refusal is None and owner is not None and (of := owner(image, files.paths)):
+        elif refusal is None and owners is not None and (of := owners.other_owner(image, files.paths)):
             refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
         plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
     return plan

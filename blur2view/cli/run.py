@@ -22,9 +22,9 @@ from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.timestamps import timestamps_of
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
-from blur2view.runs.manifest import Manifest, Settings
+from blur2view.runs.manifest import ENDING, Manifest, Settings
 from blur2view.runs.processes import Engine, processes
-from blur2view.runs.run import any_left, outcomes
+from blur2view.runs.run import outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Paths = Iterable[Path | None]
@@ -69,17 +69,12 @@ class Finished:
 
 @contextmanager
 def open_manifest(
-    options: PhotographOptions,
-    path: Path | None,
-    others: Paths = (),
-    earlier: Iterable[Path] = (),
-    pointing: Iterable[Path] = (),
+    options: PhotographOptions, path: Path | None, others: Paths = (), folders: Iterable[Path] = ()
 ) -> Iterator[Manifest | None]:
     """Load the network, check the table and open the manifest, which no other call has then.
 
     None if nothing is written down. ``path`` is that of the manifest, ``others`` what else the call writes;
-    what is done is also looked up in ``earlier`` manifests, and in those of further outputs, ``pointing`` to
-    this one from now on.
+    what is done is also looked up in the manifests in its folder and in further ``folders``.
     """
     network = network_of(options.model, options.provider, options.digest)
     network.on_tile = Progress(TILE).show
@@ -97,12 +92,10 @@ def open_manifest(
         of_result = [one.name for one in fields(options) if one.metadata.get("result")]
         values = {name: getattr(options, name) for name in of_result} | digests
         settings = Settings(command=options.command, version=__version__, options=values)
-        with Manifest(path, settings, resume=options.resume, earlier=[*earlier, *pointing]) as manifest:
+        folders = {path.parent, *folders}
+        with Manifest(path, settings, resume=options.resume, folders=folders) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
-            for other in pointing:  # so that each output's own manifest leads to what is done
-                with Manifest(other, settings, resume=False) as beside:
-                    beside.append_pointer(path)
             yield manifest
 
 
@@ -142,6 +135,9 @@ def run_over(
         bar.show(0, len(jobs))
         with closing(outcomes(options, jobs, engine, manifest, sends=sends)) as results:
             for job, outcome in results:
+                if failed == options.max_failures:  # and there is another one
+                    end = End.STOPPED
+                    break
                 row = classify(replace(outcome.row, name=names[job.path], use="", error=outcome.error))
                 if outcome.error:
                     complain(Blur2ViewError(outcome.error), bar.say)
@@ -162,7 +158,7 @@ def run_over(
                 done.append((job.path, outcome if keeps else replace(outcome, payload=None)))
                 failed += bool(outcome.error)
                 bar.show(len(done), len(jobs))
-                if outcome.stop or (failed == options.max_failures and any_left(jobs[job.index + 1 :])):
+                if outcome.stop:
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -235,4 +231,4 @@ def manifest_of(options: PhotographOptions, target: Path | None) -> Path | None:
     if target is None or (len(options.inputs.paths) == 1 and not options.resume):
         return None
     target = Path(os.path.abspath(target))  # . has no name
-    return target.with_name(f".{target.name}.manifest.jsonl")
+    return target.with_name(f".{target.name}{ENDING}")

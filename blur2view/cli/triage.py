@@ -33,7 +33,7 @@ from blur2view.photographs.selection import (
 from blur2view.results.table import BLURRED, SHARP, Row
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
-from blur2view.runs.manifest import Manifest
+from blur2view.runs.manifest import ENDING, Manifest
 
 MAX_SMEAR = Amount(number=3.0)
 """Longest median smear, pixels, of a photograph that is called sharp: at most this, half of the SIFT features
@@ -162,21 +162,20 @@ class TriageOptions(PhotographOptions):
         A run that was ended early extracts nothing, and chooses nothing of neighbours.
         """
         lists, names = self.lists, colmap_names(self.inputs)
-        # each output has a manifest, which leads to that of the first
         targets = [one for one in (*lists.values(), self.extract, self.csv) if one is not None]
-        manifests = [path for one in targets if (path := manifest_of(self, one)) is not None]
+        folders = [one.parent for one in targets]  # whose manifests say what is done
         for name, target in lists.items():
             refuse_shared(self, target, [other for key, other in lists.items() if key != name], name)
         files = extracted_names(names)
         with (
-            writable_folders(*(one.parent for one in targets)),
+            writable_folders(*folders),
             open_manifest(
-                self, next(iter(manifests), None), lists.values(), pointing=manifests[1:]
+                self, manifest_of(self, next(iter(targets), None)), lists.values(), folders
             ) as manifest,
         ):
             for name, target in lists.items():
                 self._check_list(target, name, names.values(), manifest)
-            self._check_folder(files.values(), manifests)
+            self._check_folder(files.values())
             classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
             line = partial(use_line, limit_px=self.limit.number, meaning=self.verbosity > SHORT)
             finished = run_over(self, jobs_of(self), manifest, classify=classify, line=line)
@@ -186,7 +185,7 @@ class TriageOptions(PhotographOptions):
             kept = [paths[index] for index in sorted(self._selected(paths, finished.rows))]
             whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
             if whole:
-                self._check_folder(pictures.values(), manifests)
+                self._check_folder(pictures.values())
             refused = [names[one] for one in kept if lists and not listable(names[one])]
             for name in refused:
                 why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
@@ -244,14 +243,14 @@ class TriageOptions(PhotographOptions):
         if not (target.is_file() and wrote):
             check_file(target, "list", self.inputs.paths, option=name)
 
-    def _check_folder(self, files: Collection[str], manifests: Sequence[Path]) -> None:
+    def _check_folder(self, files: Collection[str]) -> None:
         """Refuse a folder for the pictures that holds others than these, or what the call reads or writes."""
         if self.extract is not None:
             here = {os.path.realpath(path.parent) for path in self.inputs.paths}
             if os.path.realpath(self.extract) in here:
                 raise OutputError(f"{self.extract}: holds the photographs themselves; name an empty folder")
-            besides = [one for one in (self.csv, *self.lists.values(), *manifests) if one is not None]
-            refuse_others(self.extract, files, besides)
+            besides = [one for one in (self.csv, *self.lists.values()) if one is not None]
+            refuse_others(self.extract, files, [*besides, *self.extract.glob(f".*{ENDING}")])
 
 
 def view(path: Path) -> Array | None:

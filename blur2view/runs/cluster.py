@@ -32,7 +32,6 @@ class Cluster:
         for name in LOGGERS:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
-            asyncio.run(_greet(address))  # a client that finds nobody takes as long again to be closed
             self._client = distributed.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError, ImportError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
@@ -88,11 +87,3 @@ class Cluster:
                 f"{self.address}: cannot go on ({reason}); see that its scheduler runs and the workers have "
                 "this blur2view, and go on with --resume"
             ) from None
-
-
-async def _greet(address: str) -> None:
-    """Raise OSError unless a scheduler answers."""
-    from distributed.comm.core import connect
-
-    comm = await connect(address, timeout=CONNECT_S)
-    comm.abort()

@@ -27,6 +27,7 @@ from blur2view.runs.job import Job, Outcome, file_digest
 
 SIGN, FORMAT = "blur2view", 4  # 1 held pickles, 2 summaries, 3 no digests of lines
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
+ENDING = ".manifest.jsonl"
 NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
 DAMAGE = (ValueError, TypeError, LookupError, AttributeError)
 """What reading a line may raise that is none of ours."""
@@ -51,12 +52,12 @@ class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
     A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls did with it is looked up, also in the ``earlier`` manifests and in those that a line
-    names. To be closed; an empty one is then removed. OutputError if there is a file of another kind, one
-    that cannot be read or written, or one of a call that runs.
+    what earlier calls did with it is looked up, also in the manifests of other outputs in these ``folders``.
+    To be closed; an empty one is then removed. OutputError if there is a file of another kind, one that
+    cannot be read or written, or one of a call that runs.
     """
 
-    def __init__(self, path: Path, settings: Settings, *, resume: bool, earlier: Iterable[Path] = ()) -> None:
+    def __init__(self, path: Path, settings: Settings, *, resume: bool, folders: Iterable[Path] = ()) -> None:
         self.path, self.settings, self._resume = path, settings, resume
         self._done: dict[str, Line] = {}
         self._owners: dict[str, tuple[str, str]] = {}
@@ -64,13 +65,13 @@ class Manifest:
         self._known: set[str] = set()
         self._heads: dict[str, Line] = {}
         self._digests: dict[Path, str] = {}
-        self._headed = self._damaged = False
-        self._looked_at = {os.path.abspath(path)}
-        self._new = not os.path.lexists(path)
-        self._file = _open_alone(path)
+        self._headed, self._new, self._file = False, not os.path.lexists(path), _open_alone(path)
         try:
-            for other in earlier:
-                self._read_other(other)
+            for other in sorted(
+                {other for folder in folders for other in folder.glob(f".*{ENDING}")} - {path}
+            ):
+                with suppress(OSError, Blur2ViewError), open_regular(other) as file:
+                    self._read(file, other)
             self._damaged, self._end = False, 0
             if os.fstat(self._file).st_size:  # some files of /proc that say so wait for ever
                 with open(self._file, "rb", closefd=False) as file:
@@ -140,11 +141,7 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _digest(target) == self.digest_of(target)
-
-    def digest_of(self, target: Path) -> str:
-        """Return the digest that was appended last for what is made of all photographs; empty if none was."""
-        return self._targets.get(self._name(target), "")
+        return _digest(target) == self._targets.get(self._name(target), "")
 
     def append(self, job: Job, outcome: Outcome) -> None:
         """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
@@ -157,13 +154,9 @@ class Manifest:
         line["outputs"] = {self._name(path): digest for path, digest in outcome.outputs.items()}
         self._write(line | {"row": asdict(outcome.row), "kept": None if job.files else outcome.payload})
 
-    def append_target(self, target: Path, digest: str = "") -> None:
-        """Append that a call makes something of all photographs: of a file its own digest by default."""
-        self._write({"target": self._name(target), "sha256": digest or file_digest(target)})
-
-    def append_pointer(self, other: Path) -> None:
-        """Append that another manifest says what is done, too."""
-        self._write({"manifest": self._name(other)})
+    def append_target(self, target: Path) -> None:
+        """Append the digest of a file of all photographs, which has been written."""
+        self._write({"target": self._name(target), "sha256": file_digest(target)})
 
     def _source(self, job: Job) -> str:
         """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
@@ -173,13 +166,6 @@ class Manifest:
 
     def _name(self, path: Path) -> str:
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
-
-    def _read_other(self, path: Path) -> None:
-        """Note the lines of another manifest, if it is one."""
-        if (place := os.path.abspath(path)) not in self._looked_at:
-            self._looked_at.add(place)
-            with suppress(OSError, Blur2ViewError), open_regular(path) as file:
-                self._read(file, path)
 
     def _read(self, file: BinaryIO, path: Path) -> int:
         """Note the lines of earlier calls; return where the last whole one ends."""
@@ -203,8 +189,6 @@ class Manifest:
         """Note a file of all photographs, or what was done with these settings, as seen from a folder."""
         if SIGN in line:
             self._heads[line["settings"]] = line | {"options": dict(line["options"])}
-        elif "manifest" in line:
-            self._read_other(folder / line["manifest"])
         elif "target" in line:
             self._targets[self._name(folder / line["target"])] = line["sha256"]
         else:

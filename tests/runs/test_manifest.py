@@ -58,9 +58,10 @@ def test_what_is_done_is_found_also_by_the_manifest_of_another_output(path: Path
     kept = found(path, path=path.parent / "b.jpg", files=None)
     assert kept is not None and kept.payload is None  # a document of its own would hold it
     (path.parent / "deep").mkdir()
-    with Manifest(path.parent / "deep/n.jsonl", SETTINGS, resume=True, earlier=[path]) as manifest:
+    path.rename(path.parent / ".m.manifest.jsonl")
+    with Manifest(path.parent / "deep/n.jsonl", SETTINGS, resume=True, folders=[path.parent]) as manifest:
         assert manifest.find(job_in(path.parent)) is not None
-    with Manifest(path, SETTINGS, resume=False) as manifest:
+    with Manifest(path, SETTINGS, resume=False, folders=[path.parent]) as manifest:
         assert not manifest.knows(job_in(path.parent))
 
 
