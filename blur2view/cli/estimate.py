@@ -83,7 +83,9 @@ class EstimateOptions(FolderOptions):
         """Return the document, the summary and the files of one photograph."""
         one = estimated(self, job, detail=Detail.PIXELS if self.full_field else Detail.GEOMETRY)
         document = EstimateDocument.of(one)
-        summary = estimate_summary(document, one.estimate, job.files, self.verbosity) if self.prints else ""
+        geometry, summary = one.estimate.geometry, ""
+        if self.prints:
+            summary = estimate_summary(document, geometry, job.files, self.verbosity)
         contents = partial(estimate_contents, one, full_field=self.full_field)
         return with_files(job, one, document, summary, contents)
 
