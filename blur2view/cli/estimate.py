@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.arguments.shared import MANIFEST, FolderOptions
-from blur2view.cli.outputs import estimate_contents, run_with_files, with_files
+from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, estimate_contents, with_files
 from blur2view.cli.summary import estimate_summary
 from blur2view.cli.work import estimated
 from blur2view.networks.smear_network import Detail
@@ -38,10 +37,6 @@ FILES = """
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
     uncertainty (sigma)
 """
-ALL = """
-estimates: (list) One document per photograph.
-failures: (list) Photographs that failed: image, error.
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +63,7 @@ class EstimateOptions(FolderOptions):
     tables: ClassVar[dict[str, Rows]] = {
         "configurations, in COLMAP's names": CONFIGURATIONS,
         "files of -o": FILES + MANIFEST,
-        "JSON document of --json": ALL,
+        "JSON document of --json": {"estimates": "(list) One document per photograph.", **FAILURES},
         "JSON document of a photograph": EstimateDocument,
     }
     examples = (
@@ -88,7 +83,3 @@ class EstimateOptions(FolderOptions):
             summary = estimate_summary(document, geometry, job.files, self.verbosity)
         contents = partial(estimate_contents, one, full_field=self.full_field)
         return with_files(job, one, document, summary, contents)
-
-    def execute(self) -> int:
-        """Return the exit code, after estimating every photograph."""
-        return run_with_files(self)

@@ -5,14 +5,17 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.arguments.shared import FolderOptions
+from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.run import jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.work import outcome_of
 from blur2view.errors import OutputError
@@ -36,59 +39,89 @@ from blur2view.smears.stored import stored_smears
 _PNG_EFFORT = 1
 
 
-def run_with_files(options: FolderOptions) -> int:
-    """Return the exit code, after the work on every photograph, which has files of its own, with -o.
-
-    With ``--json`` one document of all is printed at the end, with ``--jsonl`` that of each photograph.
-    """
-    folder = options.output
-    path = manifest_of(options, options.csv) if folder is None else folder / f".{options.command}{ENDING}"
-    with writable_folders(folder), open_manifest(options, path, [folder]) as manifest:
-        plan = [] if folder is None else plan_outputs(options, folder, manifest)
-        jobs = jobs_of(options, plan)
-        paths = {path for job in jobs if job.files for path in job.files.paths}
-        if options.csv is not None:
-            refuse_shared(options, options.csv, paths, "--csv")
-        folders = sorted({path.parent for path in paths})
-        with writable_folders(*folders):
-            finished = run_over(options, jobs, manifest)
-            remove_left_over(paths, folders)  # at the end: workers of a killed call live on for a moment
-    if options.json:
-        done = [one.payload for _, one in finished.outcomes if not one.error]
-        document = {options.listed: done, "failures": finished.failures}
-        print(json.dumps(document, indent=2, allow_nan=False))
-    return finished.exit_code
+MANIFEST = """
+.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
+    with
+"""
+FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 
 
-def plan_outputs(
-    options: FolderOptions, folder: Path, manifest: Manifest | None
-) -> list[ResultFiles | OutputError]:
-    """Return the files of each photograph of a call, or why they must not be written.
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions(PhotographOptions):
+    """Those of a command that writes files of each photograph into a folder, if one is named."""
 
-    Photographs and files of others are never replaced; results of another photograph, of which a manifest
-    says so, are with --overwrite.
-    """
-    inputs, owners = options.inputs, None if options.overwrite else manifest
-    photographs = {os.path.realpath(image) for image in inputs.paths}
-    first_of: dict[Path, Path] = {}
-    plan: list[ResultFiles | OutputError] = []
-    for image, name in zip(inputs.paths, result_names(inputs), strict=True):
-        beside = options.beside(inputs.names.get(image, Path(image.name)))
-        files = ResultFiles(
-            folder=folder / name.parent,
-            stem=name.name,
-            endings=tuple(options.endings),
-            beside=tuple(folder / path for path in beside),
-        )
-        other = next((first_of[path] for path in files.paths if path in first_of), None)
-        first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(files.paths, photographs)
-        if other is not None:
-            refusal = f"its results would replace those of {other}; use another -o"
-        elif refusal is None and owners is not None and (of := owners.other_owner(image, files.paths)):
-            refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
-        plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
-    return plan
+    listed: ClassVar[str]  # what the documents are called in the one that --json prints
+    endings: ClassVar[Sequence[str]]  # of a photograph's files, behind its stem, in the order of writing
+
+    output: Path | None
+    overwrite: bool = option(False, rare=True)
+    "replace results of other photographs, too (those of an earlier call of the same are anyway)"
+    json: bool = option(False, either="printed")
+    "print one JSON document instead of the summaries, see below"
+    jsonl: bool = option(False, either="printed", rare=True)
+    """instead print the JSON document of each photograph on one line as soon as it is done, in their order;
+    of one that fails image and error"""
+
+    def __post_init__(self) -> None:
+        if self.resume and self.output is None:
+            raise ValueError("--resume goes on with results in a folder; name it with -o")
+        super().__post_init__()
+
+    def beside(self, photograph: Path) -> tuple[Path, ...]:
+        """Return further files of a photograph of this name, below the folder, which are written first."""
+        return ()
+
+    @property
+    def keeps(self) -> bool:  # type: ignore[override]
+        """Whether the documents are printed at the end."""
+        return self.json
+
+    def execute(self) -> int:
+        """Return the exit code, after the work on every photograph, which has files of its own, with -o."""
+        folder = self.output
+        path = manifest_of(self, self.csv) if folder is None else folder / f".{self.command}{ENDING}"
+        with writable_folders(folder), open_manifest(self, path, [folder]) as manifest:
+            jobs = jobs_of(self, [] if folder is None else self._planned(folder, manifest))
+            paths = {path for job in jobs if job.files for path in job.files.paths}
+            if self.csv is not None:
+                refuse_shared(self, self.csv, paths, "--csv")
+            folders = sorted({path.parent for path in paths})
+            with writable_folders(*folders):
+                finished = run_over(self, jobs, manifest)
+                remove_left_over(paths, folders)  # at the end: workers of a killed call live on for a moment
+        if self.json:
+            done = [one.payload for _, one in finished.outcomes if not one.error]
+            document = {self.listed: done, "failures": finished.failures}
+            print(json.dumps(document, indent=2, allow_nan=False))
+        return finished.exit_code
+
+    def _planned(self, folder: Path, manifest: Manifest | None) -> list[ResultFiles | OutputError]:
+        """Return the files of each photograph, or why they must not be written.
+
+        Photographs and files of others are never replaced; results of another photograph, of which a manifest
+        says so, are with --overwrite.
+        """
+        inputs, owners = self.inputs, None if self.overwrite else manifest
+        photographs = {os.path.realpath(image) for image in inputs.paths}
+        first_of: dict[Path, Path] = {}
+        plan: list[ResultFiles | OutputError] = []
+        for image, name in zip(inputs.paths, result_names(inputs), strict=True):
+            beside = self.beside(inputs.names.get(image, Path(image.name)))
+            files = ResultFiles(
+                folder=folder / name.parent,
+                stem=name.name,
+                endings=tuple(self.endings),
+                beside=tuple(folder / path for path in beside),
+            )
+            other = next((first_of[path] for path in files.paths if path in first_of), None)
+            first_of |= dict.fromkeys(files.paths, image)
+            refusal = _refusal(files.paths, photographs)
+            if other is not None:
+                refusal = f"its results would replace those of {other}; use another -o"
+            elif refusal is None and owners is not None and (of := owners.other_owner(image, files.paths)):
+                refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
+            plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
+        return plan
 
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:

@@ -11,7 +11,7 @@ from enum import Enum, auto
 from pathlib import Path
 
 from blur2view import __version__
-from blur2view.cli.arguments.shared import FolderOptions, PhotographOptions
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, TILE, Progress, complain, plural, printable
 from blur2view.cli.work import network_of
 from blur2view.colmap.cameras import StoredCamera
@@ -125,7 +125,6 @@ def run_over(
 
         engine = Cluster(options.dask)
     bar, sends = Progress(PHOTOGRAPH), options.dask is not None
-    keeps = options.json or not isinstance(options, FolderOptions)
     done: list[tuple[Path, Outcome]] = []
     rows: list[Row] = []
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
@@ -155,7 +154,7 @@ def run_over(
                     warned.add(about)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
-                done.append((job.path, outcome if keeps else replace(outcome, payload=None)))
+                done.append((job.path, outcome if options.keeps else replace(outcome, payload=None)))
                 failed += bool(outcome.error)
                 bar.show(len(done), len(jobs))
                 if outcome.stop:

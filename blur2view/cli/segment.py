@@ -8,9 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.arguments.shared import MANIFEST, FolderOptions
 from blur2view.cli.arguments.values import probability
-from blur2view.cli.outputs import png, run_with_files, with_files
+from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
 from blur2view.cli.summary import mask_summary
 from blur2view.cli.work import estimated
 from blur2view.movers.parts import THRESHOLD
@@ -28,10 +27,6 @@ FILES = """
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last
-"""
-ALL = """
-masks: (list) One document per photograph.
-failures: (list) Photographs that failed: image, error.
 """
 NOT_HERE = """
 --readout: a rolling shutter lengthens smears along themselves, which masks hardly notice (with a readout of
@@ -73,7 +68,7 @@ class SegmentOptions(FolderOptions):
 
     tables: ClassVar[dict[str, Rows]] = {
         "files of -o": FILES + MANIFEST,
-        "JSON document of --json": ALL,
+        "JSON document of --json": {"masks": "(list) One document per photograph.", **FAILURES},
         "JSON document of a photograph": MaskDocument,
         "not here": NOT_HERE,
     }
@@ -114,7 +109,3 @@ class SegmentOptions(FolderOptions):
             return list(map(png, (*masks, GREY[mask.labels], levels, draw_motion(one.image, mask))))
 
         return with_files(job, one, document, summary, contents)
-
-    def execute(self) -> int:
-        """Return the exit code, after segmenting every photograph."""
-        return run_with_files(self)

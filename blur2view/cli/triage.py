@@ -14,7 +14,7 @@ from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
 from blur2view.cli.run import End, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import QUIET, SHORT, complain
-from blur2view.cli.uses import KEPT, Classifier, closing_line, use_line
+from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
@@ -30,7 +30,7 @@ from blur2view.photographs.selection import (
     sharpest_of_each,
     thumbnail,
 )
-from blur2view.results.table import BLURRED, SHARP, Row
+from blur2view.results.table import Row
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
 from blur2view.runs.manifest import ENDING, Manifest

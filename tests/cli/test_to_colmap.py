@@ -13,8 +13,7 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.to_colmap import summary
-from blur2view.cli.views import Named, document_of
+from blur2view.cli.views import Named, document_of, summary
 from blur2view.colmap.link import LinkStep
 from blur2view.colmap.mapping import mapper_options
 from blur2view.results.to_colmap import ToColmapDocument

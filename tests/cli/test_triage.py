@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.triage import TriageOptions
-from blur2view.cli.uses import Classifier
-from blur2view.results.table import Row, use_of
+from blur2view.cli.triage import MAX_SMEAR, TriageOptions
+from blur2view.cli.uses import Classifier, use_of
+from blur2view.results.table import Row
 from tests.support.calls import Call
 from tests.support.colour_code import forward_motion
 from tests.support.tables import table
@@ -125,8 +125,8 @@ def test_use_follows_smear_focus_and_geometry(
     smear_px: float | None, verdict: str, blur: str, defocus_px: float | None, before: str, use: str
 ) -> None:
     row = Row(verdict=verdict, smear_px=smear_px, defocus_px=defocus_px, blur=blur)
-    assert use_of(row, smear_px, 3.0, 2.0, before)[0] == use
-    assert use_of(replace(row, error="broken"), smear_px, 3.0, 2.0, before) == ("", "")
+    assert use_of(row, smear_px, MAX_SMEAR, 2.0, before)[0] == use
+    assert use_of(replace(row, error="broken"), smear_px, MAX_SMEAR, 2.0, before) == ("", "")
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """The options that the commands over photographs share."""
 
 import sys
-from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -22,11 +21,6 @@ from blur2view.runs.job import Job, Outcome, file_digest
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
-MANIFEST = """
-.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
-    with
-"""
-
 
 @dataclass(frozen=True, kw_only=True)
 class PhotographOptions(Options):
@@ -35,6 +29,8 @@ class PhotographOptions(Options):
     ``inputs`` are the photographs, which stay here; ``run`` is how each is estimated, ``digest`` the SHA-256
     of the network's file.
     """
+
+    keeps: ClassVar[bool] = True  # whether what is made of each photograph is needed at the end
 
     run: Run = field(init=False)
     inputs: Inputs = field(init=False)
@@ -171,29 +167,3 @@ class PhotographOptions(Options):
             max_memory_gib=self.max_memory,
             gyroscope=self.gyroscope,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FolderOptions(PhotographOptions):
-    """Those of a command that writes files of each photograph into a folder, if one is named."""
-
-    listed: ClassVar[str]  # what the documents are called in the one that --json prints
-    endings: ClassVar[Sequence[str]]  # of a photograph's files, behind its stem, in the order of writing
-
-    output: Path | None
-    overwrite: bool = option(False, rare=True)
-    "replace results of other photographs, too (those of an earlier call of the same are anyway)"
-    json: bool = option(False, either="printed")
-    "print one JSON document instead of the summaries, see below"
-    jsonl: bool = option(False, either="printed", rare=True)
-    """instead print the JSON document of each photograph on one line as soon as it is done, in their order;
-    of one that fails image and error"""
-
-    def __post_init__(self) -> None:
-        if self.resume and self.output is None:
-            raise ValueError("--resume goes on with results in a folder; name it with -o")
-        super().__post_init__()
-
-    def beside(self, photograph: Path) -> tuple[Path, ...]:
-        """Return further files of a photograph of this name, below the folder, which are written first."""
-        return ()
