@@ -60,12 +60,6 @@ def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: 
         assert words in text
 
 
-def test_without_output_folder_nothing_is_written(run: Call, moving: Path, tmp_path: Path) -> None:
-    before = sorted(tmp_path.rglob("*"))
-    assert run(moving) == 0
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 def test_json_is_one_document_that_equals_the_file(
     run: Call, moving: Path, still: Path, tmp_path: Path
 ) -> None:

@@ -2,8 +2,6 @@
 
 import shlex
 import shutil
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,65 +10,45 @@ from blur2view.cli import commands as cli
 
 MISTAKES = [
     ("report a.png -o report.pdf", "a report is HTML; name it report.html"),
-    ("estimate A.PNG", "A.PNG: no such file; did you mean a.png?"),
-    ("estimate a.png,a.png", "name each by itself: a.png a.png"),
-    ("estimate a.png --camera notes.txt", "or write its line out: MODEL WIDTH HEIGHT"),
-    ("estimate a.png --provider gpu", "cuda comes with onnxruntime-gpu"),
     ("estimate a.png --timestamps no.csv", "no.csv: cannot be read"),
     ("", "name COMMAND"),
     ("estimat a.png", "invalid choice: 'estimat'"),
     ("estimate a.png --fokal 800", "--fokal is no option of estimate; did you mean --focal?"),
     ("to-colmap a.png --db new.db --readout=0.02", "--readout is no option of to-colmap"),
-    ("segment a.png --focal", "--focal: expected one argument"),
     ("estimate", "name photographs, a folder or a video"),
     ("place project.db model frames", "name -o/--output"),
     ("to-transforms model frames", "frames is too much"),
-    ("triage a.png --best 3 --every-best 2", "--every-best: not allowed with argument --best"),
     ("segment a.png -o out --masks COLMAP", "invalid choice: 'COLMAP'"),
     ("segment a.png --masks colmap", "--masks needs a folder; name it with -o"),
     ("estimate a.png --seed one", "--seed: must be 0 or more, got one"),
     ("estimate a.png --focal 26", "fewer than 100 with their unit as 80px"),
     ("estimate a.png --focal 800 --exposure 20", "more than 2 with their unit"),
     ("estimate a.png --exposure 1/50", "which need --focal or --camera"),
-    ("estimate a.png --camera 800,600,320,240", "COLMAP's are SIMPLE_PINHOLE, PINHOLE"),
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),
     ("estimate @missing.txt", "name a file that holds one name on each line"),
     ("estimate a.png -o notes.txt", "(File exists); name another folder"),
     ("report a.png -o mine.html", "name another with -o or remove it"),
-    ("estimate a.png --camera PINHOLE,640,400,500,500,320,200", "is for 640x400 pixels, the photograph has"),
     ("estimate a.png --focal 300 --readout 0.03", "add --exposure S"),
-    ("estimate a.png --model a.png", "not an ONNX network"),
     ("to-colmap a.png", "name --db"),
     ("to-colmap a.png --db project.db --link", "project.db: "),
     ("estimate a.png --resume", "name it with -o"),
-    ("estimate https://a.org/b.jpg", "https://a.org/b.jpg: is no file here; download it first"),
-    ("estimate project.db", "a COLMAP database goes to --camera, to-colmap --db or place"),
     ("estimate a.png -out o", "-out is no option of estimate; did you mean --output?"),
-    ("estimate '*.jpg'", "*.jpg: no such file; no name fits this pattern, or it stands in quotes"),
     ("triage a.png --extract .", ".: holds the photographs themselves; name an empty folder"),
     ("estimate ''", "an argument is empty; is it a variable that is not set?"),
-    ("estimate loop.jpg -o out", "loop.jpg: "),
     ("estimate a\0.png", "a\\x00.png: "),
     ("report a.png -o a\0", "a path has no null character"),
     ("estimate a.png -o o2 --csv o2/a.json", "two results would be one file"),
-    ("triage a.png empty --csv .k.txt.manifest.jsonl --keep k.txt", "two results would be one file"),
     ("to-colmap a.png --db a.db --csv a.db-wal", "two results would be one file"),
-    ("triage a.png --keep-for-poses a.txt --keep-for-training a.txt", "two results would be one file"),
     ("triage a.png --gsd 2", "expected a distance with its unit as 2cm"),
     ("triage a.png --max-smear 2cm", "needs --gsd"),
     ("triage a.png --csv a.png --overwrite", "would replace a photograph"),
     ("triage @names.txt --keep names.txt --overwrite", "names.txt: names the photographs of this call"),
     ("triage a.png --keep endless", "is no list of an earlier call"),
-    ("report a.png -o a.png --overwrite", "the page would replace a photograph; name another with -o"),
     ("estimate a.png -o new --csv notes.txt --overwrite", "is no table of an earlier call"),
-    (f"estimate {'n' * 5000}.png", "cannot be read (File name too long)"),
 ]
 WRONG_VALUES = [
-    "estimate a.png --jobs 2 --dask tcp://a:1",
     "estimate a.png --max-memory nan",
     "estimate a.png --json --jsonl",
-    "estimate a.png --focal 525 --camera exif",
-    "estimate a.png --camera PINHOLE,320,240,300,300,1e300,120",
     "estimate a.png --focal 300 --exposure 1/0",
     "estimate a.png --focal 300 --readout 25",
     "triage a.png --resume",
@@ -78,7 +56,6 @@ WRONG_VALUES = [
     "triage a.png --csv t.csv --every-best 2",
     "to-colmap a.png --db new.db --replace",
     "to-colmap a.png --db new.db --dask tcp://127.0.0.1:9 --link",
-    "to-colmap a.png --db new.db -o x",
 ]
 MISTAKES += [(words, f"blur2view {words.split()[0]}: ") for words in WRONG_VALUES]  # of wrong usage alone
 
@@ -88,11 +65,9 @@ def folder(tmp_path: Path, still: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     """Return the current folder: a photograph, an empty folder and files of the user."""
     shutil.copy(still, tmp_path / "a.png")
     (tmp_path / "empty").mkdir()
-    (tmp_path / "loop.jpg").symlink_to("loop.jpg")
     (tmp_path / "endless").symlink_to("/dev/zero")
     (tmp_path / "names.txt").write_text("a.png\na.png\n")
-    with closing(sqlite3.connect(tmp_path / "project.db")) as database:
-        database.execute("CREATE TABLE images (name TEXT)")
+    (tmp_path / "project.db").write_bytes(b"no database")
     for name in ("notes.txt", "mine.html"):
         (tmp_path / name).write_text("mine")
     monkeypatch.chdir(tmp_path)

@@ -125,9 +125,7 @@ def test_nothing_is_written_if_every_photograph_fails(
     assert make(absent, moving) == 1 and page.read_bytes() != good
 
 
-@pytest.mark.parametrize(
-    "name", [HOSTILE, "</script><script>alert(3)</script>", "<!--<script>", "\udcff.png", "$title"]
-)
+@pytest.mark.parametrize("name", [HOSTILE, "</script><script>alert(3)</script>", "\udcff.png", "$title"])
 def test_names_and_errors_never_become_markup(name: str) -> None:
     entries = [Entry.of(made_up(name, F=turning_F())), Entry.failed(name, f"{name}: no such file")]
     markup = _Markup(report(entries, "1.0"))

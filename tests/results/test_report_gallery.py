@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Page
 
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.results.report import Entry, report
+from blur2view.results.report import Entry
 from tests.support.report_browser import Opener, numbers, settle, toggle, value
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
@@ -84,12 +84,3 @@ def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bo
     assert value(page, "length").endswith(" px") and page.locator("[data-mark=line-2]").count() == 1
     red, green, blue = numbers(page.evaluate("getComputedStyle(document.body).backgroundColor"))
     assert (red + green + blue < 128) == dark
-
-
-def test_old_browser_gets_a_message(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "old.html").write_bytes(report(gallery_entries(), "1.0"))
-    page = browser.new_page()
-    page.add_init_script("delete window.DecompressionStream")
-    page.goto((tmp_path / "old.html").as_uri())
-    assert "too old" in page.locator("#notice").inner_text() and page.locator(".card").count() == 5
-    page.close()

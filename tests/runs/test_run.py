@@ -2,13 +2,12 @@
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from blur2view.errors import ImageError
-from blur2view.photographs.video import frame_path
 from blur2view.runs.job import Job, Outcome, neighbours_of
 from blur2view.runs.processes import Engine, in_processes, in_this_process, processes
 from blur2view.runs.run import outcomes
@@ -80,22 +79,6 @@ def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
         os.kill(outcome.payload[0], 0)
 
 
-def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
-    taken = 0
-
-    def jobs() -> Iterator[Job]:
-        nonlocal taken
-        for index in range(9):
-            taken += 1
-            yield Job(index=index, path=tmp_path / "a.txt", target=0.0)
-
-    (tmp_path / "a.txt").write_text("a")
-    running = outcomes(CountWork(), jobs(), in_this_process)
-    next(running)
-    assert taken == 1
-    running.close()
-
-
 def test_frames_that_a_video_only_announces_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -118,11 +101,3 @@ def test_neighbours_are_named_beside_a_photograph_and_lie_in_its_folder() -> Non
     assert _beside(paths, True) == [[(1, second)], [(-1, first)], []]
     assert _beside([elsewhere, first, second], True) == [[], [(1, second)], [(-1, first)]]
     assert _beside(paths, None) == [[], [], []]
-
-
-def test_frames_have_neighbours_unless_they_are_refused(tmp_path: Path) -> None:
-    video = tmp_path / "walk.mp4"
-    video.touch()
-    first, second, third = paths = [frame_path(video, index) for index in range(3)]
-    assert _beside(paths[:2], None) == [[(1, second)], [(-1, first), (1, third)]]
-    assert _beside(paths[:2], False) == [[], []]
