@@ -80,6 +80,6 @@ class EstimateOptions(FolderOptions):
         document = EstimateDocument.of(one)
         geometry, summary = one.estimate.geometry, ""
         if self.prints:
-            summary = estimate_summary(document, geometry, job.files, self.verbosity)
+            summary = estimate_summary(document, geometry, job.files, verbose=self.verbose)
         contents = partial(estimate_contents, one, full_field=self.full_field)
         return with_files(job, one, document, summary, contents)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.arguments.values import share
-from blur2view.cli.terminal import QUIET, SHORT, plural, printable
+from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
@@ -69,7 +69,7 @@ class PlaceOptions(Options):
         if not placement.placed:
             raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
         write_model(placement.model, self.output, project_text(self.photographs, self.database))
-        if self.verbosity > QUIET:
+        if not self.quiet:
             print(summary(self, model, placement, names))
         return 0
 
@@ -117,7 +117,7 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, name
     if not placement.measured:
         line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
     lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
-    if options.verbosity > SHORT:
+    if options.verbose:
         for name in placement.left:
             lines.append(f"  {printable(name)} left out: too few of its points have smears")
     posed = {image.name for image in placement.model.images.values() if image.has_pose}

@@ -15,7 +15,7 @@ from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.run import End, jobs_of, open_manifest, run_over
 from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import QUIET, SHORT, printable
+from blur2view.cli.terminal import printable
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, check_file, writable_folders, write_files, writing
@@ -82,7 +82,7 @@ class ReportOptions(PhotographOptions):
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = time.perf_counter() - start if self.mask else None
         summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry)
-        summary += f"\n  {one.estimate.geometry.reason}" * (self.verbosity > SHORT)
+        summary += f"\n  {one.estimate.geometry.reason}" * self.verbose
         return outcome_of(one, Entry.of(replace(one, path=Path(job.target)), mask, mask_s), summary)
 
     def execute(self) -> int:
@@ -105,7 +105,7 @@ class ReportOptions(PhotographOptions):
                 content = report(entries, __version__)
                 with writing(page.parent):
                     write_files({page: content})
-                if self.verbosity > QUIET:
+                if not self.quiet:
                     print(f"wrote {printable(str(page))} ({len(content) / 1e6:.2f} MB)")
             elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
                 raise OutputError(f"{page}: is not written, as every photograph failed; name others")

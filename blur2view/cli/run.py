@@ -9,10 +9,11 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from enum import Enum, auto
 from pathlib import Path
+from typing import Any
 
 from blur2view import __version__
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, TILE, Progress, complain, plural, printable
+from blur2view.cli.terminal import Say, complain, plural, printable
 from blur2view.cli.work import network_of
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
@@ -77,7 +78,6 @@ def open_manifest(
     what is done is also looked up in the manifests in its folder and in further ``folders``.
     """
     network = network_of(options.model, options.provider, options.digest)
-    network.on_tile = Progress(TILE).show
     network.tiles_at_once = usable_cores()  # here alone
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
@@ -124,39 +124,45 @@ def run_over(
         from blur2view.runs.cluster import Cluster
 
         engine = Cluster(options.dask)
-    bar, sends = Progress(PHOTOGRAPH), options.dask is not None
     done: list[tuple[Path, Outcome]] = []
     rows: list[Row] = []
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
+    bar: Any = None
+    say: Say = print
     try:
-        if len(jobs) > 1 and options.verbosity > QUIET and sys.stderr.isatty():
-            print(printable(options.inputs.counted), file=sys.stderr)
-        bar.show(0, len(jobs))
-        with closing(outcomes(options, jobs, engine, manifest, sends=sends)) as results:
+        if len(jobs) > 1 and sys.stderr.isatty():  # a person watches
+            from tqdm import tqdm  # 0.07 s
+
+            if not options.quiet:
+                print(printable(options.inputs.counted), file=sys.stderr)
+            bar = tqdm(total=len(jobs), unit="photo")
+            say = bar.write  # which keeps the bar whole
+        with closing(outcomes(options, jobs, engine, manifest, sends=options.dask is not None)) as results:
             for job, outcome in results:
                 if failed == options.max_failures:  # and there is another one
                     end = End.STOPPED
                     break
                 row = classify(replace(outcome.row, name=names[job.path], use="", error=outcome.error))
                 if outcome.error:
-                    complain(Blur2ViewError(outcome.error), bar.say)
-                elif options.prints and (not outcome.skipped or options.verbosity > SHORT):
+                    complain(Blur2ViewError(outcome.error), say)
+                elif options.prints and (not outcome.skipped or options.verbose):
                     lines = (line(job.path, row) if line else outcome.summary).split("\n")
-                    lines = lines[: 1 if len(jobs) > 1 and options.verbosity == SHORT else None]
-                    bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
+                    lines = lines[: 1 if len(jobs) > 1 and not options.verbose else None]
+                    say("\n".join(map(printable, lines)))  # a manifest's may hold anything
                 if options.jsonl:
                     failed_ = {"image": str(job.path), "error": outcome.error}
                     document = failed_ if outcome.error else outcome.payload
                     print(json.dumps(document, allow_nan=False), flush=True)
                 for warning in outcome.warnings:  # one about each option: of most photographs it is the same
-                    if (about := warning.partition(" ")[0]) not in warned and options.verbosity > QUIET:
-                        complain(Blur2ViewError(f"{job.path}: {warning}"), bar.say)
+                    if (about := warning.partition(" ")[0]) not in warned and not options.quiet:
+                        complain(Blur2ViewError(f"{job.path}: {warning}"), say)
                     warned.add(about)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
                 done.append((job.path, outcome if options.keeps else replace(outcome, payload=None)))
                 failed += bool(outcome.error)
-                bar.show(len(done), len(jobs))
+                if bar is not None:
+                    bar.update()
                 if outcome.stop:
                     end = End.STOPPED
                     break
@@ -166,7 +172,8 @@ def run_over(
         complain(error)
         end = End.BROKEN
     finally:
-        bar.close()
+        if bar is not None:
+            bar.close()
     has_table, seconds = _write_table(options.csv, rows), time.monotonic() - start
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     _print_end(run, len(jobs), manifest, total=options.prints and line is None)

@@ -100,7 +100,7 @@ class SegmentOptions(FolderOptions):
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
-        summary = mask_summary(document, mask, job.files, self.verbosity) if self.prints else ""
+        summary = mask_summary(document, mask, job.files, verbose=self.verbose) if self.prints else ""
 
         def contents() -> list[bytes]:
             ignore = self.unobservable == "ignore"

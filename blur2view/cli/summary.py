@@ -3,7 +3,7 @@
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.cli.terminal import SHORT, printable
+from blur2view.cli.terminal import printable
 from blur2view.geometry.epipolar import epipoles
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.output_files import ResultFiles
@@ -23,21 +23,21 @@ def verdict_line(name: str, verdict: str, geometry: TwoViewGeometry) -> str:
 
 
 def estimate_summary(
-    document: EstimateDocument, geometry: TwoViewGeometry, files: ResultFiles | None, verbosity: int = SHORT
+    document: EstimateDocument, geometry: TwoViewGeometry, files: ResultFiles | None, *, verbose: bool
 ) -> str:
     """Return two lines about one photograph, or everything, and where the results were written."""
     lines = [verdict_line(document.image, document.meaning, geometry), _figures(document, geometry)]
-    if verbosity > SHORT:
+    if verbose:
         lines += [document.reason, *_details(document), *geometry.table.lines(), *_seconds(document)]
     return _with_files(lines, files)
 
 
 def mask_summary(
-    document: MaskDocument, mask: MotionMask, files: ResultFiles | None, verbosity: int = SHORT
+    document: MaskDocument, mask: MotionMask, files: ResultFiles | None, *, verbose: bool
 ) -> str:
     """Return two lines about one photograph's mask, or everything."""
     lines = [f"{printable(document.image)}: {mask_verdict(mask)}"]
-    if verbosity == SHORT:
+    if not verbose:
         return _with_files([*lines, mask.reason.partition(";")[0]], files)
     lines.append(mask.reason)
     for region in mask.regions:

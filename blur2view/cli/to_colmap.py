@@ -12,7 +12,7 @@ from blur2view.cli.arguments.option import VIEWS, Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.run import End, manifest_of, open_manifest, run_over
 from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import QUIET, plural
+from blur2view.cli.terminal import plural
 from blur2view.cli.views import document_of, named_jobs, summary, with_time
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
@@ -187,8 +187,8 @@ class ToColmapOptions(PhotographOptions):
         )
         if self.json:
             print(document.to_json())
-        elif self.verbosity > QUIET:
-            print(summary(document, linked=self.link, verbosity=self.verbosity))
+        elif not self.quiet:
+            print(summary(document, linked=self.link, verbose=self.verbose))
         return finished.exit_code
 
     def _written_before(self) -> set[str] | None:

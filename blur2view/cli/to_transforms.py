@@ -14,7 +14,7 @@ from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.outputs import png
 from blur2view.cli.place import refuse_foreign, write_model
 from blur2view.cli.segment import SegmentOptions
-from blur2view.cli.terminal import QUIET, SHORT, plural, printable
+from blur2view.cli.terminal import plural, printable
 from blur2view.colmap import DIALECTS, GSPLAT
 from blur2view.colmap.models import pictures_of, project_text, read_model
 from blur2view.colmap.transforms import (
@@ -35,14 +35,9 @@ MASKS = "masks"  # beside transforms.json
 
 
 KEYS = """
-transform_matrix: world_from_camera at mid exposure; axes x right, y up, z backwards (OpenGL)
-fl_x, cx, k1, ...: COLMAP's own numbers; above the frames, or in each if they have several cameras
-instant-ngp: transform_matrix_start and _end at shutter-open and shutter-close; rolling_shutter [0, 0, 0, 1],
-    a global shutter; sharpness, 1 / (1 + median smear in pixels); aabb_scale, scale and offset put the
-    cameras into its box
-nerfstudio: camera_linear_velocity (units of the model per second) and camera_angular_velocity (radians per
-    second) in the camera's axes; exposure_time, rolling_shutter_time 0; ply_file_path: the model's points,
-    sparse_pc.ply beside the file; the main line of nerfstudio reads the same file without the motion
+instant-ngp: transforms.json alone, whose cameras are put into its box
+nerfstudio: the file, and beside it the model's points, sparse_pc.ply; its main line reads the same without
+    the motion
 gsplat: no file but a folder: sparse/0, COLMAP's model with the photographs alone, and images, a link to them
 masks: nerfstudio masks/NAME.png beside the file, and mask_path of each frame; instant-ngp
     dynamic_mask_NAME.png beside each photograph, where it looks for it
@@ -93,7 +88,7 @@ class ToTransformsOptions(Options):
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
         line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
-        if self.verbosity > QUIET:
+        if not self.quiet:
             print(line)
         return 0
 
@@ -125,7 +120,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     for folder in sorted({path.parent for path in files}, reverse=True):
         with writing(folder):
             write_files({path: data for path, data in files.items() if path.parent == folder})
-    line = summary(target, content, options.verbosity, masks=options.masks is not None)
+    line = summary(target, content, verbose=options.verbose, masks=options.masks is not None)
     if left:
         line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"
     return line
@@ -215,7 +210,7 @@ def _write_model(options: ToTransformsOptions) -> str:
     )
 
 
-def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT, *, masks: bool = False) -> str:
+def summary(target: Path, content: dict[str, Any], *, verbose: bool, masks: bool = False) -> str:
     """Return one line about the file; with -v the frames without motion, too."""
     frames = content["frames"]
     still = [frame["file_path"] for frame in frames if not any(any(frame.get(key, ())) for key in MOTION)]
@@ -224,6 +219,6 @@ def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT, *, ma
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     if still:
         line += f", {len(still)} of them without views, as if the camera had stood still"
-    if verbosity > SHORT and still:
+    if verbose and still:
         line += "\n  " + "\n  ".join(map(printable, still))
     return line

@@ -13,7 +13,7 @@ from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
 from blur2view.cli.run import End, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
-from blur2view.cli.terminal import QUIET, SHORT, complain
+from blur2view.cli.terminal import complain
 from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
@@ -177,7 +177,7 @@ class TriageOptions(PhotographOptions):
                 self._check_list(target, name, names.values(), manifest)
             self._check_folder(files.values())
             classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
-            line = partial(use_line, limit_px=self.limit.number, meaning=self.verbosity > SHORT)
+            line = partial(use_line, limit_px=self.limit.number, meaning=self.verbose)
             finished = run_over(self, jobs_of(self), manifest, classify=classify, line=line)
             if finished.end is End.BROKEN or not finished.rows:
                 return finished.exit_code
@@ -200,7 +200,7 @@ class TriageOptions(PhotographOptions):
                     manifest.append_target(target)
             if self.extract is not None and whole:
                 extract(self.extract, pictures)
-        if self.verbosity > QUIET:
+        if not self.quiet:
             count, words = len(kept) - len(refused), ""
             if self.keep is not None or self.extract is not None:
                 words = f"{count} kept" if count else f"none is kept: {self._remedy}"

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from blur2view.cli.terminal import SHORT, plural, printable
+from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.project import database_matcher, database_names, storable
@@ -96,9 +96,9 @@ def with_time(
     return with_time_direction(views, consecutive_runs(names, in_order=bool(in_order)), matcher)
 
 
-def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT) -> str:
+def summary(document: ToColmapDocument, *, linked: bool, verbose: bool = False) -> str:
     """Return a line for each photograph, and one that says what was written or would be."""
-    lines = [_line(one, verbosity, linked=linked) for one in document.photographs]
+    lines = [_line(one, linked=linked, verbose=verbose) for one in document.photographs]
     if document.kept:
         some = ", ".join(printable(one["name"]) for one in document.kept[:3])
         some += ", ..." if len(document.kept) > 3 else ""
@@ -122,7 +122,7 @@ def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT)
     return "\n".join([*lines, total])
 
 
-def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
+def _line(one: ViewsDocument, *, linked: bool, verbose: bool) -> str:
     name = printable(one.name)
     if not one.num_matches:
         return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
@@ -133,4 +133,4 @@ def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
         counts = f"none of {one.num_matches} matches is written as an inlier"
     order = f"known by neighbours ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
     line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
-    return f"{line}\n  {one.reason}" if verbosity > SHORT else line
+    return f"{line}\n  {one.reason}" if verbose else line

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, ClassVar, get_args
 
 from blur2view.cli.arguments.values import file_path, whole
-from blur2view.cli.terminal import QUIET, SHORT, VERBOSE
 from blur2view.results.document import Document, explained
 
 Rows = str | type[Document] | Mapping[str, str]
@@ -77,11 +76,6 @@ class Options:
     "print everything: reasons, matrices, the costs of the models, timings"
     quiet: bool = option(False, names="-q --quiet", either="verbosity")
     "print failures only"
-
-    @property
-    def verbosity(self) -> int:
-        """How much is printed: `QUIET`, `SHORT` or `VERBOSE`."""
-        return VERBOSE if self.verbose else QUIET if self.quiet else SHORT
 
     def execute(self) -> int:
         """Return the exit code of the command, after running it."""

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import CAMERA, ESTIMATION, INPUT, MANY, Options, option
-from blur2view.cli.terminal import QUIET
 from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.input_files import MAX_MEMORY_GIB
@@ -146,7 +145,7 @@ class PhotographOptions(Options):
     @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
-        return not self.json and not self.jsonl and self.verbosity > QUIET
+        return not self.json and not self.jsonl and not self.quiet
 
     def _run(self) -> Run:
         """Return how each photograph is estimated; ValueError of what does not go together."""
