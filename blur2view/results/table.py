@@ -66,16 +66,12 @@ class Row(Document):
     wx: float | None = None
     wy: float | None = None
     wz: float | None = None
-    """Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure time
-    is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
-    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative, as
-    with --gyroscope they do. The sign of all three is that of time: see time_confidence."""
     sigma_wx: float | None = None
     sigma_wy: float | None = None
     sigma_wz: float | None = None
-    """Their standard deviations."""
     rate_unit: str = ""
-    """rad/s or rad; empty without a pose."""
+    """Rates, or without an exposure time the rotation vector, about the camera's axes, with their standard
+    deviations and unit, as blur2view estimate --help-all explains them; their sign is that of time."""
     time_confidence: float | None = None
     """How sure neighbouring frames (blur2view estimate and report, of videos or with --sequence) are of the
     order in time, 0 to 1; 0: the sign is arbitrary."""
