@@ -11,7 +11,6 @@ from enum import Enum, auto
 from pathlib import Path
 from typing import Any
 
-from blur2view import __version__
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.terminal import Say, complain, plural, printable
 from blur2view.cli.work import network_of
@@ -23,7 +22,7 @@ from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.timestamps import timestamps_of
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
-from blur2view.runs.manifest import ENDING, Manifest, Settings
+from blur2view.runs.manifest import ENDING, Manifest
 from blur2view.runs.processes import Engine, processes
 from blur2view.runs.run import outcomes
 
@@ -91,9 +90,8 @@ def open_manifest(
         digests = {"network": options.digest, "camera_files": [file_digest(file) for file in files]}
         of_result = [one.name for one in fields(options) if one.metadata.get("result")]
         values = {name: getattr(options, name) for name in of_result} | digests
-        settings = Settings(command=options.command, version=__version__, options=values)
         folders = {path.parent, *folders}
-        with Manifest(path, settings, resume=options.resume, folders=folders) as manifest:
+        with Manifest(path, options.command, values, resume=options.resume, folders=folders) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
             yield manifest

@@ -14,10 +14,11 @@ import os
 import stat
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
+from blur2view import __version__
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import MAX_BYTES, open_regular, parse_json, read_regular
 from blur2view.output_files import unwritable
@@ -25,7 +26,7 @@ from blur2view.photographs.video import frame_of
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Outcome, file_digest
 
-SIGN, FORMAT = "blur2view", 4  # 1 held pickles, 2 summaries, 3 no digests of lines
+SIGN, FORMAT = "blur2view", 5  # 1 held pickles, 2 summaries, 3 no digests of lines, 4 pointers
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
 ENDING = ".manifest.jsonl"
 NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
@@ -34,31 +35,28 @@ DAMAGE = (ValueError, TypeError, LookupError, AttributeError)
 Line = dict[str, Any]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What results depend on beside their photograph."""
-
-    command: str
-    version: str  # of blur2view
-    options: Mapping[str, Any]  # of JSON's types, digests of networks and other files among them
-
-    @property
-    def digest(self) -> str:
-        """Return a name of these settings, which every line repeats."""
-        return _digest_of({"format": FORMAT, **asdict(self)})
-
-
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
     A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls did with it is looked up, also in the manifests of other outputs in these ``folders``.
-    To be closed; an empty one is then removed. OutputError if there is a file of another kind, one that
-    cannot be read or written, or one of a call that runs.
+    what earlier calls of the ``command`` did with it is looked up, also in the manifests of other outputs in
+    these ``folders``. ``options``, of JSON's types, are all that results depend on beside their photograph,
+    digests of networks and other files among them. To be closed; an empty one is then removed. OutputError if
+    there is a file of another kind, one that cannot be read or written, or one of a call that runs.
     """
 
-    def __init__(self, path: Path, settings: Settings, *, resume: bool, folders: Iterable[Path] = ()) -> None:
-        self.path, self.settings, self._resume = path, settings, resume
+    def __init__(
+        self,
+        path: Path,
+        command: str,
+        options: Mapping[str, Any],
+        *,
+        resume: bool,
+        folders: Iterable[Path] = (),
+    ) -> None:
+        self.path, self._resume = path, resume
+        self._head: Line = {SIGN: __version__, "format": FORMAT, "command": command, "options": dict(options)}
+        self._settings = _digest_of(self._head)  # which every line repeats
         self._done: dict[str, Line] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
@@ -95,11 +93,11 @@ class Manifest:
     @property
     def complaint(self) -> OutputError | None:
         """Return one line about what cannot be gone on with, if there is such."""
-        if self._resume and self._heads and self.settings.digest not in self._heads:
+        if self._resume and self._heads and self._settings not in self._heads:
             *_, head = self._heads.values()
-            if (head[SIGN], head.get("format")) != (self.settings.version, FORMAT):
+            if (head[SIGN], head.get("format")) != (__version__, FORMAT):
                 return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
-            then, now = head["options"], self.settings.options
+            then, now = head["options"], self._head["options"]
             changed = ", ".join(sorted(name for name in {**then, **now} if then.get(name) != now.get(name)))
             return OutputError(f"{self.path}: other options ({changed}) made it; all is done again")
         if self._damaged:
@@ -145,7 +143,7 @@ class Manifest:
 
     def append(self, job: Job, outcome: Outcome) -> None:
         """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
-        line: Line = {"settings": self.settings.digest, "image": self._name(job.path)}
+        line: Line = {"settings": self._settings, "image": self._name(job.path)}
         if outcome.error:
             if line["image"] in self._known:
                 self._write(line | {"error": outcome.error})
@@ -198,15 +196,13 @@ class Manifest:
             if "outputs" in line:
                 line["outputs"] = {self._name(folder / one): sum_ for one, sum_ in line["outputs"].items()}
                 self._owners |= dict.fromkeys(line["outputs"], (image, line["sha256"]))
-                if self._resume and line["settings"] == self.settings.digest:
+                if self._resume and line["settings"] == self._settings:
                     self._done[image] = line
 
     def _write(self, line: Line) -> None:
         """Append a line and wait until the disk has it."""
-        settings = self.settings
-        about = {"settings": settings.digest, "command": settings.command, "options": dict(settings.options)}
-        head = {SIGN: settings.version, "format": FORMAT, **about}
-        lines = [*([] if self._headed else [head]), line | {"digest": _digest_of(line)}]
+        head = [] if self._headed else [self._head | {"settings": self._settings}]
+        lines = [*head, line | {"digest": _digest_of(line)}]
         content = "".join(json.dumps(one) + "\n" for one in lines).encode()
         try:
             if not self._headed:
