@@ -88,7 +88,7 @@ class FolderOptions(PhotographOptions):
             folders = sorted({path.parent for path in paths})
             with writable_folders(*folders):
                 finished = run_over(self, jobs, manifest)
-                remove_left_over(paths, folders)  # at the end: workers of a killed call live on for a moment
+                remove_left_over(paths, folders)  # of a call that was killed
         if self.json:
             done = [one.payload for _, one in finished.outcomes if not one.error]
             document = {self.listed: done, "failures": finished.failures}

@@ -43,7 +43,7 @@ class Cluster:
             raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
 
     def __call__(self, work: Work, jobs: Iterator[Job]) -> Done:
-        """Yield the jobs, which must have their contents, with their outcomes, files unwritten."""
+        """Yield the jobs, which must have their contents, with their outcomes."""
         pending: dict[Any, Job] = {}
         try:
             while True:
@@ -52,7 +52,7 @@ class Cluster:
                 while len(pending) < slots and (job := next(jobs, None)) is not None:
                     with self._in_touch(), warnings.catch_warnings():
                         warnings.simplefilter("ignore")  # of large arguments; scattered they could be lost
-                        future = self._client.submit(perform, work, job, write=False, pure=False)
+                        future = self._client.submit(perform, work, job, pure=False)
                     pending[future] = job
                 if not pending:
                     return

@@ -77,14 +77,13 @@ def failed(error: Blur2ViewError) -> Outcome:
     return Outcome(error=str(error), stop=isinstance(error, RunError))
 
 
-def perform(work: Work, job: Job, *, write: bool = True) -> Outcome:
-    """Return the outcome of one photograph, its files written or not; errors of the user's are data."""
+def perform(work: Work, job: Job) -> Outcome:
+    """Return the outcome of one photograph, its files unwritten; errors of the user's are data."""
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
-            outcome = replace(work(job), digest=digest)
-            return written(outcome) if write else outcome
+            return replace(work(job), digest=digest)
     except Blur2ViewError as error:
         return failed(error)
 

@@ -90,7 +90,7 @@ def _end_with_parent() -> None:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
-    """Kill the processes; what they leave half written is removed as after any kill."""
+    """Kill the processes, which write nothing."""
     processes = list((executor._processes or {}).values())
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:

@@ -21,9 +21,9 @@ def outcomes(
 ) -> Done:
     """Yield every job, of consecutive indices, with its outcome in their order.
 
-    The manifest has it as soon as it is done. With ``sends`` photographs are read here and sent, as to other
-    machines. OutputError or RunError if the manifest cannot be written, or no photograph can be done any
-    more; KeyboardInterrupt after the outcomes that are there.
+    Its files are written here, and the manifest has it, as soon as it is done. With ``sends`` photographs are
+    read here, too, and sent, as to other machines. OutputError or RunError if the manifest cannot be written,
+    or no photograph can be done any more; KeyboardInterrupt after the outcomes that are there.
     """
     waiting: Waiting = {}
     turn = 0
