@@ -1,6 +1,5 @@
 """``blur2view --help``: how fast it is, and that it explains everything."""
 
-import ast
 import dataclasses
 import os
 import subprocess
@@ -31,29 +30,12 @@ completed estimate cli
 """
 ROOT = Path(__file__).parents[2]
 WITHOUT_ESTIMATE = ("place", "to-transforms")
-HEAVY = ["numpy", "cv2", "scipy", "skimage", "PIL", "onnxruntime", "pycolmap", "tqdm"]
+HEAVY = ["skimage", "onnxruntime", "pycolmap", "tqdm"]
 REFERENCE = {
     "estimate": estimate.EstimateDocument,
     "segment": masks.MaskDocument,
     "to-colmap": to_colmap.ViewsDocument,
 }
-
-
-def imported_by(*arguments: str) -> set[str]:
-    """Return which heavy packages a call of the program imports."""
-    program = f"""
-import sys
-sys.argv = ["blur2view", *{arguments}]
-from blur2view.cli.commands import main
-try:
-    main()
-except SystemExit:
-    print([name for name in {HEAVY} if name in sys.modules])
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
-    )
-    return set(ast.literal_eval(done.stdout.splitlines()[-1]))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -95,9 +77,19 @@ def test_an_option_is_declared_once(capsys: pytest.CaptureFixture[str]) -> None:
     assert options.floor == 0.25 and options.masks is None
 
 
-@pytest.mark.parametrize("command", cli.COMMANDS)
-def test_help_of_a_command_imports_no_network_and_no_colmap(command: str) -> None:
-    assert imported_by(command, "--help") <= {"numpy", "cv2", "scipy", "PIL"}
+def test_help_imports_no_network_and_no_colmap() -> None:
+    program = f"""
+import sys
+from contextlib import suppress
+from blur2view.cli.commands import main
+for command in {list(cli.COMMANDS)}:
+    with suppress(SystemExit):
+        main([command, "--help"])
+print([name for name in {HEAVY} if name in sys.modules])
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize("command", cli.COMMANDS)

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view import pipeline
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents
@@ -41,14 +40,6 @@ def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
     monkeypatch.setattr(Path, "replace", killed)
     assert run(moving, "-o", tmp_path / "out", "--overwrite") == 130
     assert sorted(contents(tmp_path / "out")) == ["moving.png", "moving.smear.npz"]
-
-
-def test_refusal_comes_before_the_work(
-    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "moving.json").write_text("mine")
-    monkeypatch.setattr(pipeline, "read_pixels", lambda path: pytest.fail("read in vain"))
-    assert run(moving, "-o", tmp_path) == 1
 
 
 def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(

@@ -157,8 +157,3 @@ def test_pictures_that_are_not_there_are_asked_for(
     assert call(*words) == 1
     assert "name their folder with --images" in capsys.readouterr().err and not target.exists()
     assert call(*words, "--images", linked / "shots of day 1") == 0
-    foreign = tmp_path / "sparse_pc.ply"
-    foreign.write_text("ply\n")
-    assert call(*words, "--dialect", "nerfstudio", "--overwrite", "--images", linked / "shots of day 1") == 1
-    assert "sparse_pc.ply: is no point cloud of an earlier call" in capsys.readouterr().err
-    assert foreign.read_text() == "ply\n"

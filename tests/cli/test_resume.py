@@ -135,18 +135,6 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: 
     assert new.read_bytes() == b"theirs"
 
 
-@pytest.mark.parametrize("command", ["estimate", "to-colmap"])
-def test_photograph_whose_line_was_changed_is_done_again_and_nothing_is_printed_of_others(
-    again: Call, tmp_path: Path, command: str
-) -> None:
-    assert again(command, *["--no-timings"] * (command == "estimate")) == 0
-    before, manifest = contents(tmp_path), Path(COMMANDS[command][1])
-    manifest.write_text(manifest.read_text().replace('"smear_px": ', '"smear_px": 1', 1))
-    done = again(command, "--resume", *["--no-timings"] * (command == "estimate"))
-    assert done == 0 and done.line.endswith("a line was cut off or changed; that photograph is done again")
-    assert contents(tmp_path) == before
-
-
 def test_a_video_whose_last_failure_is_its_end_is_not_stopped(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
