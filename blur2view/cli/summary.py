@@ -7,10 +7,9 @@ from blur2view.cli.terminal import printable
 from blur2view.geometry.epipolar import epipoles
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.output_files import ResultFiles
-from blur2view.results.estimate import EstimateDocument
+from blur2view.results.estimate import PER_SECOND, EstimateDocument
 from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.masks import MaskDocument
-from blur2view.results.pose import PER_SECOND
 from blur2view.segmentation.mask import MotionMask
 
 AXES = ("wx", "wy", "wz")

@@ -14,7 +14,7 @@ from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
 from blur2view.cli.run import End, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.terminal import complain
-from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
+from blur2view.cli.uses import BLURRED, KEPT, LISTS, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
@@ -139,11 +139,7 @@ class TriageOptions(PhotographOptions):
     @property
     def lists(self) -> dict[str, Path]:
         """The lists of the call, by their options."""
-        named = {
-            "--keep": self.keep,
-            "--keep-for-poses": self.keep_for_poses,
-            "--keep-for-training": self.keep_for_training,
-        }
+        named = {name: getattr(self, name.removeprefix("--").replace("-", "_")) for name in LISTS}
         return {name: path for name, path in named.items() if path is not None}
 
     @property

@@ -58,13 +58,12 @@ def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
     geometry, plan, count = views.geometry, job.target.plan, len(matched(views))
     unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
-    return ViewsDocument(
+    return ViewsDocument.gathered(
+        geometry,
+        views,
         image=str(job.path),
-        name=views.name,
         views=views.names,
         action="add" if plan is None else plan.step.value,
-        config=geometry.config.name,
-        parallax=str(geometry.parallax),
         reason="no feature of yours has a smear that can be used" if unsure else geometry.reason,
         num_keypoints=len(views.points_open),
         num_matches=count,

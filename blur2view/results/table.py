@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document
-from blur2view.results.pose import rate_of
+from blur2view.results.estimate import rate_of
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
