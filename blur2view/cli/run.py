@@ -102,18 +102,17 @@ def run_over(
     jobs: Sequence[Job],
     manifest: Manifest | None,
     *,
-    names: dict[Path, str] | None = None,
     classify: Callable[[Row], Row] = lambda row: row,
     line: Callable[[Path, Row], str] | None = None,
 ) -> Finished:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
-    as on a full disk, or as many failed as --max-failures allows. ``names`` are those of the table, by
-    default COLMAP's, ``classify`` adds to a row what the photograph is of use for, ``line`` returns what is
-    printed of it: by default the summary of the work, and a closing line.
+    as on a full disk, or as many failed as --max-failures allows. ``classify`` adds to a row what the
+    photograph is of use for, ``line`` returns what is printed of it: by default the summary of the work, and
+    a closing line.
     """
-    refused, names = options.inputs.refused, names or colmap_names(options.inputs)
+    refused = options.inputs.refused
     jobs = [
         replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
     ]
@@ -140,7 +139,7 @@ def run_over(
                 if failed == options.max_failures:  # and there is another one
                     end = End.STOPPED
                     break
-                row = classify(replace(outcome.row, name=names[job.path], use="", error=outcome.error))
+                row = classify(replace(outcome.row, name=job.name, use="", error=outcome.error))
                 if outcome.error:
                     complain(Blur2ViewError(outcome.error), say)
                 elif options.prints and (not outcome.skipped or options.verbose):
@@ -209,15 +208,15 @@ def _print_end(run: Finished, count: int, manifest: Manifest | None, *, total: b
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job]:
     """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
     paths, table = options.inputs.paths, options.timestamps
-    neighbours = neighbours_of(paths, options.sequence)
+    neighbours, names = neighbours_of(paths, options.sequence), colmap_names(options.inputs)
     times = [None] * len(paths) if table is None else timestamps_of(paths, table)
     jobs = []
     for index, (path, time_s) in enumerate(zip(paths, times, strict=True)):
         files = plan[index] if plan else None
         refusal, files = (files, None) if isinstance(files, OutputError) else (None, files)
         source = "" if table is None else f"{time_s}"
-        job = Job(index=index, path=path, neighbours=neighbours[path], timestamp_s=time_s, source=source)
-        jobs.append(replace(job, files=files, refusal=refusal))
+        job = Job(index=index, path=path, name=names[path], files=files, refusal=refusal)
+        jobs.append(replace(job, neighbours=neighbours[path], timestamp_s=time_s, source=source))
     return jobs
 
 

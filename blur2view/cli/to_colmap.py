@@ -120,7 +120,7 @@ class ToColmapOptions(PhotographOptions):
 
     def __call__(self, job: Job) -> Outcome:
         """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
-        name, plan = job.target
+        name, plan = job.name, job.target
 
         def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
             stated = self.run.intrinsics.of(path, size, exif)
@@ -159,9 +159,9 @@ class ToColmapOptions(PhotographOptions):
         files = [self.db, *(Path(f"{self.db}{end}") for end in BESIDE)]
         with open_manifest(self, path, files) as manifest:
             before = self._written_before()
-            of_name = {job.target.name: job for job in jobs if job.refusal is None}
+            of_name = {job.name: job for job in jobs if job.refusal is None}
             self._refuse_loss(before, of_name.keys())
-            finished = run_over(self, jobs, manifest, names={job.path: job.target.name for job in jobs})
+            finished = run_over(self, jobs, manifest)
             views = [restore(ExposureViews, one.payload) for _, one in finished.outcomes if not one.error]
             written = {one.name for one in views}
             incomplete = self.link or not views or (before or set()) - written
@@ -173,7 +173,7 @@ class ToColmapOptions(PhotographOptions):
             views = with_time(views, paths, self.db if self.link else None, in_order=in_order)
             backup = None
             if self.link and not self.dry_run:
-                links = [(of_name[one.name].target.plan, one) for one in views]
+                links = [(of_name[one.name].target, one) for one in views]
                 backup = write_links(self.db, links, backup=self.backup)
             elif views and not self.dry_run:
                 write_database(self.db, views, replace=before is not None)
@@ -182,7 +182,7 @@ class ToColmapOptions(PhotographOptions):
             dry_run=self.dry_run,
             backup=None if backup is None else str(backup),
             photographs=[document_of(of_name[one.name], one) for one in views],
-            kept=[{"image": str(job.path), "name": job.target.name} for job in kept],
+            kept=[{"image": str(job.path), "name": job.name} for job in kept],
             failures=finished.failures,
         )
         if self.json:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.database import matched, translation_known
@@ -17,13 +17,6 @@ from blur2view.photographs.inputs import Inputs, colmap_names
 from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job
-
-
-class Named(NamedTuple):
-    """What a photograph is called in the database, and its plan if it is linked."""
-
-    name: str
-    plan: LinkStep | None = None
 
 
 def named_jobs(
@@ -44,19 +37,19 @@ def named_jobs(
         if plan is None and not storable(name):
             plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
         if isinstance(plan, DatabaseError):
-            jobs.append(Job(index=index, path=path, target=Named(name), refusal=plan))
+            jobs.append(Job(index=index, path=path, name=name, refusal=plan))
         elif plan is None:
-            jobs.append(Job(index=index, path=path, target=Named(name), source=name))
+            jobs.append(Job(index=index, path=path, name=name, source=name))
         else:  # views depend on the features that are moved, too
-            target, source = Named(plan.image.name, plan), f"{plan.image.name} {plan.image.digest.hex()}"
-            job = Job(index=index, path=path, target=target, source=source)
+            name, source = plan.image.name, f"{plan.image.name} {plan.image.digest.hex()}"
+            job = Job(index=index, path=path, name=name, target=plan, source=source)
             (kept if plan.step is Step.KEEP else jobs).append(job)
     return jobs, kept
 
 
 def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
-    geometry, plan, count = views.geometry, job.target.plan, len(matched(views))
+    geometry, plan, count = views.geometry, job.target, len(matched(views))
     unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
     return ViewsDocument.gathered(
         geometry,

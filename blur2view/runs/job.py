@@ -37,8 +37,9 @@ class Job(Photograph):
     """One photograph, as it goes to the process that works on it."""
 
     index: int  # its place in the call
+    name: str = ""  # in tables and databases
     files: ResultFiles | None = None  # where its results go
-    target: Any = None  # what the work needs besides, as its name in a database
+    target: Any = None  # what the work needs besides, as its plan in a database
     refusal: Blur2ViewError | None = None  # why it cannot be begun
     digest: str = ""  # SHA-256 of the file; empty where the content is still to be read
     # what its result depends on besides it and its neighbours, such as features in a database

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.views import Named, document_of, summary
+from blur2view.cli.views import document_of, summary
 from blur2view.colmap.link import LinkStep
 from blur2view.colmap.mapping import mapper_options
 from blur2view.results.to_colmap import ToColmapDocument
@@ -164,7 +164,7 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
 
 def named(plan: LinkStep) -> Job:
     """Return a photograph that is linked."""
-    return Job(index=0, path=Path("a/still.png"), target=Named(name="still.png", plan=plan))
+    return Job(index=0, path=Path("a/still.png"), name="still.png", target=plan)
 
 
 def test_line_and_document_give_one_reason_and_say_where_depth_and_order_are_from(project: Path) -> None:
