@@ -5,18 +5,20 @@ import os
 import tempfile
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.arguments.values import share
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
-from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.output_files import write_files, writing
 from blur2view.photographs.inputs import list_photographs
+
+if TYPE_CHECKING:
+    from blur2view.colmap.placement import Placement
 
 ALL_FRAMES = "link all frames of the video (blur2view to-colmap --link)"
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
@@ -57,6 +59,8 @@ class PlaceOptions(Options):
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
+        from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
+
         names = frame_names(self.photographs)
         model = find_model(self.model)
         refuse_foreign(self.output)
@@ -102,7 +106,7 @@ def write_model(model: Any, folder: Path, text: str) -> None:
                 Path(beside, name).replace(folder / name)
 
 
-def summary(options: PlaceOptions, model: FoundModel, placement: Placement, names: list[str]) -> str:
+def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", names: list[str]) -> str:
     """Return a line about the model if it was chosen, one about what was placed, one about what is lacking.
 
     With -v also what was not placed.

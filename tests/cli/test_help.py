@@ -30,7 +30,7 @@ completed estimate cli
 """
 ROOT = Path(__file__).parents[2]
 WITHOUT_ESTIMATE = ("place", "to-transforms")
-HEAVY = ["skimage", "onnxruntime", "pycolmap", "tqdm"]
+HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap", "tqdm"]
 REFERENCE = {
     "estimate": estimate.EstimateDocument,
     "segment": masks.MaskDocument,
