@@ -46,13 +46,6 @@ def lengths(found: list[Outcome]) -> list[int | None]:
     return [None if one.error else one.payload[1] for one in found]
 
 
-def test_one_process_is_this_one(tmp_path: Path) -> None:
-    assert processes(1) is in_this_process
-    found = results(processes(1), tmp_path, ["a", "fail", "ccc"])
-    assert lengths(found) == [1, None, 3] and found[1].error == f"{tmp_path / '1.txt'}: fails"
-    assert found[0].payload[0] == os.getpid()
-
-
 @pytest.mark.slow
 def test_results_of_several_processes_come_in_order(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "fail", "dddd", "eeeee"], pause_s=0.05)
