@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from enum import Enum, auto
+from functools import partial
 from pathlib import Path
-from typing import Any
 
+from blur2view import __version__
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.terminal import Say, complain, plural, printable
+from blur2view.cli.terminal import Say, complain, plural, printable, progress
 from blur2view.cli.work import network_of
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
@@ -90,8 +91,8 @@ def open_manifest(
         digests = {"network": options.digest, "camera_files": [file_digest(file) for file in files]}
         of_result = [one.name for one in fields(options) if one.metadata.get("result")]
         values = {name: getattr(options, name) for name in of_result} | digests
-        folders = {path.parent, *folders}
-        with Manifest(path, options.command, values, resume=options.resume, folders=folders) as manifest:
+        settings = partial(Manifest, command=options.command, version=__version__, options=values)
+        with settings(path, resume=options.resume, folders={path.parent, *folders}) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
             yield manifest
@@ -124,32 +125,18 @@ def run_over(
     done: list[tuple[Path, Outcome]] = []
     rows: list[Row] = []
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
-    bar: Any = None
-    say: Say = print
+    watched = progress(len(jobs), "" if options.quiet else options.inputs.counted)
+    results = outcomes(options, jobs, engine, manifest, sends=options.dask is not None)
     try:
-        if len(jobs) > 1 and sys.stderr.isatty():  # a person watches
-            from tqdm import tqdm  # 0.07 s
-
-            if not options.quiet:
-                print(printable(options.inputs.counted), file=sys.stderr)
-            bar = tqdm(total=len(jobs), unit="photo")
-            say = bar.write  # which keeps the bar whole
-        with closing(outcomes(options, jobs, engine, manifest, sends=options.dask is not None)) as results:
+        with watched as (say, advance), closing(results):
             for job, outcome in results:
                 if failed == options.max_failures:  # and there is another one
                     end = End.STOPPED
                     break
                 row = classify(replace(outcome.row, name=job.name, use="", error=outcome.error))
-                if outcome.error:
-                    complain(Blur2ViewError(outcome.error), say)
-                elif options.prints and (not outcome.skipped or options.verbose):
-                    lines = (line(job.path, row) if line else outcome.summary).split("\n")
-                    lines = lines[: 1 if len(jobs) > 1 and not options.verbose else None]
-                    say("\n".join(map(printable, lines)))  # a manifest's may hold anything
-                if options.jsonl:
-                    failed_ = {"image": str(job.path), "error": outcome.error}
-                    document = failed_ if outcome.error else outcome.payload
-                    print(json.dumps(document, allow_nan=False), flush=True)
+                text = line(job.path, row) if line else outcome.summary
+                whole = len(jobs) == 1 or options.verbose
+                _say(options, job, outcome, text if whole else text.partition("\n")[0], say)
                 for warning in outcome.warnings:  # one about each option: of most photographs it is the same
                     if (about := warning.partition(" ")[0]) not in warned and not options.quiet:
                         complain(Blur2ViewError(f"{job.path}: {warning}"), say)
@@ -158,8 +145,7 @@ def run_over(
                     rows.append(row)
                 done.append((job.path, outcome if options.keeps else replace(outcome, payload=None)))
                 failed += bool(outcome.error)
-                if bar is not None:
-                    bar.update()
+                advance()
                 if outcome.stop:
                     end = End.STOPPED
                     break
@@ -168,13 +154,21 @@ def run_over(
     except (RunError, OutputError) as error:  # no cluster, or no manifest, any more; it says how to go on
         complain(error)
         end = End.BROKEN
-    finally:
-        if bar is not None:
-            bar.close()
     has_table, seconds = _write_table(options.csv, rows), time.monotonic() - start
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     _print_end(run, len(jobs), manifest, total=options.prints and line is None)
     return run
+
+
+def _say(options: PhotographOptions, job: Job, outcome: Outcome, text: str, say: Say) -> None:
+    """Print what became of a photograph: why it failed, or the text; with --jsonl its document."""
+    if outcome.error:
+        complain(Blur2ViewError(outcome.error), say)
+    elif options.prints and (not outcome.skipped or options.verbose):
+        say("\n".join(map(printable, text.split("\n"))))  # a manifest's may hold anything
+    if options.jsonl:
+        failure = {"image": str(job.path), "error": outcome.error}
+        print(json.dumps(failure if outcome.error else outcome.payload, allow_nan=False), flush=True)
 
 
 def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:

@@ -1,7 +1,8 @@
-"""What is printed: summaries on stdout, one line per failure on stderr."""
+"""What is printed: summaries on stdout, one line per failure and progress on stderr."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from blur2view.errors import Blur2ViewError
 
@@ -23,3 +24,21 @@ def complain(error: Blur2ViewError, say: Say = print) -> None:
 def plural(count: int, noun: str) -> str:
     """Return a count with its noun: "1 pair", "2 pairs"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+@contextmanager
+def progress(count: int, about: str) -> Iterator[tuple[Say, Callable[[], object]]]:
+    """Yield what prints a line, and what tells of a step that is done.
+
+    Where a person watches and there are several steps there is a bar below the lines, which is kept whole,
+    after a line ``about`` them.
+    """
+    if count < 2 or not sys.stderr.isatty():
+        yield print, lambda: None
+        return
+    from tqdm import tqdm  # 0.07 s
+
+    if about:
+        print(printable(about), file=sys.stderr)
+    with tqdm(total=count, unit="photo") as bar:
+        yield bar.write, bar.update

@@ -18,7 +18,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
-from blur2view import __version__
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import MAX_BYTES, open_regular, parse_json, read_regular
 from blur2view.output_files import unwritable
@@ -39,23 +38,25 @@ class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
     A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls of the ``command`` did with it is looked up, also in the manifests of other outputs in
-    these ``folders``. ``options``, of JSON's types, are all that results depend on beside their photograph,
-    digests of networks and other files among them. To be closed; an empty one is then removed. OutputError if
-    there is a file of another kind, one that cannot be read or written, or one of a call that runs.
+    what earlier calls of the ``command`` and ``version`` did with it is looked up, also in the manifests of
+    other outputs in these ``folders``. ``options``, of JSON's types, are all that results depend on beside
+    their photograph, digests of networks and other files among them. To be closed; an empty one is then
+    removed. OutputError if there is a file of another kind, one that cannot be read or written, or one of a
+    call that runs.
     """
 
     def __init__(
         self,
         path: Path,
-        command: str,
-        options: Mapping[str, Any],
         *,
+        command: str,
+        version: str,
+        options: Mapping[str, Any],
         resume: bool,
         folders: Iterable[Path] = (),
     ) -> None:
         self.path, self._resume = path, resume
-        self._head: Line = {SIGN: __version__, "format": FORMAT, "command": command, "options": dict(options)}
+        self._head: Line = {SIGN: version, "format": FORMAT, "command": command, "options": dict(options)}
         self._settings = _digest_of(self._head)  # which every line repeats
         self._done: dict[str, Line] = {}
         self._owners: dict[str, tuple[str, str]] = {}
@@ -95,7 +96,7 @@ class Manifest:
         """Return one line about what cannot be gone on with, if there is such."""
         if self._resume and self._heads and self._settings not in self._heads:
             *_, head = self._heads.values()
-            if (head[SIGN], head.get("format")) != (__version__, FORMAT):
+            if (head[SIGN], head.get("format")) != (self._head[SIGN], FORMAT):
                 return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
             then, now = head["options"], self._head["options"]
             changed = ", ".join(sorted(name for name in {**then, **now} if then.get(name) != now.get(name)))

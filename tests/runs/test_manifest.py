@@ -14,7 +14,7 @@ from blur2view.results.table import Row
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
 from blur2view.runs.manifest import Manifest
 
-SETTINGS: Any = {"command": "estimate", "options": {"seed": 0, "network": "ab"}}
+SETTINGS: Any = {"command": "estimate", "version": "1", "options": {"seed": 0, "network": "ab"}}
 DONE = Outcome(payload="views", summary="two\nlines", row=Row(verdict="V", inliers=3), digest="12")
 
 
@@ -71,6 +71,8 @@ def test_whatever_has_changed_is_not_found(path: Path) -> None:
         assert found(path, **change) is None
     other = SETTINGS | {"options": {"seed": 1, "network": "cd"}}
     assert found(path, other) is None and "other options (network, seed) made it" in complaint(path, other)
+    later = SETTINGS | {"version": "2"}
+    assert found(path, later) is None and "is of another version of blur2view" in complaint(path, later)
     content = path.read_bytes()
     append(path, error="broken")
     assert found(path) is None
