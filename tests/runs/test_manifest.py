@@ -50,35 +50,11 @@ def complaint(path: Path, settings: Any = SETTINGS) -> str:
         return str(manifest.complaint or "")
 
 
-def test_what_is_done_is_found_also_by_the_manifest_of_another_output(path: Path) -> None:
-    result = found(path)
-    assert result is not None and result.skipped and complaint(path) == ""
-    assert (result.payload, result.row) == ("document", DONE.row)
-    append(path, "b.jpg")
-    kept = found(path, path=path.parent / "b.jpg", files=None)
-    assert kept is not None and kept.payload is None  # a document of its own would hold it
-    (path.parent / "deep").mkdir()
-    path.rename(path.parent / ".m.manifest.jsonl")
-    with Manifest(path.parent / "deep/n.jsonl", **SETTINGS, resume=True, folders=[path.parent]) as manifest:
-        assert manifest.find(job_in(path.parent)) is not None
-    with Manifest(path, **SETTINGS, resume=False, folders=[path.parent]) as manifest:
-        assert not manifest.knows(job_in(path.parent))
-
-
-def test_whatever_has_changed_is_not_found(path: Path) -> None:
-    files = replace(job_in(path.parent).files, stem="b")  # type: ignore[type-var]
-    for change in ({"digest": "13"}, {"source": "other"}, {"path": Path("b.jpg")}, {"files": files}):
-        assert found(path, **change) is None
+def test_what_other_options_or_another_version_made_is_not_found(path: Path) -> None:
     other = SETTINGS | {"options": {"seed": 1, "network": "cd"}}
     assert found(path, other) is None and "other options (network, seed) made it" in complaint(path, other)
     later = SETTINGS | {"version": "2"}
     assert found(path, later) is None and "is of another version of blur2view" in complaint(path, later)
-    content = path.read_bytes()
-    append(path, error="broken")
-    assert found(path) is None
-    path.write_bytes(content)
-    (path.parent / "a.json").write_text('"documen')
-    assert found(path) is None
 
 
 def test_a_neighbour_is_part_of_the_source(tmp_path: Path) -> None:

@@ -9,9 +9,8 @@ import pytest
 
 from blur2view.errors import ImageError
 from blur2view.runs.job import Job, Outcome, neighbours_of
-from blur2view.runs.processes import Engine, in_processes, in_this_process, processes
+from blur2view.runs.processes import Engine, in_processes, processes
 from blur2view.runs.run import outcomes
-from tests.support.many_photographs import announcing, write_video
 
 
 class CountWork:
@@ -70,18 +69,6 @@ def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
     running.close()
     with pytest.raises(ProcessLookupError):
         os.kill(outcome.payload[0], 0)
-
-
-def test_frames_that_a_video_only_announces_are_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    video = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 12), 15)
-    numbers = enumerate((3, 11, 12, 14, 15))
-    jobs = [Job(index=index, path=video / f"{number:06d}", target=0.0) for index, number in numbers]
-    found = list(outcomes(CountWork(), jobs, in_this_process))
-    assert [job.index for job, _ in found] == [0, 1, 4]
-    assert all(one.payload[1] > 64 * 80 * 3 for _, one in found[:2])
-    assert "has 15 frames, none of number 15" in found[2][1].error
 
 
 def _beside(paths: Sequence[Path], sequence: bool | None) -> list[list[tuple[int, Path]]]:
