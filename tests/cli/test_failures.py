@@ -48,7 +48,8 @@ def test_too_little_memory_costs_one_photograph(
 def program(*words: object, closed: str = "") -> subprocess.CompletedProcess[str]:
     """Run the program in a process of its own, without some of its standard streams."""
     line = f"{shlex.join(command(*words))} {closed}"
-    return subprocess.run(line, shell=True, env=environment(), capture_output=True, text=True)
+    buffered = environment() | {"PYTHONUNBUFFERED": ""}
+    return subprocess.run(line, shell=True, env=buffered, capture_output=True, text=True)
 
 
 @pytest.mark.slow
