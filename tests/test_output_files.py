@@ -5,13 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from blur2view.cli.outputs import plan_outputs
 from blur2view.colmap.database import write_database
-from blur2view.errors import OutputError
 from blur2view.output_files import remove_left_over
-from blur2view.photographs.inputs import Inputs
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project
 from tests.support.scenes import some_views
@@ -41,13 +36,3 @@ def test_the_next_call_on_a_database_removes_what_a_killed_one_left_beside_it(tm
     write_database(tmp_path / "new.db", [some_views("a.jpg", 30)])
     link(project, "a_000.jpg", backup=True)
     assert not list(tmp_path.glob(".*"))
-
-
-@pytest.mark.parametrize(
-    "long", [f"{'d' * 256}/a.jpg", f"{'n' * 250}.jpg", f"{'ä' * 126}.jpg", f"{'d/' * 2500}a.jpg"]
-)
-def test_a_name_too_long_for_results_is_that_one_photographs_error(tmp_path: Path, long: str) -> None:
-    images = [Path("a.jpg"), Path("b/a.jpg"), Path(long)]
-    *others, refused = plan_outputs(Inputs(paths=images), tmp_path, (".json",))
-    assert isinstance(refused, OutputError) and "too long" in str(refused)
-    assert not any(isinstance(files, OutputError) for files in others)

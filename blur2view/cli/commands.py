@@ -1,6 +1,6 @@
 """The command line: ``blur2view estimate`` and the other commands.
 
-Only what is needed to read the arguments is imported here; each command imports the rest when it runs.
+Only what is needed to read the arguments is imported here; a command's module is when it is chosen.
 """
 
 import argparse
@@ -9,11 +9,10 @@ import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
-from itertools import pairwise
 
 from blur2view import __version__
-from blur2view.cli.arguments.option import Options, refusals
-from blur2view.cli.arguments.parser import EXIT_CODES, CommandParser, Completion, add_table, options_of
+from blur2view.cli.arguments.option import Options
+from blur2view.cli.arguments.parser import EXIT_CODES, CommandParser, Completion, add_table
 from blur2view.cli.terminal import complain
 from blur2view.errors import Blur2ViewError
 
@@ -28,7 +27,7 @@ COMMANDS = {
     "report": "write one HTML page that shows the result of each photograph",
     "triage": "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable",
 }
-COMPLETION = "--completion"
+SHELLS = ("bash", "zsh", "tcsh")
 DESCRIPTION = (
     "One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out. "
     "blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys."
@@ -66,28 +65,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-MEANT = {
-    "-i --input --inputs --image --images --photos --files": "the names of photographs alone",
-    "--list --file-list": "@LIST, a file of names",
-    "--gpu --cuda --device --use-gpu": "--provider cuda",
-    "--threads --workers --num-workers -j": "--jobs",
-    "--intrinsics --calib --calibration -K": "--camera",
-    "--fps --stride --step --skip": "--every",
-    "--exif": "--camera exif",
-}
-"""What other programs call options, and ours."""
-
-
 def parse(arguments: Sequence[str] | None) -> Options:
-    """Return the options; wrong usage ends the program with one line, which names what may be meant."""
+    """Return the options; wrong usage ends the program with one line."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     parser = build_parser()
-    check_empty(parser, words)
-    check_command(parser, words)
+    if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
+        parser.error("an argument is empty; is it a variable that is not set?")  # or the current folder
     parsed, unknown = parser.parse_known_args(words)
     command: CommandParser = parsed.parser
-    for word in (word for word in [*unknown, *words] if word.startswith("-")):
-        check_option(command, word.partition("=")[0], known=word not in unknown)
+    names = list(command._option_string_actions)
+    for word in (word.partition("=")[0] for word in words if word[0] == "-" != word):
+        near = [name for name in names if len(word) > 2 and name.startswith(f"-{word}")]  # -out is no -o ut
+        if near or any(other.partition("=")[0] == word for other in unknown):
+            near += get_close_matches(word, names, 1)
+            remedy = "".join(f"; did you mean {name}?" for name in near[:1])
+            command.error(f"{word} is no option of {command.command}{remedy}")
     if "images" in parsed:
         parsed.images += unknown  # argparse takes those on one side of an option alone
     elif unknown:
@@ -95,65 +87,13 @@ def parse(arguments: Sequence[str] | None) -> Options:
     return command.read(parsed)
 
 
-def check_empty(parser: CommandParser, words: Sequence[str]) -> None:
-    """End the program where an argument is empty, which would stand for the current folder."""
-    for before, word in pairwise(["", *words]):
-        option = word[:-1] if word.startswith("--") and word.endswith("=") else before
-        if not word or option != before:
-            name = option if option.startswith("-") else "an input"
-            parser.error(f"{name} is empty; is it a variable that is not set?")
-
-
-def check_command(parser: CommandParser, words: Sequence[str]) -> None:
-    """End the program where no command is named, with the nearest one."""
-    named = [word for word in words if not word.startswith("-")]
-    if not words:
-        parser.error(f"name a command: {', '.join(COMMANDS)}")
-    command = next((word for word in words if word in COMMANDS), None)
-    first = words[0].partition("=")[0]
-    if command and first.startswith("-") and first in option_names(command):
-        parser.error(f"{first} goes after {command}")
-    if not named or named[0] in COMMANDS or first == COMPLETION:
-        return
-    if named[0] == "help":
-        parser.error(f"write {' '.join(['blur2view', *named[1:2], '--help'])}")
-    near = get_close_matches(named[0], COMMANDS, 1)
-    if near:
-        parser.error(f"{named[0]} is no command; did you mean {near[0]}?")
-    if os.path.lexists(named[0]):
-        parser.error(f"{named[0]} is no command; did you mean blur2view estimate {named[0]}?")
-    parser.error(f"{named[0]} is no command; there are {', '.join(COMMANDS)}")
-
-
-def check_option(parser: CommandParser, word: str, *, known: bool) -> None:
-    """End the program where a word is no option of the command; argparse takes -out for -o ut."""
-    command, names = parser.command, parser.names
-    if len(word) > 2 and (meant := [name for name in sorted(names) if name.startswith(f"-{word}")]):
-        parser.error(f"{word} has one dash; did you mean {meant[0]}?")
-    if known:
-        return
-    if why := refusals(options_of(command)).get(word):
-        parser.error(f"{word} is not for {command}: {why}")
-    if owners := [f"blur2view {other}" for other in COMMANDS if word in option_names(other)]:
-        parser.error(f"{word} is an option of {', '.join(owners)}, not of {command}")
-    near = [name for name in sorted(names) if len(name) > 3 and word.startswith(name)]
-    near += get_close_matches(word, sorted(names), 1, 0.75)
-    near += [meant for said, meant in MEANT.items() if word in said.split()]
-    remedy = "".join(f"; did you mean {name}?" for name in near[:1])
-    parser.error(f"{word} is no option of {command}{remedy}")
-
-
-def option_names(command: str) -> set[str]:
-    """Return the names of a command's options."""
-    return CommandParser(command=command).names
-
-
 def build_parser() -> CommandParser:
     """Return the parser; its defaults are those of the option dataclasses."""
     parser = CommandParser(prog="blur2view", description=DESCRIPTION)
     parser.add_argument(
-        COMPLETION,
+        "--completion",
         metavar="SHELL",
+        choices=SHELLS,
         action=Completion,
         help="print what completes commands and options in bash, zsh or tcsh; in ~/.bashrc: "
         'eval "$(blur2view --completion bash)"',

@@ -5,14 +5,17 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.arguments.shared import FolderOptions
+from blur2view.cli.arguments.option import option
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.run import jobs_of, manifest_of, open_manifest, refuse_shared, run_over
 from blur2view.cli.work import outcome_of
 from blur2view.errors import OutputError
@@ -20,7 +23,6 @@ from blur2view.output_files import (
     SIGNED_BY,
     ResultFiles,
     below_shared_folder,
-    half_written,
     is_ours,
     remove_left_over,
     writable_folders,
@@ -30,83 +32,100 @@ from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document
 from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Job, Outcome
+from blur2view.runs.manifest import ENDING, Manifest
 from blur2view.smears.stored import stored_smears
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
-MAX_NAME = 255  # bytes of a file's or a folder's name, on Linux, macOS and (of ASCII) Windows
-MAX_PATH = 4095  # bytes of a whole path, on Linux
-MANIFEST = ".manifest.jsonl"
 
 
-def run_with_files(options: FolderOptions) -> int:
-    """Return the exit code, after the work on every photograph, which has files of its own, with -o.
-
-    With ``--json`` one document of all is printed at the end, with ``--jsonl`` that of each photograph.
-    """
-    folder = options.output
-    path = manifest_of(options, options.csv) if folder is None else folder / f".{options.command}{MANIFEST}"
-    others = [] if folder is None else sorted({*folder.glob(f".*{MANIFEST}")} - {path})
-    with writable_folders(folder), open_manifest(options, path, [folder], others) as manifest:
-        plan: Sequence[ResultFiles | OutputError] = ()
-        if folder is not None:
-            owner = None if manifest is None or options.overwrite else manifest.other_owner
-            plan = plan_outputs(options.inputs, folder, options.endings, beside=options.beside, owner=owner)
-        jobs = jobs_of(options, plan)
-        paths = {path for job in jobs if job.files for path in job.files.paths}
-        if options.csv is not None:
-            refuse_shared(options, options.csv, paths, "--csv")
-        folders = sorted({path.parent for path in paths})
-        with writable_folders(*folders):
-            finished = run_over(options, jobs, manifest)
-            if options.resume:  # at the end: workers of a killed call live on for a moment
-                remove_left_over(paths, folders)
-    if options.json:
-        done = [one.payload for _, one in finished.outcomes if not one.error]
-        document = {options.listed: done, "failures": finished.failures}
-        print(json.dumps(document, indent=2, allow_nan=False))
-    return finished.exit_code
+MANIFEST = """
+.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
+    with
+"""
+FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 
 
-def plan_outputs(
-    inputs: Inputs,
-    folder: Path,
-    endings: Sequence[str],
-    *,
-    beside: Callable[[Path], tuple[Path, ...]] = lambda photograph: (),
-    owner: Callable[[Path, Sequence[Path]], str | None] | None = None,
-) -> list[ResultFiles | OutputError]:
-    """Return the files of each photograph of a call, or why they must not be written.
+@dataclass(frozen=True, kw_only=True)
+class FolderOptions(PhotographOptions):
+    """Those of a command that writes files of each photograph into a folder, if one is named."""
 
-    Photographs and files of others are never replaced; results of another photograph are unless ``owner``,
-    which looks them up in a manifest, says which. ``beside`` maps the name of a photograph to those of
-    further files, below the folder.
-    """
-    photographs = {os.path.realpath(image) for image in inputs.paths}
-    first_of: dict[Path, Path] = {}
-    plan: list[ResultFiles | OutputError] = []
-    for image, name in zip(inputs.paths, result_names(inputs), strict=True):
-        further = tuple(folder / path for path in beside(inputs.names.get(image, Path(image.name))))
-        files = ResultFiles(
-            folder=folder / name.parent, stem=name.name, endings=tuple(endings), beside=further
-        )
-        other = next((first_of[path] for path in files.paths if path in first_of), None)
-        first_of |= dict.fromkeys(files.paths, image)
-        refusal = _refusal(files.paths, photographs)
-        if other is not None:
-            refusal = f"its results would replace those of {other}; use another -o"
-        elif refusal is None and owner is not None and (of := owner(image, files.paths)):
-            refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
-        plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
-    return plan
+    listed: ClassVar[str]  # what the documents are called in the one that --json prints
+    endings: ClassVar[Sequence[str]]  # of a photograph's files, behind its stem, in the order of writing
+
+    output: Path | None
+    overwrite: bool = option(False, rare=True)
+    "replace results of other photographs, too (those of an earlier call of the same are anyway)"
+    json: bool = option(False, either="printed")
+    "print one JSON document instead of the summaries, see below"
+    jsonl: bool = option(False, either="printed", rare=True)
+    """instead print the JSON document of each photograph on one line as soon as it is done, in their order;
+    of one that fails image and error"""
+
+    def __post_init__(self) -> None:
+        if self.resume and self.output is None:
+            raise ValueError("--resume goes on with results in a folder; name it with -o")
+        super().__post_init__()
+
+    def beside(self, photograph: Path) -> tuple[Path, ...]:
+        """Return further files of a photograph of this name, below the folder, which are written first."""
+        return ()
+
+    @property
+    def keeps(self) -> bool:  # type: ignore[override]
+        """Whether the documents are printed at the end."""
+        return self.json
+
+    def execute(self) -> int:
+        """Return the exit code, after the work on every photograph, which has files of its own, with -o."""
+        folder = self.output
+        path = manifest_of(self, self.csv) if folder is None else folder / f".{self.command}{ENDING}"
+        with writable_folders(folder), open_manifest(self, path, [folder]) as manifest:
+            jobs = jobs_of(self, [] if folder is None else self._planned(folder, manifest))
+            paths = {path for job in jobs if job.files for path in job.files.paths}
+            if self.csv is not None:
+                refuse_shared(self, self.csv, paths, "--csv")
+            folders = sorted({path.parent for path in paths})
+            with writable_folders(*folders):
+                finished = run_over(self, jobs, manifest)
+                remove_left_over(paths, folders)  # of a call that was killed
+        if self.json:
+            done = [one.payload for _, one in finished.outcomes if not one.error]
+            document = {self.listed: done, "failures": finished.failures}
+            print(json.dumps(document, indent=2, allow_nan=False))
+        return finished.exit_code
+
+    def _planned(self, folder: Path, manifest: Manifest | None) -> list[ResultFiles | OutputError]:
+        """Return the files of each photograph, or why they must not be written.
+
+        Photographs and files of others are never replaced; results of another photograph, of which a manifest
+        says so, are with --overwrite.
+        """
+        inputs, owners = self.inputs, None if self.overwrite else manifest
+        photographs = {os.path.realpath(image) for image in inputs.paths}
+        first_of: dict[Path, Path] = {}
+        plan: list[ResultFiles | OutputError] = []
+        for image, name in zip(inputs.paths, result_names(inputs), strict=True):
+            beside = self.beside(inputs.names.get(image, Path(image.name)))
+            files = ResultFiles(
+                folder=folder / name.parent,
+                stem=name.name,
+                endings=tuple(self.endings),
+                beside=tuple(folder / path for path in beside),
+            )
+            other = next((first_of[path] for path in files.paths if path in first_of), None)
+            first_of |= dict.fromkeys(files.paths, image)
+            refusal = _refusal(files.paths, photographs)
+            if other is not None:
+                refusal = f"its results would replace those of {other}; use another -o"
+            elif refusal is None and owners is not None and (of := owners.other_owner(image, files.paths)):
+                refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
+            plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
+        return plan
 
 
 def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     """Return why files must not be written whatever photograph they are of, if so."""
-    written = [half_written(path).absolute() for path in paths]
-    parts = [part for path in written for part in path.parts]
-    if max(map(_bytes, parts)) > MAX_NAME or max(map(_bytes, map(str, written))) > MAX_PATH:
-        return "the names of its results would be too long; rename it or the folder that it is in"
     foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
     hit = [path for path in paths if os.path.realpath(path) in inputs]
     if hit:
@@ -114,10 +133,6 @@ def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
     if foreign:
         return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
     return None
-
-
-def _bytes(name: str) -> int:
-    return len(name.encode(errors="replace"))
 
 
 def result_names(inputs: Inputs) -> list[Path]:

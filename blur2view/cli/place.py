@@ -1,42 +1,81 @@
-"""The command ``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
+"""``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
 
 import math
 import os
 import tempfile
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from blur2view.cli.arguments.place import PlaceOptions
-from blur2view.cli.terminal import QUIET, SHORT, plural, printable
+from blur2view.cli.arguments.option import INPUT, Options, Rows, option
+from blur2view.cli.arguments.values import share
+from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
-from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.time_direction import with_gaps
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.output_files import write_files, writing
 from blur2view.photographs.inputs import list_photographs
 
+if TYPE_CHECKING:
+    from blur2view.colmap.placement import Placement
+
 ALL_FRAMES = "link all frames of the video (blur2view to-colmap --link)"
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
+WRITTEN = """
+DIR: the model with the views, in COLMAP's binary format, and project.ini, which names the database and the
+    folder of the frames. What an earlier call wrote is replaced; a model of another's is not
+"""
 
 
-def run(options: PlaceOptions) -> int:
-    """Return the exit code, after writing the model."""
-    names = frame_names(options.photographs)
-    model = find_model(options.model)
-    refuse_foreign(options.output)
-    placement = place_views(options.database, model.folder, with_gaps(names), options.fraction)
-    count = plural(len(placement.placed) + len(placement.left), "frame")
-    about = f"{options.database}: of {count} with views in {options.model}"
-    if not math.isfinite(placement.fraction):
-        why = "no two follow one another and show how long an exposure is"
-        raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
-    if not placement.placed:
-        raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
-    write_model(placement.model, options.output, project_text(options.photographs, options.database))
-    if options.verbosity > QUIET:
-        print(summary(options, model, placement, names))
-    return 0
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions(Options):
+    """The options of ``blur2view place``.
+
+    Put the views that blur2view to-colmap --link has written to a project, NAME#open and NAME#close, into
+    COLMAP's model of the frames. The frames stay where they are; their poses are the camera's path, on which
+    the smears say how long an exposure was.
+    """
+
+    command = "place"
+    database: Path = option(MISSING, "DB", group=INPUT)
+    "the project with the views"
+    model: Path = option(MISSING, "MODEL", group=INPUT)
+    "folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken"
+    photographs: Path = option(MISSING, "FRAMES", group=INPUT)
+    """folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some out, no
+    two are taken for neighbours"""
+    fraction: float | None = option(None, "F", group=INPUT, convert=share, rare=True)
+    "exposure time over frame interval, at most 1, if it is known (default: measured from the smears)"
+    output: Path = option(MISSING, "DIR", names="-o --output")
+    "where the model goes"
+
+    tables: ClassVar[dict[str, Rows]] = {"what is written": WRITTEN}
+    examples = (
+        "blur2view to-colmap --db project.db --link --sequence frames",
+        "blur2view place project.db model frames -o with_views",
+        "blur2view to-transforms with_views",
+    )
+
+    def execute(self) -> int:
+        """Return the exit code, after writing the model."""
+        from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
+
+        names = frame_names(self.photographs)
+        model = find_model(self.model)
+        refuse_foreign(self.output)
+        placement = place_views(self.database, model.folder, with_gaps(names), self.fraction)
+        count = plural(len(placement.placed) + len(placement.left), "frame")
+        about = f"{self.database}: of {count} with views in {self.model}"
+        if not math.isfinite(placement.fraction):
+            why = "no two follow one another and show how long an exposure is"
+            raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
+        if not placement.placed:
+            raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
+        write_model(placement.model, self.output, project_text(self.photographs, self.database))
+        if not self.quiet:
+            print(summary(self, model, placement, names))
+        return 0
 
 
 def frame_names(folder: Path) -> list[str]:
@@ -67,7 +106,7 @@ def write_model(model: Any, folder: Path, text: str) -> None:
                 Path(beside, name).replace(folder / name)
 
 
-def summary(options: PlaceOptions, model: FoundModel, placement: Placement, names: list[str]) -> str:
+def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", names: list[str]) -> str:
     """Return a line about the model if it was chosen, one about what was placed, one about what is lacking.
 
     With -v also what was not placed.
@@ -82,7 +121,7 @@ def summary(options: PlaceOptions, model: FoundModel, placement: Placement, name
     if not placement.measured:
         line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
     lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
-    if options.verbosity > SHORT:
+    if options.verbose:
         for name in placement.left:
             lines.append(f"  {printable(name)} left out: too few of its points have smears")
     posed = {image.name for image in placement.model.images.values() if image.has_pose}

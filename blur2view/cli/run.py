@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, replace
 from enum import Enum, auto
+from functools import partial
 from pathlib import Path
 
 from blur2view import __version__
-from blur2view.cli.arguments.shared import FolderOptions, PhotographOptions
-from blur2view.cli.terminal import PHOTOGRAPH, QUIET, SHORT, TILE, Progress, complain, plural, printable
+from blur2view.cli.arguments.shared import PhotographOptions
+from blur2view.cli.terminal import Say, complain, plural, printable, progress
 from blur2view.cli.work import network_of
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
@@ -22,9 +23,9 @@ from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.timestamps import timestamps_of
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
-from blur2view.runs.manifest import Manifest, Settings
+from blur2view.runs.manifest import ENDING, Manifest
 from blur2view.runs.processes import Engine, processes
-from blur2view.runs.run import any_left, outcomes
+from blur2view.runs.run import outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 Paths = Iterable[Path | None]
@@ -52,7 +53,7 @@ class Finished:
     @property
     def failures(self) -> list[dict[str, str]]:
         """The photographs that failed, as documents have them."""
-        return [failure(path, one) for path, one in self.outcomes if one.error]
+        return [{"image": str(path), "error": one.error} for path, one in self.outcomes if one.error]
 
     @property
     def skipped(self) -> int:
@@ -69,20 +70,14 @@ class Finished:
 
 @contextmanager
 def open_manifest(
-    options: PhotographOptions,
-    path: Path | None,
-    others: Paths = (),
-    earlier: Iterable[Path] = (),
-    pointing: Iterable[Path] = (),
+    options: PhotographOptions, path: Path | None, others: Paths = (), folders: Iterable[Path] = ()
 ) -> Iterator[Manifest | None]:
     """Load the network, check the table and open the manifest, which no other call has then.
 
     None if nothing is written down. ``path`` is that of the manifest, ``others`` what else the call writes;
-    what is done is also looked up in ``earlier`` manifests, and in those of further outputs, ``pointing`` to
-    this one from now on.
+    what is done is also looked up in the manifests in its folder and in further ``folders``.
     """
     network = network_of(options.model, options.provider, options.digest)
-    network.on_tile = Progress(TILE).show
     network.tiles_at_once = usable_cores()  # here alone
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
@@ -96,13 +91,10 @@ def open_manifest(
         digests = {"network": options.digest, "camera_files": [file_digest(file) for file in files]}
         of_result = [one.name for one in fields(options) if one.metadata.get("result")]
         values = {name: getattr(options, name) for name in of_result} | digests
-        settings = Settings(command=options.command, version=__version__, options=values)
-        with Manifest(path, settings, resume=options.resume, earlier=[*earlier, *pointing]) as manifest:
+        settings = partial(Manifest, command=options.command, version=__version__, options=values)
+        with settings(path, resume=options.resume, folders={path.parent, *folders}) as manifest:
             if manifest.complaint is not None:
                 complain(manifest.complaint)
-            for other in pointing:  # so that each output's own manifest leads to what is done
-                with Manifest(other, settings, resume=False) as beside:
-                    beside.append_pointer(path)
             yield manifest
 
 
@@ -111,18 +103,17 @@ def run_over(
     jobs: Sequence[Job],
     manifest: Manifest | None,
     *,
-    names: dict[Path, str] | None = None,
     classify: Callable[[Row], Row] = lambda row: row,
     line: Callable[[Path, Row], str] | None = None,
 ) -> Finished:
     """Return what came of all photographs, in order, after printing a line for each and writing the table.
 
     Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any more,
-    as on a full disk, or as many failed as --max-failures allows. ``names`` are those of the table, by
-    default COLMAP's, ``classify`` adds to a row what the photograph is of use for, ``line`` returns what is
-    printed of it: by default the summary of the work, and a closing line.
+    as on a full disk, or as many failed as --max-failures allows. ``classify`` adds to a row what the
+    photograph is of use for, ``line`` returns what is printed of it: by default the summary of the work, and
+    a closing line.
     """
-    refused, names = options.inputs.refused, names or colmap_names(options.inputs)
+    refused = options.inputs.refused
     jobs = [
         replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
     ]
@@ -131,37 +122,31 @@ def run_over(
         from blur2view.runs.cluster import Cluster
 
         engine = Cluster(options.dask)
-    bar, sends = Progress(PHOTOGRAPH), options.dask is not None
-    keeps = options.json or not isinstance(options, FolderOptions)
     done: list[tuple[Path, Outcome]] = []
     rows: list[Row] = []
     failed, warned, end, start = 0, set[str](), End.WHOLE, time.monotonic()
+    watched = progress(len(jobs), "" if options.quiet else options.inputs.counted)
+    results = outcomes(options, jobs, engine, manifest, sends=options.dask is not None)
     try:
-        if len(jobs) > 1 and options.verbosity > QUIET and sys.stderr.isatty():
-            print(printable(options.inputs.counted), file=sys.stderr)
-        bar.show(0, len(jobs))
-        with closing(outcomes(options, jobs, engine, manifest, sends=sends)) as results:
+        with watched as (say, advance), closing(results):
             for job, outcome in results:
-                row = classify(replace(outcome.row, name=names[job.path], use="", error=outcome.error))
-                if outcome.error:
-                    complain(Blur2ViewError(outcome.error), bar.say)
-                elif options.prints and (not outcome.skipped or options.verbosity > SHORT):
-                    lines = (line(job.path, row) if line else outcome.summary).split("\n")
-                    lines = lines[: 1 if len(jobs) > 1 and options.verbosity == SHORT else None]
-                    bar.say("\n".join(map(printable, lines)))  # a manifest's may hold anything
-                if options.jsonl:
-                    document = failure(job.path, outcome) if outcome.error else outcome.payload
-                    print(json.dumps(document, allow_nan=False), flush=True)
+                if failed == options.max_failures:  # and there is another one
+                    end = End.STOPPED
+                    break
+                row = classify(replace(outcome.row, name=job.name, use="", error=outcome.error))
+                text = line(job.path, row) if line else outcome.summary
+                whole = len(jobs) == 1 or options.verbose
+                _say(options, job, outcome, text if whole else text.partition("\n")[0], say)
                 for warning in outcome.warnings:  # one about each option: of most photographs it is the same
-                    if (about := warning.partition(" ")[0]) not in warned and options.verbosity > QUIET:
-                        complain(Blur2ViewError(f"{job.path}: {warning}"), bar.say)
+                    if (about := warning.partition(" ")[0]) not in warned and not options.quiet:
+                        complain(Blur2ViewError(f"{job.path}: {warning}"), say)
                     warned.add(about)
                 if not options.inputs.is_folder(job.path):
                     rows.append(row)
-                done.append((job.path, outcome if keeps else replace(outcome, payload=None)))
+                done.append((job.path, outcome if options.keeps else replace(outcome, payload=None)))
                 failed += bool(outcome.error)
-                bar.show(len(done), len(jobs))
-                if outcome.stop or (failed == options.max_failures and any_left(jobs[job.index + 1 :])):
+                advance()
+                if outcome.stop:
                     end = End.STOPPED
                     break
     except KeyboardInterrupt:
@@ -169,12 +154,21 @@ def run_over(
     except (RunError, OutputError) as error:  # no cluster, or no manifest, any more; it says how to go on
         complain(error)
         end = End.BROKEN
-    finally:
-        bar.close()
     has_table, seconds = _write_table(options.csv, rows), time.monotonic() - start
     run = Finished(outcomes=done, rows=rows, end=end, has_table=has_table, seconds=seconds)
     _print_end(run, len(jobs), manifest, total=options.prints and line is None)
     return run
+
+
+def _say(options: PhotographOptions, job: Job, outcome: Outcome, text: str, say: Say) -> None:
+    """Print what became of a photograph: why it failed, or the text; with --jsonl its document."""
+    if outcome.error:
+        complain(Blur2ViewError(outcome.error), say)
+    elif options.prints and (not outcome.skipped or options.verbose):
+        say("\n".join(map(printable, text.split("\n"))))  # a manifest's may hold anything
+    if options.jsonl:
+        failure = {"image": str(job.path), "error": outcome.error}
+        print(json.dumps(failure if outcome.error else outcome.payload, allow_nan=False), flush=True)
 
 
 def _write_table(target: Path | None, rows: Sequence[Row]) -> bool:
@@ -205,31 +199,19 @@ def _print_end(run: Finished, count: int, manifest: Manifest | None, *, total: b
         print(line, file=sys.stderr)
 
 
-def failure(path: Path, outcome: Outcome) -> dict[str, str]:
-    """Return what a document says of a photograph that failed."""
-    return {"image": str(path), "error": outcome.error}
-
-
 def jobs_of(options: PhotographOptions, plan: Sequence[ResultFiles | OutputError] = ()) -> list[Job]:
     """Return the jobs of a command, with the files of each, if it has some, or why they cannot be written."""
     paths, table = options.inputs.paths, options.timestamps
-    neighbours = neighbours_of(paths, options.sequence).items()
+    neighbours, names = neighbours_of(paths, options.sequence), colmap_names(options.inputs)
     times = [None] * len(paths) if table is None else timestamps_of(paths, table)
-    jobs = [
-        Job(
-            index=index,
-            path=path,
-            neighbours=beside,
-            timestamp_s=time_s,
-            source="" if table is None else f"{time_s}",
-        )
-        for index, ((path, beside), time_s) in enumerate(zip(neighbours, times, strict=True))
-    ]
-    planned = (
-        replace(job, refusal=files) if isinstance(files, OutputError) else replace(job, files=files)
-        for job, files in zip(jobs, plan, strict=False)
-    )
-    return list(planned) or jobs
+    jobs = []
+    for index, (path, time_s) in enumerate(zip(paths, times, strict=True)):
+        files = plan[index] if plan else None
+        refusal, files = (files, None) if isinstance(files, OutputError) else (None, files)
+        source = "" if table is None else f"{time_s}"
+        job = Job(index=index, path=path, name=names[path], files=files, refusal=refusal)
+        jobs.append(replace(job, neighbours=neighbours[path], timestamp_s=time_s, source=source))
+    return jobs
 
 
 def refuse_shared(options: PhotographOptions, target: Path, others: Paths, option: str) -> None:
@@ -246,4 +228,4 @@ def manifest_of(options: PhotographOptions, target: Path | None) -> Path | None:
     if target is None or (len(options.inputs.paths) == 1 and not options.resume):
         return None
     target = Path(os.path.abspath(target))  # . has no name
-    return target.with_name(f".{target.name}.manifest.jsonl")
+    return target.with_name(f".{target.name}{ENDING}")

@@ -1,124 +1,212 @@
-"""The command ``blur2view to-colmap``: blurred photographs as images that COLMAP can use."""
+"""``blur2view to-colmap``: blurred photographs as images that COLMAP can use; its options, help and work."""
 
 from collections.abc import Collection
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
-from blur2view.cli.arguments.to_colmap import ToColmapOptions
+from blur2view.camera.camera import Camera
+from blur2view.camera.exif import ExifValues
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
+from blur2view.cli.arguments.option import VIEWS, Rows, option
+from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.run import End, manifest_of, open_manifest, run_over
-from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.cli.views import document_of, named_jobs, with_time
+from blur2view.cli.summary import verdict_line
+from blur2view.cli.terminal import plural
+from blur2view.cli.views import document_of, named_jobs, summary, with_time
+from blur2view.cli.work import estimated, outcome_of
+from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
-from blur2view.colmap.link import write_links
-from blur2view.errors import OutputError
-from blur2view.exposure.views import ExposureViews
-from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.results.stored import restore
+from blur2view.colmap.link import LinkStep, write_links
+from blur2view.errors import CameraError, OutputError
+from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
+from blur2view.results.stored import plain, restore
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Outcome
+from blur2view.segmentation.mask import MotionLabel, segment
+
+WRITTEN = """
+NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
+    COLMAP with --image_path of that folder; with --link the name in your database
+a fresh database: appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get
+    COLMAP's guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that
+    as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
+    Where the translation is undecided (no parallax is proven, and known intrinsics leave its direction open)
+    the matches are there, but no inliers of the two-view geometry: a mapper looks at no configuration, and
+    would make points from a rotation. blur2view.triangulate_exposure refuses such, too. With --link the
+    inliers are written all the same: the depth of your points comes from your other photographs
+--link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
+    d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
+    px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run through all
+    three. Rows of yours are read, never written; one transaction, after a copy to DB.<time>.bak: killed at
+    any moment it leaves the database as before or as after. A second run changes nothing. Our rows are listed
+    in the table blur2view_views, with how sure the direction of time is. Where COLMAP has a prior, the
+    project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
+    sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
+    COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
+order in time: one photograph does not show which view came first; neighbours in a video do, by the
+    project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
+"""
+NOT_HERE = """
+--readout: COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another time; a
+    correction of the smears would leave that, the larger error, and would double theirs if the order in time,
+    which is mostly unknown, is the other; for the pose use blur2view estimate
+"""
 
 
-def run(options: ToColmapOptions) -> int:
-    """Return the exit code, after estimating every photograph and writing all of them at once.
+@dataclass(frozen=True, kw_only=True)
+class ToColmapOptions(PhotographOptions):
+    """The options of ``blur2view to-colmap``.
 
-    An interrupted run writes what is done, but nothing into a project of the user's.
+    Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
+    shutter opened and when it closed. They share the photograph's camera and have a rig and a frame,
+    keypoints (both ends of the smears), matches, and a two-view geometry with configuration, F, H and, with
+    known intrinsics, E and the pose. Pixels are those of the file as it is stored, as in all of COLMAP: the
+    orientation of EXIF is not applied. No files have these names, and mapping needs none;
+    blur2view.mapper_options() has the mapper's options, as its defaults refuse such short baselines, and
+    help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
+    place puts them into its model.
     """
-    jobs, kept = named_jobs(options)
-    path = None if options.dry_run else manifest_of(options, options.db)
-    files = [options.db, *(Path(f"{options.db}{end}") for end in BESIDE)]
-    with open_manifest(options, path, files) as manifest:
-        before = _written_before(options)
-        of_name = {job.target.name: job for job in jobs if job.refusal is None}
-        _refuse_loss(options, before, of_name.keys())
-        names = {job.path: job.target.name for job in jobs}
-        finished = run_over(options, jobs, manifest, names=names)
-        views = [restore(ExposureViews, one.payload) for _, one in finished.outcomes if not one.error]
-        written = {one.name for one in views}
-        interrupted = finished.end is End.INTERRUPTED
-        incomplete = options.link or not views or (before or set()) - written
-        if finished.end is End.BROKEN or (interrupted and incomplete):
-            return finished.exit_code
-        _refuse_loss(options, before, written)
-        views = with_time(options, views, {name: one.path for name, one in of_name.items()})
-        backup = None
-        if options.link and not options.dry_run:
-            planned = [(of_name[one.name].target.plan, one) for one in views]
-            links = [(plan, one) for plan, one in planned if plan is not None]
-            backup = write_links(options.db, links, backup=options.backup)
-        elif views and not options.dry_run:
-            write_database(options.db, views, replace=before is not None)
-    document = ToColmapDocument(
-        target=str(options.db),
-        dry_run=options.dry_run,
-        backup=None if backup is None else str(backup),
-        photographs=[document_of(of_name[one.name], one) for one in views],
-        kept=[{"image": str(job.path), "name": job.target.name} for job in kept],
-        failures=finished.failures,
+
+    command = "to-colmap"
+    replace: bool = option(False, rare=True)
+    "with --link: write anew what an earlier call has written (after new features, a new network)"
+    backup: bool = option(True, rare=True)
+    "with --link: do not copy the database to DB.<time>.bak first"
+    dry_run: bool = option(False, rare=True)
+    "estimate, say what would be written, and write nothing"
+    json: bool = option(False)
+    "print one JSON document instead of the summaries, see below"
+    db: Path = option(MISSING, "DB", names="--db")
+    "the database: a new one, or with --link yours"
+    link: bool = option(False, result=True)
+    "add to a database that holds the photographs and their features"
+    sequence: bool | None = option(None, group=VIEWS)
+    """the photographs are a video in this order, whatever they are called: neighbours show which view came
+    first. Without it those do that lie in one folder and whose names differ by one in their number, which is
+    as good where no frame is left out; with --no-sequence nothing is concluded from neighbours"""
+    skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
+    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
+    timings: bool = True
+    timestamps: Path | None = None
+    gyroscope: bool = False
+    exposure: float | None = None
+    readout: float | None = None
+
+    tables: ClassVar[dict[str, Rows]] = {
+        "what is written": WRITTEN,
+        "JSON document of --json": ToColmapDocument,
+        "JSON object of a photograph": ViewsDocument,
+        "not here": NOT_HERE,
+    }
+    examples = (
+        "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
+        "blur2view to-colmap --db project.db --link --sequence frames/*.png",
     )
-    if options.json:
-        print(document.to_json())
-    elif options.verbosity > QUIET:
-        print(summary(document, linked=options.link, verbosity=options.verbosity))
-    return finished.exit_code
 
+    def __post_init__(self) -> None:
+        if not self.link and (self.replace or self.skip_movers or not self.backup):
+            raise ValueError("--replace, --skip-movers and --no-backup go with --link")
+        if self.link and self.dask is not None:
+            raise ValueError("--link goes without --dask, whose workers see no database")
+        super().__post_init__()
 
-def _written_before(options: ToColmapOptions) -> set[str] | None:
-    """Return the photographs whose views an earlier call has written, which this one writes anew.
+    @property
+    def prints(self) -> bool:
+        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
+        return False
 
-    None if no database of views alone is replaced; DatabaseError of another one that is there.
-    """
-    ours = not options.link and options.db.is_file() and holds_views_alone(options.db)
-    if not ours and not options.link:
-        refuse_existing(options.db)
-    return stored_photographs(options.db) if ours and not options.dry_run else None
+    def __call__(self, job: Job) -> Outcome:
+        """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
+        name, plan = job.name, job.target
 
+        def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
+            stated = self.run.intrinsics.of(path, size, exif)
+            return stated if plan is None else self._project_camera(plan, path, size, stated)
 
-def _refuse_loss(options: ToColmapOptions, before: set[str] | None, names: Collection[str]) -> None:
-    """Refuse to write these photographs alone where views of others are there."""
-    lost = sorted((before or set()).difference(names))
-    if lost:
-        views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
-        raise OutputError(
-            f"{options.db}: the views of {views} would be lost, as this call names them otherwise (from "
-            "the folder that all share), or not, or cannot read them; name all as before, or choose another "
-            "--db"
+        one = estimated(self, job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
+        if plan is None:
+            views = views_of(name, one.estimate)
+        else:
+            moving = None
+            if self.skip_movers:
+                moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
+            views = keypoint_views(name, plan.image.keypoints, one.estimate, self.run.options, moving)
+        return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
+
+    def _project_camera(
+        self, plan: LinkStep, path: Path, size: tuple[int, int], stated: Camera | None
+    ) -> Camera | None:
+        """Return the intrinsics of the options; else the project's, as a hint; else those of EXIF."""
+        own = camera_of_database(self.db, plan.image.camera_id)
+        if (own.width, own.height) != size:
+            raise CameraError(
+                f"{path}: is of {size[0]}x{size[1]} pixels, in {self.db} of {own.width}x{own.height}"
+                "; give the photograph that the features are from"
+            )
+        hinted = plan.image.prior_focal and self.focal is None and self.camera is None
+        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
+
+    def execute(self) -> int:
+        """Return the exit code, after estimating every photograph and writing all of them at once.
+
+        An interrupted run writes what is done, but nothing into a project of the user's.
+        """
+        jobs, kept = named_jobs(self.inputs, self.db if self.link else None, replace_views=self.replace)
+        path = None if self.dry_run else manifest_of(self, self.db)
+        files = [self.db, *(Path(f"{self.db}{end}") for end in BESIDE)]
+        with open_manifest(self, path, files) as manifest:
+            before = self._written_before()
+            of_name = {job.name: job for job in jobs if job.refusal is None}
+            self._refuse_loss(before, of_name.keys())
+            finished = run_over(self, jobs, manifest)
+            views = [restore(ExposureViews, one.payload) for _, one in finished.outcomes if not one.error]
+            written = {one.name for one in views}
+            incomplete = self.link or not views or (before or set()) - written
+            if finished.end is End.BROKEN or (finished.end is End.INTERRUPTED and incomplete):
+                return finished.exit_code
+            self._refuse_loss(before, written)
+            in_order = True if self.sequence is None and self.inputs.one_video else self.sequence
+            paths = {name: job.path for name, job in of_name.items()}
+            views = with_time(views, paths, self.db if self.link else None, in_order=in_order)
+            backup = None
+            if self.link and not self.dry_run:
+                links = [(of_name[one.name].target, one) for one in views]
+                backup = write_links(self.db, links, backup=self.backup)
+            elif views and not self.dry_run:
+                write_database(self.db, views, replace=before is not None)
+        document = ToColmapDocument(
+            target=str(self.db),
+            dry_run=self.dry_run,
+            backup=None if backup is None else str(backup),
+            photographs=[document_of(of_name[one.name], one) for one in views],
+            kept=[{"image": str(job.path), "name": job.name} for job in kept],
+            failures=finished.failures,
         )
+        if self.json:
+            print(document.to_json())
+        elif not self.quiet:
+            print(summary(document, linked=self.link, verbose=self.verbose))
+        return finished.exit_code
 
+    def _written_before(self) -> set[str] | None:
+        """Return the photographs whose views an earlier call has written, which this one writes anew.
 
-def summary(document: ToColmapDocument, *, linked: bool, verbosity: int = SHORT) -> str:
-    """Return a line for each photograph, and one that says what was written or would be."""
-    lines = [_line(one, verbosity, linked=linked) for one in document.photographs]
-    if document.kept:
-        some = ", ".join(printable(one["name"]) for one in document.kept[:3])
-        some += ", ..." if len(document.kept) > 3 else ""
-        there = plural(len(document.kept), "photograph")
-        lines.append(f"{there} ({some}): the views are there already; --replace makes them anew")
-    target, count = printable(document.target), len(document.photographs)
-    if not count:
-        return "\n".join([*lines, f"{target}: nothing to write"])
-    verb = "would write" if document.dry_run else "wrote"
-    pairs = plural(count * (3 if linked else 1), "pair")
-    total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
-    total += f"; backup {printable(document.backup)}" if document.backup else ""
-    undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
-    if undecided:
-        total += f"; the translation of {undecided} is undecided: "
-        total += (
-            "the depth of their points comes from your other photographs"
-            if linked
-            else ("COLMAP makes no points from those")
-        )
-    return "\n".join([*lines, total])
+        None if no database of views alone is replaced; DatabaseError of another one that is there.
+        """
+        ours = not self.link and self.db.is_file() and holds_views_alone(self.db)
+        if not ours and not self.link:
+            refuse_existing(self.db)
+        return stored_photographs(self.db) if ours and not self.dry_run else None
 
-
-def _line(one: ViewsDocument, verbosity: int, *, linked: bool) -> str:
-    name = printable(one.name)
-    if not one.num_matches:
-        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
-    moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
-    if one.translation_known:
-        moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
-    elif not linked:
-        counts = f"none of {one.num_matches} matches is written as an inlier"
-    order = f"known by neighbours ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
-    line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
-    return f"{line}\n  {one.reason}" if verbosity > SHORT else line
+    def _refuse_loss(self, before: set[str] | None, names: Collection[str]) -> None:
+        """Refuse to write these photographs alone where views of others are there."""
+        if lost := sorted((before or set()).difference(names)):
+            views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
+            raise OutputError(
+                f"{self.db}: the views of {views} would be lost, as this call names them otherwise (from "
+                "the folder that all share), or not, or cannot read them; name all as before, or choose "
+                "another --db"
+            )

@@ -1,18 +1,21 @@
-"""The command ``blur2view to-transforms``: a model with views as trainers of radiance fields read it."""
+"""``blur2view to-transforms``: a model with views as trainers of radiance fields read it."""
 
 import json
 import os
+from argparse import SUPPRESS
 from collections import Counter
+from dataclasses import MISSING, dataclass
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, ClassVar
 
 from blur2view import __version__
-from blur2view.cli.arguments.segment import SegmentOptions
-from blur2view.cli.arguments.to_transforms import ToTransformsOptions
+from blur2view.cli.arguments import values
+from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.outputs import png
 from blur2view.cli.place import refuse_foreign, write_model
-from blur2view.cli.terminal import QUIET, SHORT, plural, printable
-from blur2view.colmap import GSPLAT
+from blur2view.cli.segment import SegmentOptions
+from blur2view.cli.terminal import plural, printable
+from blur2view.colmap import DIALECTS, GSPLAT
 from blur2view.colmap.models import pictures_of, project_text, read_model
 from blur2view.colmap.transforms import (
     MODEL,
@@ -31,12 +34,63 @@ MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame
 MASKS = "masks"  # beside transforms.json
 
 
-def run(options: ToTransformsOptions) -> int:
-    """Return the exit code, after writing for the trainer."""
-    line = _write_model(options) if options.dialect == GSPLAT else _write_transforms(options)
-    if options.verbosity > QUIET:
-        print(line)
-    return 0
+KEYS = """
+instant-ngp: transforms.json alone, whose cameras are put into its box
+nerfstudio: the file, and beside it the model's points, sparse_pc.ply; its main line reads the same without
+    the motion
+gsplat: no file but a folder: sparse/0, COLMAP's model with the photographs alone, and images, a link to them
+masks: nerfstudio masks/NAME.png beside the file, and mask_path of each frame; instant-ngp
+    dynamic_mask_NAME.png beside each photograph, where it looks for it
+order in time: which view came first does not matter to a photograph blurred by a global shutter
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToTransformsOptions(Options):
+    """The options of ``blur2view to-transforms``.
+
+    Write a COLMAP model with the views NAME#open and NAME#close, as blur2view place writes it, as the
+    transforms.json that trainers of radiance fields read: instant-ngp, which lets each ray of a frame look
+    from a random instant of its exposure, or the motion-blur fork of nerfstudio. The main line of nerfstudio
+    and gsplat know no blur and take each frame as sharp at mid exposure; --max-smear leaves out what is not.
+    The world is the model's, in its unit. help("blur2view.colmap.transforms") has all conventions with their
+    sources.
+    """
+
+    command = "to-transforms"
+    model: Path = option(MISSING, "MODEL", group=INPUT)
+    "folder of a COLMAP model with views"
+    photographs: Path | None = option(None, "DIR", group=INPUT, names="--images")
+    """folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
+    MODEL/project.ini, or else images beside the file)"""
+    exposure: float = option(1.0, "S", group=INPUT, convert=values.exposure)
+    """exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities shows
+    in a photograph (default: %(default)g, velocities per exposure)"""
+    masks: Path | None = option(None, "DIR", group=INPUT)
+    "results of blur2view segment of these photographs, whose masks are put where the trainer reads them"
+    max_smear: float | None = option(None, "PX", group=INPUT, convert=values.radius)
+    "leave out photographs whose median smear is longer, in pixels (default: keep all)"
+    output: Path = option(Path("transforms.json"), "JSON", names="-o --output")
+    "the file, for gsplat a folder (default: %(default)s); one of an earlier call is replaced"
+    dialect: str = option(DIALECTS[0], choices=(*DIALECTS, GSPLAT))
+    "for which trainer (default: %(default)s)"
+    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
+
+    tables: ClassVar[dict[str, Rows]] = {"what is written": KEYS}
+    examples = (
+        "blur2view to-transforms with_views",
+        "blur2view to-transforms with_views --images frames -o ngp/transforms.json",
+        "blur2view to-transforms with_views --dialect nerfstudio --exposure 0.02 -o splat/transforms.json",
+        "blur2view to-transforms with_views --masks masks -o ngp/transforms.json",
+        "blur2view to-transforms with_views --dialect gsplat --max-smear 3 -o splat",
+    )
+
+    def execute(self) -> int:
+        """Return the exit code, after writing for the trainer."""
+        line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
+        if not self.quiet:
+            print(line)
+        return 0
 
 
 def _write_transforms(options: ToTransformsOptions) -> str:
@@ -66,7 +120,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     for folder in sorted({path.parent for path in files}, reverse=True):
         with writing(folder):
             write_files({path: data for path, data in files.items() if path.parent == folder})
-    line = summary(target, content, options.verbosity, masks=options.masks is not None)
+    line = summary(target, content, verbose=options.verbose, masks=options.masks is not None)
     if left:
         line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"
     return line
@@ -156,7 +210,7 @@ def _write_model(options: ToTransformsOptions) -> str:
     )
 
 
-def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT, *, masks: bool = False) -> str:
+def summary(target: Path, content: dict[str, Any], *, verbose: bool, masks: bool = False) -> str:
     """Return one line about the file; with -v the frames without motion, too."""
     frames = content["frames"]
     still = [frame["file_path"] for frame in frames if not any(any(frame.get(key, ())) for key in MOTION)]
@@ -165,6 +219,6 @@ def summary(target: Path, content: dict[str, Any], verbosity: int = SHORT, *, ma
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     if still:
         line += f", {len(still)} of them without views, as if the camera had stood still"
-    if verbosity > SHORT and still:
+    if verbose and still:
         line += "\n  " + "\n  ".join(map(printable, still))
     return line

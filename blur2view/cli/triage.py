@@ -1,21 +1,24 @@
-"""The command ``blur2view triage``: which photographs are sharp, and which blurred ones are of use."""
+"""``blur2view triage``: which photographs are sharp, and which blurred ones are of use; options and work."""
 
-import hashlib
-import json
 import os
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from pathlib import Path, PurePath
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
 
 from blur2view.arrays import Array
-from blur2view.cli.arguments.triage import TriageOptions
-from blur2view.cli.arguments.values import ground_text
-from blur2view.cli.run import End, Finished, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
-from blur2view.cli.terminal import QUIET, SHORT, complain, plural, printable
+from blur2view.cli.arguments.option import Rows, option
+from blur2view.cli.arguments.shared import PhotographOptions
+from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
+from blur2view.cli.run import End, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
+from blur2view.cli.terminal import complain
+from blur2view.cli.uses import BLURRED, KEPT, LISTS, SHARP, Classifier, closing_line, use_line
+from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
 from blur2view.input_files import read_regular
+from blur2view.networks.smear_network import Detail
 from blur2view.output_files import check_file, writable_folders, write_text
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
@@ -27,84 +30,226 @@ from blur2view.photographs.selection import (
     sharpest_of_each,
     thumbnail,
 )
-from blur2view.results.table import BLURRED, NEAR, OUT_OF_FOCUS, SHARP, UNCLEAR, UNUSABLE, Row, use_of
-from blur2view.runs.manifest import Manifest
-from blur2view.smears.blur import BlurKind
+from blur2view.results.table import Row
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Outcome
+from blur2view.runs.manifest import ENDING, Manifest
 
-KEPT = {"--keep-for-poses": (SHARP, BLURRED), "--keep-for-training": (SHARP,)}
-"""The uses of what lists other than --keep name."""
+MAX_SMEAR = Amount(number=3.0)
+"""Longest median smear, pixels, of a photograph that is called sharp: at most this, half of the SIFT features
+that a photograph shares with itself under fresh noise are still matched (``python -m
+tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
+others)."""
+ONE_SAMPLE = Amount(number=1.0)
+"""That of an aerial photograph: one ground sample (photogrammetry asks for less than one)."""
+MAX_DEFOCUS = 2.0
+"""Largest radius out of focus, pixels, of a photograph that is called sharp."""
+USES = """
+sharp: the median of all smears of the picture is at most --max-smear, and the radius out of focus of what
+    is in focus, if anything is, at most --max-defocus; kept
+blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
+    to-colmap); kept with --blurred only
+unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kept by --best and --every-best
+    only
+out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
+unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
+near the limit: within a tenth of it a frame is sharp if the one before it in its video is
+the same photographs of another size: give the limit in per cent of the diagonal. Frames that were compressed
+    much again have shorter smears than those of their video; --extract compresses nothing
+"""
+LIST = """
+--keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
+    takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
+    for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them are blurred stands
+    in the table
+--keep-for-poses, --keep-for-training: lists as that of --keep, whatever --best and --every-best choose:
+    blurred photographs help to find poses, as views of their exposure, and harm radiance fields that know
+    no blur
+--extract: files for COLMAP, ns-process-data and blur2view: frame 120 of a video (from 0) is frame_00120.png,
+    with the pixels that were looked at, below the video's name if there are several; photographs are copied.
+    The folder must hold nothing else, and nothing in it is replaced
+--every-best: of every N neighbours in a video or folder one is kept, and another where it shows another view
+"""
 
 
-def run(options: TriageOptions) -> int:
-    """Return the exit code, after looking at every photograph and writing table, list and pictures."""
-    lists, names = options.lists, colmap_names(options.inputs)
-    # a list knows the call that wrote it whatever the table, and each what was done for the others
-    targets = [one for one in (*lists.values(), options.extract, options.csv) if one is not None]
-    manifests = [path for one in targets if (path := manifest_of(options, one)) is not None]
-    path = manifests[0] if manifests else None
-    for name, target in lists.items():
-        refuse_shared(options, target, [other for key, other in lists.items() if key != name], name)
-    files, classifier = extracted_names(names), Classifier(options)
-    with (
-        writable_folders(*(one.parent for one in targets)),
-        open_manifest(options, path, lists.values(), pointing=manifests[1:]) as manifest,
-    ):
+@dataclass(frozen=True, kw_only=True)
+class TriageOptions(PhotographOptions):
+    """The options of ``blur2view triage``.
+
+    Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
+    of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
+    explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
+    dark to show blur, which the variance of the Laplacian would confuse.
+    """
+
+    command = "triage"
+    keep: Path | None = option(None, "LIST")
+    "write the list of photographs to keep, see below"
+    keep_for_poses: Path | None = option(None, "LIST", rare=True)
+    "write a list of the sharp ones and the blurred ones of use"
+    keep_for_training: Path | None = option(None, "LIST", rare=True)
+    "write a list of the sharp ones"
+    extract: Path | None = option(None, "DIR")
+    "write the photographs to keep into a folder, frames of videos as PNG, see below"
+    max_smear: Amount | None = option(None, "PX", convert=smear, usual=MAX_SMEAR)
+    """the longest median of a sharp photograph, in pixels, as 0.3%% of the picture's diagonal, or with --gsd
+    as 3cm (default: %(usual)s, up to which half of its SIFT features are still matched; with
+    --gsd 1, a ground sample)"""
+    gsd: float | None = option(None, "LENGTH", convert=metres)
+    """the ground sample distance, as 2cm, of aerial photographs: sharp are those whose smear is within one"""
+    max_defocus: float = option(MAX_DEFOCUS, "PX", convert=radius)
+    "the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)"
+    blurred: bool = option(False, either="choice")
+    "keep the blurred ones, too, that geometry can use"
+    best: Amount | None = option(None, "N", convert=best, either="choice")
+    "keep the N sharpest, or as 50%%, by the width of all of the blur"
+    every_best: int | None = option(None, "N", either="choice")
+    "keep the sharpest of every N neighbours, and of each view among them"
+    in_order: bool = option(False, names="--sequence")
+    """the photographs of a folder are the frames of a video: near the limit each is as sharp as the one
+    before"""
+    overwrite: bool = option(False, rare=True)
+    """replace a list that was changed since it was written, too, if it names nothing but these
+    photographs"""
+    sequence: bool | None = False
+
+    tables: ClassVar[dict[str, Rows]] = {"uses": USES, "columns of --csv": Row, "the list": LIST}
+    examples = (
+        "blur2view triage clip.mp4 --every-best 6 --extract frames",
+        "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
+        "blur2view triage flight --gsd 2cm --csv flight.csv",
+        "blur2view triage frames --keep-for-poses poses.txt --keep-for-training train.txt",
+        "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
+    )
+
+    def __post_init__(self) -> None:
+        if self.resume and self.csv is None and not self.lists and self.extract is None:
+            raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
+        if self.max_smear is not None and self.max_smear.unit == METRES and self.gsd is None:
+            raise ValueError("--max-smear on the ground needs --gsd, what a pixel shows, as 2cm")
+        if self.selects and self.keep is None and self.extract is None:
+            raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
+        super().__post_init__()
+
+    @property
+    def limit(self) -> Amount:
+        """The longest median smear of a sharp photograph."""
+        return self.max_smear or (MAX_SMEAR if self.gsd is None else ONE_SAMPLE)
+
+    @property
+    def lists(self) -> dict[str, Path]:
+        """The lists of the call, by their options."""
+        named = {name: getattr(self, name.removeprefix("--").replace("-", "_")) for name in LISTS}
+        return {name: path for name, path in named.items() if path is not None}
+
+    @property
+    def selects(self) -> bool:
+        """Whether photographs are kept by their order of blur, whatever they are of use for."""
+        return self.best is not None or self.every_best is not None
+
+    def __call__(self, job: Job) -> Outcome:
+        """Return the row of one photograph."""
+        one = estimated(self, job, detail=Detail.RANKING)
+        return outcome_of(one, None, verdict_of(one))
+
+    def execute(self) -> int:
+        """Return the exit code, after looking at every photograph and writing table, lists and pictures.
+
+        A run that was ended early extracts nothing, and chooses nothing of neighbours.
+        """
+        lists, names = self.lists, colmap_names(self.inputs)
+        targets = [one for one in (*lists.values(), self.extract, self.csv) if one is not None]
+        folders = [one.parent for one in targets]  # whose manifests say what is done
         for name, target in lists.items():
-            _check_list(options, target, name, names.values(), manifest)
-        choice = _choice(options, files, manifest)
-        chosen = "" if manifest is None or options.extract is None else manifest.digest_of(options.extract)
-        _check_folder(options, files.values() if chosen in ("", choice) else (), manifests)
-        finished = run_over(options, jobs_of(options), manifest, classify=classifier, line=classifier.line)
-        if finished.end is End.BROKEN or not finished.rows:
-            return finished.exit_code
-        paths = [one for one, _ in finished.outcomes if not options.inputs.is_folder(one)]
-        kept = [paths[index] for index in sorted(selected(options, paths, finished.rows))]
-        whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
-        if whole:
-            _check_folder(options, pictures.values(), manifests)
-        if lists:
-            kept = [one for one in kept if listable(names[one])]
-        for name, target in written_lists(options, whole=whole).items():
-            uses = KEPT.get(name, ())
-            of_use = [one for one, row in zip(paths, finished.rows, strict=False) if row.use in uses]
-            listed = [names[one] for one in (of_use if uses else kept)]
-            write_text(target, "".join(f"{one}\n" for one in listed if one.splitlines() == [one.strip()]))
-            if manifest is not None:
-                manifest.append_target(target)
-        if options.extract is not None and whole:
-            if manifest is not None:
-                manifest.append_target(options.extract, choice)
-            extract(options.extract, pictures)
-    if options.verbosity > QUIET:
-        print(closing_line(finished, options, len(kept)))
-    return finished.exit_code or int(len(kept) < len(pictures))
+            refuse_shared(self, target, [other for key, other in lists.items() if key != name], name)
+        files = extracted_names(names)
+        with (
+            writable_folders(*folders),
+            open_manifest(
+                self, manifest_of(self, next(iter(targets), None)), lists.values(), folders
+            ) as manifest,
+        ):
+            for name, target in lists.items():
+                self._check_list(target, name, names.values(), manifest)
+            self._check_folder(files.values())
+            classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
+            line = partial(use_line, limit_px=self.limit.number, meaning=self.verbose)
+            finished = run_over(self, jobs_of(self), manifest, classify=classify, line=line)
+            if finished.end is End.BROKEN or not finished.rows:
+                return finished.exit_code
+            paths = [one for one, _ in finished.outcomes if not self.inputs.is_folder(one)]
+            kept = [paths[index] for index in sorted(self._selected(paths, finished.rows))]
+            whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
+            if whole:
+                self._check_folder(pictures.values())
+            refused = [names[one] for one in kept if lists and not listable(names[one])]
+            for name in refused:
+                why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
+                complain(OutputError(f"{name}: {why}"))
+            written = {name: lists[name] for name in lists if name in KEPT or whole or not self.selects}
+            for name, target in written.items():
+                uses = KEPT.get(name, ())
+                of_use = [one for one, row in zip(paths, finished.rows, strict=True) if row.use in uses]
+                listed = [names[one] for one in (of_use if uses else kept)]
+                write_text(target, "".join(f"{one}\n" for one in listed if listable(one)))
+                if manifest is not None:
+                    manifest.append_target(target)
+            if self.extract is not None and whole:
+                extract(self.extract, pictures)
+        if not self.quiet:
+            count, words = len(kept) - len(refused), ""
+            if self.keep is not None or self.extract is not None:
+                words = f"{count} kept" if count else f"none is kept: {self._remedy}"
+            made = self.csv if finished.has_table else None, *written.values()
+            made = *made, self.extract if count and whole else None
+            print(closing_line(finished, words, list(lists), [one for one in made if one is not None]))
+        return finished.exit_code or int(bool(refused))
+
+    @property
+    def _remedy(self) -> str:
+        """What would keep photographs where none is kept."""
+        limits = f"--max-smear is {self.limit}, --max-defocus {self.max_defocus:g}"
+        return f"{limits}; --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
+
+    def _selected(self, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
+        """Return the indices of the photographs to keep."""
+        read = [index for index, row in enumerate(rows) if not row.error]
+        lengths = [rows[index].width_px for index in read]
+        if self.best is not None:
+            number, percent = self.best.number, self.best.unit == PERCENT
+            chosen = sharpest(lengths, max(round(len(read) * number / 100), 1) if percent else int(number))
+        elif self.every_best is not None:
+            series = [paths[index].parent for index in read]
+            chosen = sharpest_of_each(lengths, series, self.every_best, lambda one: view(paths[read[one]]))
+        else:
+            wanted = (SHARP, BLURRED) if self.blurred else (SHARP,)
+            return {index for index in read if rows[index].use in wanted}
+        return {read[index] for index in chosen}
+
+    def _check_list(self, target: Path, name: str, names: Collection[str], manifest: Manifest | None) -> None:
+        """Refuse a list that would replace what it must not.
+
+        Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
+        changed since is replaced, too, if it names nothing but these photographs.
+        """
+        wrote = manifest is not None and manifest.wrote(target)
+        if target.is_file() and (self.overwrite or self.resume or len(names) == 1):
+            with suppress(OSError, ValueError):
+                wrote = wrote or set(read_regular(target).decode().splitlines()) <= set(names)
+        if not (target.is_file() and wrote):
+            check_file(target, "list", self.inputs.paths, option=name)
+
+    def _check_folder(self, files: Collection[str]) -> None:
+        """Refuse a folder for the pictures that holds others than these, or what the call reads or writes."""
+        if self.extract is not None:
+            here = {os.path.realpath(path.parent) for path in self.inputs.paths}
+            if os.path.realpath(self.extract) in here:
+                raise OutputError(f"{self.extract}: holds the photographs themselves; name an empty folder")
+            besides = [one for one in (self.csv, *self.lists.values()) if one is not None]
+            refuse_others(self.extract, files, [*besides, *self.extract.glob(f".*{ENDING}")])
 
 
-def written_lists(options: TriageOptions, *, whole: bool) -> dict[str, Path]:
-    """Return the lists that are written: none that chooses of neighbours after a run that was ended early."""
-    return {
-        name: path for name, path in options.lists.items() if name in KEPT or whole or not options.selects
-    }
-
-
-def selected(options: TriageOptions, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
-    """Return the indices of the photographs to keep."""
-    read = [index for index, row in enumerate(rows) if not row.error]
-    lengths = [rows[index].width_px for index in read]
-    if options.best is not None:
-        number = options.best.number
-        count = max(round(len(read) * number / 100), 1) if options.best.percent else int(number)
-        chosen = sharpest(lengths, count)
-    elif options.every_best is not None:
-        series = [paths[index].parent for index in read]
-        chosen = sharpest_of_each(lengths, series, options.every_best, lambda one: _view(paths[read[one]]))
-    else:
-        wanted = (SHARP, BLURRED) if options.blurred else (SHARP,)
-        return {index for index in read if rows[index].use in wanted}
-    return {read[index] for index in chosen}
-
-
-def _view(path: Path) -> Array | None:
+def view(path: Path) -> Array | None:
     """Return the thumbnail of a photograph, None of one that cannot be read any more."""
     try:
         return thumbnail(read_image(path))
@@ -113,130 +258,5 @@ def _view(path: Path) -> Array | None:
 
 
 def listable(name: str) -> bool:
-    """Return whether COLMAP's list of images, one a line, can hold a name, after a line if it cannot."""
-    if name.splitlines() == [name.strip()]:
-        return True
-    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
-    complain(OutputError(f"{name}: {why}"))
-    return False
-
-
-def _check_list(
-    options: TriageOptions, target: Path, name: str, names: Collection[str], manifest: Manifest | None
-) -> None:
-    """Refuse a list that would replace what it must not.
-
-    Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
-    changed since is replaced, too, if it names nothing but these photographs.
-    """
-    wrote = manifest is not None and manifest.wrote(target)
-    if target.is_file() and (options.overwrite or options.resume or len(names) == 1):
-        with suppress(OSError, ValueError):
-            wrote = wrote or set(read_regular(target).decode().splitlines()) <= set(names)
-    if not (target.is_file() and wrote):
-        check_file(target, "list", options.inputs.paths, option=name)
-
-
-def _choice(options: TriageOptions, files: Mapping[Path, str], manifest: Manifest | None) -> str:
-    """Return a digest of what decides which photographs are extracted."""
-    kinds = "limit", "max_defocus", "blurred", "best", "every_best", "in_order"
-    settings = "" if manifest is None else manifest.settings.digest
-    text = json.dumps([settings, *(str(getattr(options, kind)) for kind in kinds), *files.values()])
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _check_folder(options: TriageOptions, files: Collection[str], manifests: Sequence[Path]) -> None:
-    """Refuse a folder for the pictures that holds others than these, or photographs or files of the call."""
-    if options.extract is not None:
-        here = {os.path.realpath(path.parent) for path in options.inputs.paths}
-        if os.path.realpath(options.extract) in here:
-            raise OutputError(f"{options.extract}: holds the photographs themselves; name an empty folder")
-        besides = [one for one in (options.csv, *options.lists.values(), *manifests) if one is not None]
-        refuse_others(options.extract, files, besides)
-
-
-class Classifier:
-    """Says what photographs are of use for, one after the other: frames follow the one before."""
-
-    def __init__(self, options: TriageOptions) -> None:
-        self._options, self._last = options, Row()
-
-    def __call__(self, row: Row) -> Row:
-        """Return the row of the next photograph with its use."""
-        limit, gsd = self._options.limit, self._options.gsd
-        if gsd is not None and row.smear_px is not None:
-            row = replace(row, smear_ground_m=gsd * row.smear_px)
-        length = row.smear_percent if limit.percent else row.smear_ground_m if limit.metres else row.smear_px
-        before = self._last.use if self._follows(row) else ""
-        use, reason = use_of(row, length, limit.number, self._options.max_defocus, before, limit.unit)
-        classified = replace(row, use=use, reason=reason)
-        self._last = classified if use else self._last
-        return classified
-
-    def _follows(self, row: Row) -> bool:
-        last = self._last
-        if PurePath(row.name).parent != PurePath(last.name).parent:
-            return False
-        if row.frame is None or last.frame is None:
-            return self._options.in_order and row.frame is last.frame
-        return row.frame == last.frame + 1
-
-    def line(self, path: Path, row: Row) -> str:
-        """Return one line about a photograph; with -v what its blur means, too."""
-        text = f"{printable(str(path))}: {row.use} ({_length(row, self._options.limit.number)})"
-        if row.use in (BLURRED, UNUSABLE):
-            text += f" [{row.verdict}]"
-        return f"{text}: {row.meaning}" if self._options.verbosity > SHORT else text
-
-
-def _length(row: Row, limit_px: float) -> str:
-    """Return how long the blur is, near the limit with a digit more."""
-    if row.smear_px is None or row.blur == BlurKind.CANNOT_TELL:
-        return "no texture"
-    if row.use == OUT_OF_FOCUS:
-        return f"by a radius of {row.defocus_px:.1f} px"
-    near = limit_px / NEAR < row.smear_px < limit_px * NEAR
-    digits = 2 if near else 1 if row.smear_px < 9.95 else 0
-    ground = "" if row.smear_ground_m is None else f", {ground_text(row.smear_ground_m)} on the ground"
-    return f"smears of {row.smear_px:.{digits}f} px{ground}"
-
-
-def hint(rows: Sequence[Row], options: TriageOptions) -> str:
-    """Return what would keep photographs where none is kept."""
-    if any(row.use == BLURRED for row in rows):
-        return "--blurred keeps the blurred ones that are of use, --best 50% the sharper half"
-    if all(row.error for row in rows):
-        return "no photograph could be read"
-    radii = [row.defocus_px for row in rows if row.use == OUT_OF_FOCUS and row.defocus_px is not None]
-    if radii:
-        return (
-            f"the least out of focus is so by {min(radii):.3g} px, --max-defocus is {options.max_defocus:g}"
-        )
-    lengths = [row.smear_px for row in rows if row.smear_px is not None]
-    if not lengths:
-        return "no photograph shows texture"
-    return f"the sharpest has smears of {min(lengths):.3g} px, --max-smear is {options.limit}"
-
-
-def closing_line(finished: Finished, options: TriageOptions, kept: int) -> str:
-    """Return how many photographs are of which use, and what was written.
-
-    A run that was ended early extracts nothing, and chooses nothing of neighbours.
-    """
-    rows, whole = finished.rows, finished.end is End.WHOLE
-    counts = Counter(row.use for row in rows)
-    done_before = f" ({finished.skipped} done before)" * bool(finished.skipped)
-    uses = f"{counts[SHARP]} sharp, {counts[BLURRED]} blurred but of use, {counts[UNUSABLE]} unusable"
-    uses += f", {counts[OUT_OF_FOCUS]} out of focus" * bool(counts[OUT_OF_FOCUS])
-    uses += f", {counts[UNCLEAR]} unclear: smooth or dark" * bool(counts[UNCLEAR])
-    parts = [uses + f", {counts['']} failed" * bool(counts[""])]
-    if options.keep is not None or options.extract is not None:
-        parts.append(f"{kept} kept" if kept else f"none is kept: {hint(rows, options)}")
-    for name, listed in KEPT.items():
-        if name in options.lists and not any(counts[use] for use in listed):
-            parts.append(f"{name} names none, as none is {' or '.join(listed)}")
-    table, lists = options.csv if finished.has_table else None, written_lists(options, whole=whole).values()
-    written = table, *lists, options.extract if kept and whole else None
-    files = " and ".join(printable(str(path)) for path in written if path is not None)
-    parts += [f"wrote {files}"] * bool(files)
-    return f"{plural(len(rows), 'photograph')}{done_before} in {finished.seconds:.1f} s: {'; '.join(parts)}"
+    """Return whether COLMAP's list of images, one name a line, can hold a name."""
+    return name.splitlines() == [name.strip()]

@@ -1,75 +1,62 @@
-"""The photographs of ``blur2view to-colmap``: their names, their plans if they are linked, their views."""
+"""The photographs of ``blur2view to-colmap``: their names and plans, their order in time, their lines."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from blur2view.camera.camera import Camera
-from blur2view.camera.exif import ExifValues
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.arguments.to_colmap import ToColmapOptions
-from blur2view.cli.summary import verdict_line
-from blur2view.cli.work import estimated, outcome_of
-from blur2view.colmap.cameras import camera_of_database
+from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import LinkStep, Step, plan_links
 from blur2view.colmap.project import database_matcher, database_names, storable
-from blur2view.errors import CameraError, DatabaseError
+from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
-from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
-from blur2view.photographs.inputs import colmap_names
-from blur2view.results.stored import plain
+from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.two_view_geometry import Parallax
+from blur2view.photographs.inputs import Inputs, colmap_names
 from blur2view.results.table import NO_GEOMETRY
-from blur2view.results.to_colmap import ViewsDocument
-from blur2view.results.verdicts import verdict_of
-from blur2view.runs.job import Job, Outcome
-from blur2view.segmentation.mask import MotionLabel, segment
+from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
+from blur2view.runs.job import Job
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Named:
-    """What a photograph is called in the database, and its plan if it is linked."""
+def named_jobs(
+    inputs: Inputs, project: Path | None, *, replace_views: bool = False
+) -> tuple[list[Job], list[Job]]:
+    """Return the jobs, those that cannot be stored refused, and those whose views are there already.
 
-    name: str
-    plan: LinkStep | None = None
-
-
-def named_jobs(options: ToColmapOptions) -> tuple[list[Job], list[Job]]:
-    """Return the jobs, those that cannot be stored refused, and those whose views are there already."""
+    ``project`` is the database of a user that they are linked to, if so.
+    """
     jobs: list[Job] = []
     kept: list[Job] = []
-    paths, names = options.inputs.paths, colmap_names(options.inputs)
-    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
-    if options.link:
-        plans = plan_links(options.db, paths, replace=options.replace)
-    for path, plan in zip(paths, plans, strict=True):
-        if plan is None and not storable(names[path]):
+    names = colmap_names(inputs)
+    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(inputs.paths)
+    if project is not None:
+        plans = plan_links(project, inputs.paths, replace=replace_views)
+    for path, plan in zip(inputs.paths, plans, strict=True):
+        index, name = len(jobs), names[path]
+        if plan is None and not storable(name):
             plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
         if isinstance(plan, DatabaseError):
-            jobs.append(Job(index=len(jobs), path=path, target=Named(name=names[path]), refusal=plan))
-            continue
-        name, source = names[path], names[path]
-        if plan is not None:  # views depend on the features that are moved, too
+            jobs.append(Job(index=index, path=path, name=name, refusal=plan))
+        elif plan is None:
+            jobs.append(Job(index=index, path=path, name=name, source=name))
+        else:  # views depend on the features that are moved, too
             name, source = plan.image.name, f"{plan.image.name} {plan.image.digest.hex()}"
-        job = Job(index=len(jobs), path=path, target=Named(name=name, plan=plan), source=source)
-        (kept if plan is not None and plan.step is Step.KEEP else jobs).append(job)
+            job = Job(index=index, path=path, name=name, target=plan, source=source)
+            (kept if plan.step is Step.KEEP else jobs).append(job)
     return jobs, kept
 
 
 def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
     """Return the document of a photograph's views."""
-    geometry, plan, count = views.geometry, job.target.plan, len(matched(views))
+    geometry, plan, count = views.geometry, job.target, len(matched(views))
     unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
-    return ViewsDocument(
+    return ViewsDocument.gathered(
+        geometry,
+        views,
         image=str(job.path),
-        name=views.name,
         views=views.names,
         action="add" if plan is None else plan.step.value,
-        config=geometry.config.name,
-        parallax=str(geometry.parallax),
         reason="no feature of yours has a smear that can be used" if unsure else geometry.reason,
         num_keypoints=len(views.points_open),
         num_matches=count,
@@ -80,51 +67,62 @@ def document_of(job: Job, views: ExposureViews) -> ViewsDocument:
     )
 
 
-def views_outcome(options: ToColmapOptions, job: Job) -> Outcome:
-    """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
-    name, plan = job.target.name, job.target.plan
-    # COLMAP does not turn pictures upright
-    one = estimated(options, job, as_stored=True, camera_of=partial(_camera, options, plan))
-    if plan is None:
-        views = views_of(name, one.estimate)
-    else:
-        moving = None
-        if options.skip_movers:
-            moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-        views = keypoint_views(name, plan.image.keypoints, one.estimate, options.run.options, moving)
-    return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
-
-
-def _camera(
-    options: ToColmapOptions, plan: LinkStep | None, path: Path, size: tuple[int, int], exif: ExifValues
-) -> Camera | None:
-    """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
-    stated = options.run.intrinsics.of(path, size, exif)
-    if plan is None:
-        return stated
-    own = camera_of_database(options.db, plan.image.camera_id)
-    if (own.width, own.height) != size:
-        raise CameraError(
-            f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
-            "; give the photograph that the features are from"
-        )
-    hinted = plan.image.prior_focal and options.focal is None and options.camera is None
-    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
-
-
 def with_time(
-    options: ToColmapOptions, views: list[ExposureViews], paths: Mapping[str, Path]
+    views: list[ExposureViews], paths: Mapping[str, Path], project: Path | None, *, in_order: bool | None
 ) -> list[ExposureViews]:
-    """Return the views with the direction of time that neighbouring frames decide; ``paths`` are by name."""
-    if options.in_order is False:
+    """Return the views with the direction of time that neighbouring frames decide.
+
+    ``paths`` are by name; neighbours are those ``in_order`` or, where that is None, those whose names say so,
+    which in a project are also photographs that are not linked.
+    """
+    if in_order is False:
         return views
     names = [one.name for one in views]
-    if options.link and views and not options.in_order:  # photographs that are not linked have a vote too
-        names += sorted(set(database_names(options.db)) - set(names))
-    runs = consecutive_runs(names, in_order=bool(options.in_order))
     matcher: Callable[[int, int], Any]
-    if options.link:
-        matcher = database_matcher(options.db, names)
-    else:
+    if project is None:
         matcher = photograph_matcher([paths[name] for name in names])
-    return with_time_direction(views, runs, matcher)
+    else:
+        if views and not in_order:
+            names += sorted(set(database_names(project)) - set(names))
+        matcher = database_matcher(project, names)
+    return with_time_direction(views, consecutive_runs(names, in_order=bool(in_order)), matcher)
+
+
+def summary(document: ToColmapDocument, *, linked: bool, verbose: bool = False) -> str:
+    """Return a line for each photograph, and one that says what was written or would be."""
+    lines = [_line(one, linked=linked, verbose=verbose) for one in document.photographs]
+    if document.kept:
+        some = ", ".join(printable(one["name"]) for one in document.kept[:3])
+        some += ", ..." if len(document.kept) > 3 else ""
+        there = plural(len(document.kept), "photograph")
+        lines.append(f"{there} ({some}): the views are there already; --replace makes them anew")
+    target, count = printable(document.target), len(document.photographs)
+    if not count:
+        return "\n".join([*lines, f"{target}: nothing to write"])
+    verb = "would write" if document.dry_run else "wrote"
+    pairs = plural(count * (3 if linked else 1), "pair")
+    total = f"{target}: {verb} {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
+    total += f"; backup {printable(document.backup)}" if document.backup else ""
+    undecided = sum(one.num_matches > 0 and not one.translation_known for one in document.photographs)
+    if undecided:
+        total += f"; the translation of {undecided} is undecided: "
+        total += (
+            "the depth of their points comes from your other photographs"
+            if linked
+            else ("COLMAP makes no points from those")
+        )
+    return "\n".join([*lines, total])
+
+
+def _line(one: ViewsDocument, *, linked: bool, verbose: bool) -> str:
+    name = printable(one.name)
+    if not one.num_matches:
+        return f"{name}: {one.action}, no matches: {one.reason} [{one.config}]"
+    moved, counts = "translation undecided", f"{one.num_inliers} of {one.num_matches} matches fit"
+    if one.translation_known:
+        moved = "parallax proven" if one.parallax == Parallax.PROVEN else "translation known"
+    elif not linked:
+        counts = f"none of {one.num_matches} matches is written as an inlier"
+    order = f"known by neighbours ({int(100 * one.time_confidence)} % sure)" if one.time_known else "unknown"
+    line = f"{name}: {one.action}, {moved}; {counts}; order in time {order} [{one.config}]"
+    return f"{line}\n  {one.reason}" if verbose else line

@@ -61,7 +61,7 @@ class Document:
         """Yield the keys, and what explains them after their types."""
         for types, text in explained(cls):
             kinds = {cls._json_type(one) for one in types.values()}
-            yield ", ".join(types), f"({kinds.pop() if len(kinds) == 1 else 'number'}) {text}"
+            yield ", ".join(types), text if len(kinds) > 1 else f"({kinds.pop()}) {text}"
 
     @classmethod
     def _json_type(cls, annotation: str) -> str:

@@ -17,23 +17,17 @@ class MaskDocument(Document):
     """The document of one photograph of ``blur2view segment``; null where there is no such value."""
 
     image: str
-    """The photograph as it was named."""
     width: int
     height: int
-    """Its size in pixels, upright."""
     F: Matrix | None
     H: Matrix | None
-    """Fundamental matrix and homography of the camera's motion, as of ``blur2view estimate``."""
     K: Matrix | None
     E: Matrix | None
-    """Calibration matrix and essential matrix, as there."""
     cam2_from_cam1: dict[str, Any] | None
     pose_covariance: dict[str, Any] | None
-    """The camera's pose and its covariance, as there."""
     config: str
-    """The configuration, a name of COLMAP's TwoViewGeometryConfiguration."""
     parallax: str
-    """proven, undecided or absent."""
+    """The photograph and the camera's motion, as of ``blur2view estimate``."""
     geometry_reason: str
     """One sentence with the figures that decided on the configuration."""
     reason: str
@@ -48,9 +42,8 @@ class MaskDocument(Document):
     beta: float
     max_error_px: float
     seed: int
-    """The options of these names."""
     model_id: str
-    """The weights of the smear network."""
+    """The options of these names, and the weights of the smear network."""
     timings_s: dict[str, float] | None
     """Seconds per step: read, predict, select, solve, segment; null with --no-timings."""
 

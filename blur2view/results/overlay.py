@@ -29,7 +29,7 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 
 SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
-EPIPOLAR_LINES = 14
+SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
 CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
 SURE = 0.5  # deviation over length up to which a smear is drawn where no geometry explains it
 _AIDS_HEIGHT_PX = 132
@@ -180,7 +180,8 @@ def _draw_epipolar_lines(
 ) -> None:
     """Draw lines F x1 beside the close ends of inliers spread over the photograph, half transparent."""
     inliers = np.flatnonzero(geometry.inlier_mask)
-    chosen = inliers[farthest_points(matches.midpoint[inliers], EPIPOLAR_LINES)]
+    points, spacing = view.to_canvas(matches.midpoint[inliers]), np.sqrt(view.width * view.height / SQUARES)
+    chosen = inliers[spread_subset(points, matches.length_px[inliers], spacing)]
     order = geometry.swapped[chosen].astype(int)
     lines = homogeneous(matches.ends[chosen, order]) @ F.T  # (n, 3)
     norms = np.hypot(lines[:, 0], lines[:, 1])
@@ -193,19 +194,6 @@ def _draw_epipolar_lines(
         across = (sum(canvas.shape[:2]) + np.abs(point).max()) * direction
         draw_line(layer, np.stack([point - across, point + across]), (255, 255, 255), thickness=1)
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
-
-
-def farthest_points(points: Array, count: int) -> NDArray[np.intp]:
-    """Return indices of up to ``count`` points: a central one, then always the farthest from those chosen."""
-    if len(points) == 0:
-        return np.empty(0, np.intp)
-    distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
-    chosen = [int(distance.argmin())]
-    nearest = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < min(count, len(points)):
-        chosen.append(int(nearest.argmax()))
-        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen)
 
 
 def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:

@@ -10,19 +10,14 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document
-from blur2view.results.pose import rate_of
-from blur2view.smears.blur import BlurKind
+from blur2view.results.estimate import rate_of
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
 
-SHARP, BLURRED, OUT_OF_FOCUS, UNCLEAR, UNUSABLE = "sharp", "blurred", "out of focus", "unclear", "unusable"
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
 DIGITS = 6  # significant ones; of times so many decimals, which are of years
 TIME = "timestamp_s"
-NEAR = 1.1
-"""About the limit by this factor a photograph is as sharp as the one before: compressed again, as Motion JPEG
-and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +38,7 @@ class Row(Document):
     and moved, cannot tell."""
     smear_px: float | None = None
     """Median length of all smears of the picture, pixels; empty where it shows no texture. (That of the
-    smears that were used is another: blur2view estimate -v and the report have it.)"""
+    smears that were used is another: the report has it.)"""
     smear_sigma_px: float | None = None
     """Median standard deviation of their lengths, pixels."""
     smear_percent: float | None = None
@@ -71,16 +66,12 @@ class Row(Document):
     wx: float | None = None
     wy: float | None = None
     wz: float | None = None
-    """Rotation vector of cam2_from_cam1 over the exposure time, radians per second, or where no exposure time
-    is known the rotation vector itself, radians, about the camera's axes x (right), y (down) and z
-    (forwards), with known intrinsics. A gyroscope, which turns with the camera, shows the negative, as
-    with --gyroscope they do. The sign of all three is that of time: see time_confidence."""
     sigma_wx: float | None = None
     sigma_wy: float | None = None
     sigma_wz: float | None = None
-    """Their standard deviations."""
     rate_unit: str = ""
-    """rad/s or rad; empty without a pose."""
+    """Rates, or without an exposure time the rotation vector, about the camera's axes, with their standard
+    deviations and unit, as blur2view estimate --help-all explains them; their sign is that of time."""
     time_confidence: float | None = None
     """How sure neighbouring frames (blur2view estimate and report, of videos or with --sequence) are of the
     order in time, 0 to 1; 0: the sign is arbitrary."""
@@ -132,34 +123,3 @@ def _shown(name: str, value: object) -> object:
     if not isinstance(value, float):
         return value
     return round(value, DIGITS) if name == TIME else f"{value:.{DIGITS}g}"
-
-
-def use_of(
-    row: Row, length: float | None, limit: float, max_defocus: float, before: str = "", unit: str = " px"
-) -> tuple[str, str]:
-    """Return the use of a photograph whose median smear has this length, in the limit's unit, and why.
-
-    Both are empty if it failed.
-
-    Unclear if its blur cannot be told; out of focus, and never sharp, if its radius is above that limit.
-    Sharp if its median smear is at most the other limit; within `NEAR` of it if the frame ``before`` is. A
-    longer one is of use, as views of its exposure, if F or H explains its smears; else it is unusable.
-    """
-    if row.error:
-        return "", ""
-    if row.blur == BlurKind.CANNOT_TELL or length is None:
-        return UNCLEAR, "smooth or too dark: its blur cannot be told"
-    radius = row.defocus_px or 0
-    defocused = row.blur == BlurKind.OUT_OF_FOCUS or radius > max_defocus
-    beyond = f"radius out of focus {radius:.1f} px" + f", above {max_defocus:g} px" * (radius > max_defocus)
-    factor = 1.0 if not before else NEAR if before == SHARP else 1 / NEAR
-    short = length <= limit * factor
-    smear = f"median smear {length:.3g}{unit}, {'at most' if length <= limit else 'above'} {limit:g}{unit}"
-    smear += f", but near it as the frame before is {before}" * ((length <= limit) != short)
-    if defocused and (short or row.verdict in NO_GEOMETRY):
-        return OUT_OF_FOCUS, beyond
-    if short:
-        return SHARP, smear
-    if row.verdict in NO_GEOMETRY:
-        return UNUSABLE, f"{smear}; no motion of the camera explains it"
-    return BLURRED, f"{smear}; the camera's motion explains it, so that its views are of use"

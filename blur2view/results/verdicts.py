@@ -144,22 +144,16 @@ def _turned(geometry: TwoViewGeometry, size: tuple[int, int], exposure_s: float 
 
 
 def _amount(geometry: TwoViewGeometry, exposure_s: float | None) -> str:
-    """Return by how much, or how fast, a pose turns, with its standard deviation."""
-    pose = geometry.cam2_from_cam1
-    angle = 0.0 if pose is None else float(np.linalg.norm(pose.rotation_vector))
-    sigma = angle_sigma_rad(geometry)
+    """Return by how much, or how fast, a pose turns, with its standard deviation: that along its axis."""
+    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
+    vector = np.zeros(3) if pose is None else pose.rotation_vector
+    angle, sigma = float(np.linalg.norm(vector)), 0.0
+    if covariance is not None:
+        axis = vector / max(angle, TINY)
+        sigma = float(np.sqrt(max(float(axis @ covariance.matrix[:3, :3] @ axis), 0.0)))
     if exposure_s is None:
         return f"by {_with_deviation(np.degrees(angle), np.degrees(sigma))} degrees"
     return f"at {_with_deviation(angle / exposure_s, sigma / exposure_s)} rad/s"
-
-
-def angle_sigma_rad(geometry: TwoViewGeometry) -> float:
-    """Return the standard deviation of the angle of a pose's rotation, radians: that along its axis."""
-    if geometry.cam2_from_cam1 is None or geometry.covariance is None:
-        return 0.0
-    vector = geometry.cam2_from_cam1.rotation_vector
-    axis = vector / max(float(np.linalg.norm(vector)), TINY)
-    return float(np.sqrt(max(float(axis @ geometry.covariance.matrix[:3, :3] @ axis), 0.0)))
 
 
 def _direction(geometry: TwoViewGeometry) -> str:

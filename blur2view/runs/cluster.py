@@ -32,7 +32,6 @@ class Cluster:
         for name in LOGGERS:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
-            asyncio.run(_greet(address))  # a client that finds nobody takes as long again to be closed
             self._client = distributed.Client(address, timeout=CONNECT_S)
         except (OSError, ValueError, ImportError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
@@ -44,7 +43,7 @@ class Cluster:
             raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
 
     def __call__(self, work: Work, jobs: Iterator[Job]) -> Done:
-        """Yield the jobs, which must have their contents, with their outcomes, files unwritten."""
+        """Yield the jobs, which must have their contents, with their outcomes."""
         pending: dict[Any, Job] = {}
         try:
             while True:
@@ -53,7 +52,7 @@ class Cluster:
                 while len(pending) < slots and (job := next(jobs, None)) is not None:
                     with self._in_touch(), warnings.catch_warnings():
                         warnings.simplefilter("ignore")  # of large arguments; scattered they could be lost
-                        future = self._client.submit(perform, work, job, write=False, pure=False)
+                        future = self._client.submit(perform, work, job, pure=False)
                     pending[future] = job
                 if not pending:
                     return
@@ -88,11 +87,3 @@ class Cluster:
                 f"{self.address}: cannot go on ({reason}); see that its scheduler runs and the workers have "
                 "this blur2view, and go on with --resume"
             ) from None
-
-
-async def _greet(address: str) -> None:
-    """Raise OSError unless a scheduler answers."""
-    from distributed.comm.core import connect
-
-    comm = await connect(address, timeout=CONNECT_S)
-    comm.abort()

@@ -37,8 +37,9 @@ class Job(Photograph):
     """One photograph, as it goes to the process that works on it."""
 
     index: int  # its place in the call
+    name: str = ""  # in tables and databases
     files: ResultFiles | None = None  # where its results go
-    target: Any = None  # what the work needs besides, as its name in a database
+    target: Any = None  # what the work needs besides, as its plan in a database
     refusal: Blur2ViewError | None = None  # why it cannot be begun
     digest: str = ""  # SHA-256 of the file; empty where the content is still to be read
     # what its result depends on besides it and its neighbours, such as features in a database
@@ -77,14 +78,13 @@ def failed(error: Blur2ViewError) -> Outcome:
     return Outcome(error=str(error), stop=isinstance(error, RunError))
 
 
-def perform(work: Work, job: Job, *, write: bool = True) -> Outcome:
-    """Return the outcome of one photograph, its files written or not; errors of the user's are data."""
+def perform(work: Work, job: Job) -> Outcome:
+    """Return the outcome of one photograph, its files unwritten; errors of the user's are data."""
     try:
         with within_memory(job.path):
             job = replace(job, content=job.encoded)
             digest = job.digest or hashlib.sha256(job.encoded).hexdigest()
-            outcome = replace(work(job), digest=digest)
-            return written(outcome) if write else outcome
+            return replace(work(job), digest=digest)
     except Blur2ViewError as error:
         return failed(error)
 

@@ -14,7 +14,7 @@ import os
 import stat
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
@@ -25,52 +25,52 @@ from blur2view.photographs.video import frame_of
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Outcome, file_digest
 
-SIGN, FORMAT = "blur2view", 4  # 1 held pickles, 2 summaries, 3 no digests of lines
+SIGN, FORMAT = "blur2view", 5  # 1 held pickles, 2 summaries, 3 no digests of lines, 4 pointers
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
+ENDING = ".manifest.jsonl"
 NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS}  # of file systems that have none
 DAMAGE = (ValueError, TypeError, LookupError, AttributeError)
 """What reading a line may raise that is none of ours."""
 Line = dict[str, Any]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What results depend on beside their photograph."""
-
-    command: str
-    version: str  # of blur2view
-    options: Mapping[str, Any]  # of JSON's types, digests of networks and other files among them
-
-    @property
-    def digest(self) -> str:
-        """Return a name of these settings, which every line repeats."""
-        return _digest_of({"format": FORMAT, **asdict(self)})
-
-
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
     A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls did with it is looked up, also in the ``earlier`` manifests and in those that a line
-    names. To be closed; an empty one is then removed. OutputError if there is a file of another kind, one
-    that cannot be read or written, or one of a call that runs.
+    what earlier calls of the ``command`` and ``version`` did with it is looked up, also in the manifests of
+    other outputs in these ``folders``. ``options``, of JSON's types, are all that results depend on beside
+    their photograph, digests of networks and other files among them. To be closed; an empty one is then
+    removed. OutputError if there is a file of another kind, one that cannot be read or written, or one of a
+    call that runs.
     """
 
-    def __init__(self, path: Path, settings: Settings, *, resume: bool, earlier: Iterable[Path] = ()) -> None:
-        self.path, self.settings, self._resume = path, settings, resume
+    def __init__(
+        self,
+        path: Path,
+        *,
+        command: str,
+        version: str,
+        options: Mapping[str, Any],
+        resume: bool,
+        folders: Iterable[Path] = (),
+    ) -> None:
+        self.path, self._resume = path, resume
+        self._head: Line = {SIGN: version, "format": FORMAT, "command": command, "options": dict(options)}
+        self._settings = _digest_of(self._head)  # which every line repeats
         self._done: dict[str, Line] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
         self._known: set[str] = set()
         self._heads: dict[str, Line] = {}
         self._digests: dict[Path, str] = {}
-        self._headed = self._damaged = False
-        self._looked_at = {os.path.abspath(path)}
-        self._new = not os.path.lexists(path)
-        self._file = _open_alone(path)
+        self._headed, self._new, self._file = False, not os.path.lexists(path), _open_alone(path)
         try:
-            for other in earlier:
-                self._read_other(other)
+            for other in sorted(
+                {other for folder in folders for other in folder.glob(f".*{ENDING}")} - {path}
+            ):
+                with suppress(OSError, Blur2ViewError), open_regular(other) as file:
+                    self._read(file, other)
             self._damaged, self._end = False, 0
             if os.fstat(self._file).st_size:  # some files of /proc that say so wait for ever
                 with open(self._file, "rb", closefd=False) as file:
@@ -94,11 +94,11 @@ class Manifest:
     @property
     def complaint(self) -> OutputError | None:
         """Return one line about what cannot be gone on with, if there is such."""
-        if self._resume and self._heads and self.settings.digest not in self._heads:
+        if self._resume and self._heads and self._settings not in self._heads:
             *_, head = self._heads.values()
-            if (head[SIGN], head.get("format")) != (self.settings.version, FORMAT):
+            if (head[SIGN], head.get("format")) != (self._head[SIGN], FORMAT):
                 return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
-            then, now = head["options"], self.settings.options
+            then, now = head["options"], self._head["options"]
             changed = ", ".join(sorted(name for name in {**then, **now} if then.get(name) != now.get(name)))
             return OutputError(f"{self.path}: other options ({changed}) made it; all is done again")
         if self._damaged:
@@ -140,15 +140,11 @@ class Manifest:
 
     def wrote(self, target: Path) -> bool:
         """Return whether a file of all photographs is as an earlier call left it."""
-        return _digest(target) == self.digest_of(target)
-
-    def digest_of(self, target: Path) -> str:
-        """Return the digest that was appended last for what is made of all photographs; empty if none was."""
-        return self._targets.get(self._name(target), "")
+        return _digest(target) == self._targets.get(self._name(target), "")
 
     def append(self, job: Job, outcome: Outcome) -> None:
         """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
-        line: Line = {"settings": self.settings.digest, "image": self._name(job.path)}
+        line: Line = {"settings": self._settings, "image": self._name(job.path)}
         if outcome.error:
             if line["image"] in self._known:
                 self._write(line | {"error": outcome.error})
@@ -157,13 +153,9 @@ class Manifest:
         line["outputs"] = {self._name(path): digest for path, digest in outcome.outputs.items()}
         self._write(line | {"row": asdict(outcome.row), "kept": None if job.files else outcome.payload})
 
-    def append_target(self, target: Path, digest: str = "") -> None:
-        """Append that a call makes something of all photographs: of a file its own digest by default."""
-        self._write({"target": self._name(target), "sha256": digest or file_digest(target)})
-
-    def append_pointer(self, other: Path) -> None:
-        """Append that another manifest says what is done, too."""
-        self._write({"manifest": self._name(other)})
+    def append_target(self, target: Path) -> None:
+        """Append the digest of a file of all photographs, which has been written."""
+        self._write({"target": self._name(target), "sha256": file_digest(target)})
 
     def _source(self, job: Job) -> str:
         """Return what a result depends on besides its photograph: its neighbours, a video as a whole."""
@@ -173,13 +165,6 @@ class Manifest:
 
     def _name(self, path: Path) -> str:
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
-
-    def _read_other(self, path: Path) -> None:
-        """Note the lines of another manifest, if it is one."""
-        if (place := os.path.abspath(path)) not in self._looked_at:
-            self._looked_at.add(place)
-            with suppress(OSError, Blur2ViewError), open_regular(path) as file:
-                self._read(file, path)
 
     def _read(self, file: BinaryIO, path: Path) -> int:
         """Note the lines of earlier calls; return where the last whole one ends."""
@@ -203,8 +188,6 @@ class Manifest:
         """Note a file of all photographs, or what was done with these settings, as seen from a folder."""
         if SIGN in line:
             self._heads[line["settings"]] = line | {"options": dict(line["options"])}
-        elif "manifest" in line:
-            self._read_other(folder / line["manifest"])
         elif "target" in line:
             self._targets[self._name(folder / line["target"])] = line["sha256"]
         else:
@@ -214,15 +197,13 @@ class Manifest:
             if "outputs" in line:
                 line["outputs"] = {self._name(folder / one): sum_ for one, sum_ in line["outputs"].items()}
                 self._owners |= dict.fromkeys(line["outputs"], (image, line["sha256"]))
-                if self._resume and line["settings"] == self.settings.digest:
+                if self._resume and line["settings"] == self._settings:
                     self._done[image] = line
 
     def _write(self, line: Line) -> None:
         """Append a line and wait until the disk has it."""
-        settings = self.settings
-        about = {"settings": settings.digest, "command": settings.command, "options": dict(settings.options)}
-        head = {SIGN: settings.version, "format": FORMAT, **about}
-        lines = [*([] if self._headed else [head]), line | {"digest": _digest_of(line)}]
+        head = [] if self._headed else [self._head | {"settings": self._settings}]
+        lines = [*head, line | {"digest": _digest_of(line)}]
         content = "".join(json.dumps(one) + "\n" for one in lines).encode()
         try:
             if not self._headed:

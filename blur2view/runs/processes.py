@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from functools import partial
 from multiprocessing import get_context, parent_process
 
@@ -15,9 +14,6 @@ import cv2
 from blur2view.runs.job import Done, Job, Outcome, Work, perform
 
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
-PATIENCE_S = 5.0  # a process that was told to end has that long
-END = getattr(signal, "SIGUSR1", signal.SIGTERM)  # pycolmap takes SIGTERM for a crash and prints a trace
-_ENDING = threading.Event()
 Engine = Callable[[Work, Iterator[Job]], Done]
 """Does jobs, each taken when there is room for it, and yields it with its outcome when done, in any order."""
 
@@ -29,7 +25,7 @@ def in_this_process(work: Work, jobs: Iterator[Job]) -> Done:
 
 
 def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
-    """Yield the jobs with their outcomes, done by several processes.
+    """Yield the jobs with their outcomes, done by several processes, which are killed when it is closed.
 
     A process that dies (of too little memory, of a damaged file that crashes a decoder) takes the jobs in
     hand with it; each of them is tried once more, alone.
@@ -40,7 +36,7 @@ def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
         while True:
             while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
                 try:
-                    future = executor.submit(_performed, work, job)
+                    future = executor.submit(perform, work, job)
                 except BrokenProcessPool as error:  # the processes have died meanwhile
                     future = Future()
                     future.set_exception(error)
@@ -65,11 +61,10 @@ def _alone(work: Work, job: Job) -> Outcome:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
     executor = _executor(1)
     try:
-        return executor.submit(_performed, work, job).result()
+        return executor.submit(perform, work, job).result()
     except BrokenProcessPool:
-        return Outcome(
-            error=f"{job.path}: the process that read it died, perhaps of too little memory; resize it"
-        )
+        why = "the process that read it died, perhaps of too little memory; resize it"
+        return Outcome(error=f"{job.path}: {why}")
     finally:
         _end(executor)
 
@@ -82,22 +77,8 @@ def _executor(count: int) -> ProcessPoolExecutor:
 def _begin() -> None:
     """Prepare a process: it ends with its parent, leaves Ctrl-C to it and uses one thread."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(END, _leave)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     cv2.setNumThreads(1)
-
-
-def _leave(number: int, frame: object) -> None:
-    """End the job in hand, after what its functions do finally: half-written files are removed."""
-    _ENDING.set()
-    raise SystemExit
-
-
-def _performed(work: Work, job: Job) -> Outcome:
-    """Return the outcome of a job in a process that was not told to end."""
-    if _ENDING.is_set():
-        raise SystemExit
-    return perform(work, job)
 
 
 def _end_with_parent() -> None:
@@ -109,16 +90,12 @@ def _end_with_parent() -> None:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
+    """Kill the processes, which write nothing."""
     processes = list((executor._processes or {}).values())
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:
-        if process.pid is not None:
-            with suppress(OSError):  # it has ended
-                os.kill(process.pid, END)
-    for process in processes:
-        process.join(PATIENCE_S)
-        if process.is_alive():
-            process.kill()
+        process.kill()
+        process.join()
 
 
 def processes(count: int) -> Engine:

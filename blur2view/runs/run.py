@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 
 from blur2view.errors import Blur2ViewError
-from blur2view.photographs.content import read_content
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
 from blur2view.runs.job import Done, Job, Outcome, Work, failed, file_digest, with_contents, written
 from blur2view.runs.manifest import Manifest
@@ -22,9 +21,9 @@ def outcomes(
 ) -> Done:
     """Yield every job, of consecutive indices, with its outcome in their order.
 
-    The manifest has it as soon as it is done. With ``sends`` photographs are read here and sent, as to other
-    machines. OutputError or RunError if the manifest cannot be written, or no photograph can be done any
-    more; KeyboardInterrupt after the outcomes that are there.
+    Its files are written here, and the manifest has it, as soon as it is done. With ``sends`` photographs are
+    read here, too, and sent, as to other machines. OutputError or RunError if the manifest cannot be written,
+    or no photograph can be done any more; KeyboardInterrupt after the outcomes that are there.
     """
     waiting: Waiting = {}
     turn = 0
@@ -67,20 +66,6 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
             waiting[job.index] = None
         except Blur2ViewError as error:
             waiting[job.index] = job, failed(error)
-
-
-def any_left(jobs: Iterable[Job]) -> bool:
-    """Return whether there are photographs among the jobs: a video may have fewer frames than it says."""
-    for job in jobs:
-        try:
-            if frame_of(job.path) is not None:
-                read_content(job.path, beside=True)
-        except EndOfVideo:
-            continue
-        except Blur2ViewError:  # a photograph that fails
-            pass
-        return True
-    return False
 
 
 def _read_frame(job: Job, video: Path, number: int) -> Job:

@@ -75,10 +75,3 @@ def test_folder_without_photographs_is_one_line_and_no_photograph(
     assert [row["name"] for row in table(here / "t.csv")] == [f"{n:03d}.png" for n in range(5)]
     if name == "report":
         assert (here / "a.html").read_text().count('<li class="card') == 5
-
-
-def test_results_that_were_moved_are_gone_on_with(call: Call, folder: Path, tmp_path: Path) -> None:
-    assert call("estimate", folder, "-o", tmp_path / "out") == 0
-    (tmp_path / "deep").mkdir()
-    (tmp_path / "out").rename(tmp_path / "deep/out")
-    assert call("estimate", folder, "-o", tmp_path / "deep/out", "--resume") == 0

@@ -1,28 +1,13 @@
 """``blur2view estimate -o``: what is replaced, refused or left alone."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from blur2view import pipeline
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents
-
-
-@pytest.mark.slow
-def test_second_call_replaces_what_the_first_wrote(
-    run: Call, moving: Path, still: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    for words in ([moving], [moving, still], [moving, still, "--csv", out / "t.csv"]):
-        for beta in ("0.1", "0.3"):
-            assert run(*words, "-o", out, "--no-timings", "--beta", beta) == 0
-    alone = tmp_path / "alone"
-    assert run(moving, "-o", alone, "--no-timings", "--beta", "0.3") == 0
-    assert (out / "moving.json").read_bytes() == (alone / "moving.json").read_bytes()
 
 
 def test_only_results_of_an_earlier_call_are_replaced(
@@ -55,14 +40,6 @@ def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
     monkeypatch.setattr(Path, "replace", killed)
     assert run(moving, "-o", tmp_path / "out", "--overwrite") == 130
     assert sorted(contents(tmp_path / "out")) == ["moving.png", "moving.smear.npz"]
-
-
-def test_refusal_comes_before_the_work(
-    run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "moving.json").write_text("mine")
-    monkeypatch.setattr(pipeline, "read_pixels", lambda path: pytest.fail("read in vain"))
-    assert run(moving, "-o", tmp_path) == 1
 
 
 def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(
@@ -103,13 +80,3 @@ def test_a_result_that_leads_to_a_photograph_is_refused(run: Call, moving: Path,
     for place in (moving.parent, out):
         done = run(moving, "-o", place, "--overwrite")
         assert done == 1 and "would replace the photograph" in done.line and moving.read_bytes() == before
-
-
-def test_results_of_a_photograph_of_dots_have_its_whole_name(run: Call, moving: Path, tmp_path: Path) -> None:
-    for name in ("..jpg", ".jpg"):
-        shutil.copy(moving, tmp_path / name)
-        assert run(tmp_path / name, "-o", tmp_path / "out") == 0
-        assert {f"{name}{ending}" for ending in (".json", ".png", ".smear.npz")} == set(
-            contents(tmp_path / "out")
-        )
-        shutil.rmtree(tmp_path / "out")

@@ -15,7 +15,7 @@ from blur2view.cli import commands as cli
 from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from tests.support.calls import Call
-from tests.support.many_photographs import contents, write_photographs
+from tests.support.many_photographs import write_photographs
 from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
 from tests.support.tables import table
 
@@ -107,18 +107,6 @@ def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(
     assert (np.sum(rates_of(ahead) * swinging().rates[10:13], axis=1) > 0).all()
     assert all(one["time_known"] for one in ahead + back) and not any(one["time_known"] for one in open_)
     assert ahead[0]["frame"] is None and ahead[0]["timestamp_s"] is None
-
-
-def test_bytes_are_the_same_in_two_processes_and_after_resume(results: Path, tmp_path: Path) -> None:
-    words = [results / "swing.avi", *CAMERA, "--to", 3, "--no-timings", "-q", "-o", tmp_path / "two"]
-    assert cli.main(["estimate", "--jobs", "2", *map(str, words)]) == 0
-    two = contents(tmp_path / "two")
-    whole = contents(results / "out")
-    assert two == {name: whole[name] for name in two} and len(two) == 12
-    for path in (tmp_path / "two" / "swing").glob("000001*"):
-        path.unlink()
-    assert estimate(*words, "--resume") == 0
-    assert contents(tmp_path / "two") == two
 
 
 def test_neighbour_that_cannot_be_read_costs_its_own_line_only(call: Call, tmp_path: Path) -> None:

@@ -85,13 +85,6 @@ def test_programs_get_their_masks(
     assert (mask[grey != 0] == moving).all() and (mask[grey == 0] == static).all()
 
 
-def test_same_seed_gives_the_same_bytes(run: Call, walker: Path, tmp_path: Path) -> None:
-    for name in ("one", "two"):
-        run(walker, "-o", tmp_path / name)
-    for file in FILES[:3]:
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes()
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory in Linux's unit")
 def test_masks_of_large_photographs_take_little_memory(tiny_model: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from blur2view.cli.arguments.report import shown_names, without_folders
+from blur2view.cli.report import shown_names, without_folders
 from blur2view.results.report import Entry, report
 from tests.support.calls import Call
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
@@ -125,9 +125,7 @@ def test_nothing_is_written_if_every_photograph_fails(
     assert make(absent, moving) == 1 and page.read_bytes() != good
 
 
-@pytest.mark.parametrize(
-    "name", [HOSTILE, "</script><script>alert(3)</script>", "<!--<script>", "\udcff.png", "$title"]
-)
+@pytest.mark.parametrize("name", [HOSTILE, "</script><script>alert(3)</script>", "\udcff.png", "$title"])
 def test_names_and_errors_never_become_markup(name: str) -> None:
     entries = [Entry.of(made_up(name, F=turning_F())), Entry.failed(name, f"{name}: no such file")]
     markup = _Markup(report(entries, "1.0"))

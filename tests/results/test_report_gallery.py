@@ -3,12 +3,11 @@
 import json
 from pathlib import Path
 
-import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Page
 
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.results.report import Entry, report
-from tests.support.report_browser import Opener, numbers, settle, toggle, value
+from blur2view.results.report import Entry
+from tests.support.report_browser import Opener, settle, toggle, value
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
 
 
@@ -61,15 +60,14 @@ def test_downloads_are_the_documents_of_estimate(opened: Opener, tmp_path: Path)
     assert downloaded("#download-all").decode() == json.dumps(everything, indent=2) + "\n"
 
 
-@pytest.mark.parametrize("dark", [False, True])
-def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bool) -> None:
+def test_phone_shows_everything_without_sideways_scroll(opened: Opener) -> None:
     long = "folder/" + "a_very_long_name_without_any_blank" * 6 + ".png"
     entries = [
         Entry.of(made_up(long, F=turning_F()), boxed_mask()),
         Entry.failed(long, f"{long}: is damaged"),
         Entry.of(made_up("short", config=Configuration.PLANAR_OR_PANORAMIC)),
     ]
-    how = {"has_touch": True, "is_mobile": True, "color_scheme": "dark" if dark else "light"}
+    how = {"has_touch": True, "is_mobile": True}
     page = opened(*entries, size=(390, 844), **how)
     assert page.evaluate("document.documentElement.scrollWidth") == 390
     fits = "(cards) => cards.every((card) => card.scrollWidth <= card.clientWidth)"
@@ -82,14 +80,3 @@ def test_phone_shows_everything_without_sideways_scroll(opened: Opener, dark: bo
     page.locator("#stage").tap(position={"x": 120, "y": 90})
     settle(page)
     assert value(page, "length").endswith(" px") and page.locator("[data-mark=line-2]").count() == 1
-    red, green, blue = numbers(page.evaluate("getComputedStyle(document.body).backgroundColor"))
-    assert (red + green + blue < 128) == dark
-
-
-def test_old_browser_gets_a_message(browser: Browser, tmp_path: Path) -> None:
-    (tmp_path / "old.html").write_bytes(report(gallery_entries(), "1.0"))
-    page = browser.new_page()
-    page.add_init_script("delete window.DecompressionStream")
-    page.goto((tmp_path / "old.html").as_uri())
-    assert "too old" in page.locator("#notice").inner_text() and page.locator(".card").count() == 5
-    page.close()

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.results.report_pack import node_pixels, packed, photograph
-from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F
+from blur2view.results.report_pack import packed
 
 
 def unpacked(packed: dict[str, Any]) -> NDArray[np.float64]:
@@ -43,30 +42,3 @@ def test_error_is_at_most_half_a_step_which_doubles_until_every_value_fits(most:
     values = np.random.default_rng(2).uniform(-most, most, (40, 50))
     back = packed(values, "int16", 1 / 64)
     assert back["step"] == step and abs(unpacked(back) - values).max() <= step / 2
-
-
-@pytest.mark.parametrize("values", [[np.nan], [np.inf], [1.0, -0.5]])
-def test_what_cannot_be_packed_is_refused(values: list[float]) -> None:
-    with pytest.raises(ValueError):
-        packed(np.array(values), "uint16", 1 / 64)
-
-
-def test_packed_photograph_holds_fields_matches_and_mask() -> None:
-    one, mask = made_up(F=turning_F()), boxed_mask()
-    shown = photograph(one, mask)
-    assert (shown["width"], shown["height"]) == (WIDTH, HEIGHT)
-    rows, columns = node_pixels((HEIGHT, WIDTH))
-    field = one.estimate.grid.at_pixels()
-    expected = field.displacement[rows, columns].transpose(2, 0, 1)
-    assert abs(unpacked(shown["grid"]["displacement"]) - expected).max() <= 0.5 / 64
-    assert abs(unpacked(shown["grid"]["sigma_px"]) - field.sigma_px[rows, columns]).max() <= 0.5 / 64
-    assert shown["grid"]["sigma_rad"] is not None and shown["mask"] is not None
-    assert abs(unpacked(shown["grid"]["sigma_rad"]) - field.sigma_rad[rows, columns]).max() <= 2**-13
-    ends = unpacked(shown["matches"]["ends"]).T.reshape(-1, 2, 2)
-    assert abs(ends - one.estimate.matches.ends).max() <= 0.5 / 64
-    flags = unpacked(shown["matches"]["flags"]).astype(int)
-    np.testing.assert_array_equal(flags & 1, one.estimate.geometry.inlier_mask)
-    np.testing.assert_array_equal(flags >> 1, one.estimate.geometry.swapped)
-    np.testing.assert_array_equal(unpacked(shown["mask"]["labels"]), mask.labels)
-    probability = unpacked(shown["mask"]["probability"])
-    assert abs(probability - mask.probability[rows, columns]).max() <= 0.5 / 255 + 1e-6

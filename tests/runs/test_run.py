@@ -2,17 +2,15 @@
 
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from blur2view.errors import ImageError
-from blur2view.photographs.video import frame_path
 from blur2view.runs.job import Job, Outcome, neighbours_of
-from blur2view.runs.processes import Engine, in_processes, in_this_process, processes
+from blur2view.runs.processes import Engine, in_processes, processes
 from blur2view.runs.run import outcomes
-from tests.support.many_photographs import announcing, write_video
 
 
 class CountWork:
@@ -47,13 +45,6 @@ def lengths(found: list[Outcome]) -> list[int | None]:
     return [None if one.error else one.payload[1] for one in found]
 
 
-def test_one_process_is_this_one(tmp_path: Path) -> None:
-    assert processes(1) is in_this_process
-    found = results(processes(1), tmp_path, ["a", "fail", "ccc"])
-    assert lengths(found) == [1, None, 3] and found[1].error == f"{tmp_path / '1.txt'}: fails"
-    assert found[0].payload[0] == os.getpid()
-
-
 @pytest.mark.slow
 def test_results_of_several_processes_come_in_order(tmp_path: Path) -> None:
     found = results(processes(2), tmp_path, ["a", "bb", "fail", "dddd", "eeeee"], pause_s=0.05)
@@ -80,34 +71,6 @@ def test_no_process_is_left_when_a_run_is_abandoned(tmp_path: Path) -> None:
         os.kill(outcome.payload[0], 0)
 
 
-def test_no_more_is_read_ahead_than_is_done(tmp_path: Path) -> None:
-    taken = 0
-
-    def jobs() -> Iterator[Job]:
-        nonlocal taken
-        for index in range(9):
-            taken += 1
-            yield Job(index=index, path=tmp_path / "a.txt", target=0.0)
-
-    (tmp_path / "a.txt").write_text("a")
-    running = outcomes(CountWork(), jobs(), in_this_process)
-    next(running)
-    assert taken == 1
-    running.close()
-
-
-def test_frames_that_a_video_only_announces_are_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    video = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 12), 15)
-    numbers = enumerate((3, 11, 12, 14, 15))
-    jobs = [Job(index=index, path=video / f"{number:06d}", target=0.0) for index, number in numbers]
-    found = list(outcomes(CountWork(), jobs, in_this_process))
-    assert [job.index for job, _ in found] == [0, 1, 4]
-    assert all(one.payload[1] > 64 * 80 * 3 for _, one in found[:2])
-    assert "has 15 frames, none of number 15" in found[2][1].error
-
-
 def _beside(paths: Sequence[Path], sequence: bool | None) -> list[list[tuple[int, Path]]]:
     """Return the steps to the neighbours of each photograph, and where they are."""
     return [[(one.steps, one.path) for one in found] for found in neighbours_of(paths, sequence).values()]
@@ -118,11 +81,3 @@ def test_neighbours_are_named_beside_a_photograph_and_lie_in_its_folder() -> Non
     assert _beside(paths, True) == [[(1, second)], [(-1, first)], []]
     assert _beside([elsewhere, first, second], True) == [[], [(1, second)], [(-1, first)]]
     assert _beside(paths, None) == [[], [], []]
-
-
-def test_frames_have_neighbours_unless_they_are_refused(tmp_path: Path) -> None:
-    video = tmp_path / "walk.mp4"
-    video.touch()
-    first, second, third = paths = [frame_path(video, index) for index in range(3)]
-    assert _beside(paths[:2], None) == [[(1, second)], [(-1, first), (1, third)]]
-    assert _beside(paths[:2], False) == [[], []]

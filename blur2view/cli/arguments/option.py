@@ -8,12 +8,10 @@ offered.
 from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
-from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
-from blur2view.cli.arguments.values import file_path, positive
-from blur2view.cli.terminal import QUIET, SHORT, VERBOSE
+from blur2view.cli.arguments.values import file_path, whole
 from blur2view.results.document import Document, explained
 
 Rows = str | type[Document] | Mapping[str, str]
@@ -33,7 +31,7 @@ GROUPS = {
     "ends are a match whose order in time is unknown.",
 }
 """Groups of options in the order of ``--help-all``, with what stands above them."""
-CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: positive, float: float}
+CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: whole(1), float: float}
 """What makes a value of a word, by the type of the field; ValueError or ArgumentTypeError of a wrong one."""
 
 
@@ -63,11 +61,6 @@ def option(
     )
 
 
-def refused() -> Any:
-    """Return the field of an option of other commands that this one has not, for the reason below it."""
-    return field(default=None, metadata={"refused": True})
-
-
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """What every command has, and what its help says.
@@ -84,15 +77,9 @@ class Options:
     quiet: bool = option(False, names="-q --quiet", either="verbosity")
     "print failures only"
 
-    @property
-    def verbosity(self) -> int:
-        """How much is printed: `QUIET`, `SHORT` or `VERBOSE`."""
-        return VERBOSE if self.verbose else QUIET if self.quiet else SHORT
-
     def execute(self) -> int:
-        """Return the exit code of the command, after running it; what it needs is imported only now."""
-        command = import_module(f"blur2view.cli.{self.command.replace('-', '_')}")
-        return int(command.run(self))
+        """Return the exit code of the command, after running it."""
+        raise NotImplementedError
 
 
 def texts(kind: type) -> dict[str, str]:
@@ -107,12 +94,6 @@ def declared(kind: type[Options]) -> list[Field[Any]]:
     names = dict.fromkeys(name for one in kind.__mro__ for name in vars(one).get("__annotations__", ()))
     own = [known[name] for name in names if name in known]
     return sorted(own, key=lambda one: list(GROUPS).index(one.metadata["group"]))
-
-
-def refusals(kind: type[Options]) -> dict[str, str]:
-    """Return why a command has not what others have, by the option's name."""
-    explained = texts(kind)
-    return {f"--{one.name}": explained[one.name] for one in fields(kind) if "refused" in one.metadata}
 
 
 def add_options(parser: Any, kind: type[Options]) -> None:

@@ -7,7 +7,7 @@ import shutil
 from importlib import import_module
 from typing import Any, NoReturn
 
-from blur2view.cli.arguments.option import Options, Rows, add_options, declared, refusals
+from blur2view.cli.arguments.option import Options, Rows, add_options, declared
 from blur2view.cli.arguments.values import file_path
 from blur2view.cli.terminal import printable
 from blur2view.errors import CameraError
@@ -20,15 +20,10 @@ EXIT_CODES = """
 141: what read the output wants no more of it, as head does; the rest is not done
 """
 MESSAGES = {
-    r"^argument -(\w)/.*: ignored explicit argument '([a-z]+)'": r"-\1\2 has one dash; did you mean --\1\2?",
     "^argument ": "",
-    "ignored explicit argument (.*)": r"takes no value, got \1",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
     r"invalid \w+ value: ": "expected a number, got ",
-    "expected one argument": "needs a value behind it",
-    "not allowed with argument (.*)": r"does not go with \1; choose one of them",
-    "invalid choice: (.*) \\(choose from (.*)\\)": r"expected one of \2, got \1",
 }
 """What argparse says, and what we do."""
 
@@ -79,8 +74,11 @@ class CommandParser(argparse.ArgumentParser):
         return self
 
     def filled(self) -> "CommandParser":
-        """Return the parser with the options of its command."""
-        return self.of(options_of(self.command)) if self.command and self.kind is None else self
+        """Return the parser with the options of its command: of ``to-colmap`` ToColmapOptions."""
+        if not self.command or self.kind is not None:
+            return self
+        module = import_module(f"blur2view.cli.{self.command.replace('-', '_')}")
+        return self.of(getattr(module, f"{self.command.title().replace('-', '')}Options"))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the options as argparse does."""
@@ -93,11 +91,6 @@ class CommandParser(argparse.ArgumentParser):
             return kind(**{one.name: getattr(parsed, one.name) for one in declared(kind)})
         except (ValueError, CameraError) as error:
             self.error(str(error))
-
-    @property
-    def names(self) -> set[str]:
-        """The names of all options."""
-        return set(self.filled()._option_string_actions)
 
     def format_help(self) -> str:
         """Return the help: of a command what matters most, until ``--help-all`` is asked for."""
@@ -126,20 +119,12 @@ class CommandParser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
 
 
-def options_of(command: str) -> type[Options]:
-    """Return the options of a command: of ``to-colmap`` ToColmapOptions, imported now."""
-    module = import_module(f"blur2view.cli.arguments.{command.replace('-', '_')}")
-    kind: type[Options] = getattr(module, f"{command.title().replace('-', '')}Options")
-    return kind
-
-
 class HelpAll(argparse.Action):
     """The option ``--help-all``."""
 
     def __call__(self, parser: Any, *_: Any) -> None:
         """Print everything and end the program."""
-        here = {"not here": why} if (why := refusals(parser.kind)) else {}
-        for title, rows in (parser.kind.tables | here | {"exit codes": EXIT_CODES}).items():
+        for title, rows in (parser.kind.tables | {"exit codes": EXIT_CODES}).items():
             add_table(parser, title, rows)
         print(argparse.ArgumentParser.format_help(parser), end="")
         parser.exit()
@@ -152,8 +137,6 @@ class Completion(argparse.Action):
         """Print the script of a shell and end the program."""
         import shtab
 
-        if values not in shtab.SUPPORTED_SHELLS:
-            parser.error(f"{option} knows {', '.join(shtab.SUPPORTED_SHELLS)}, not {values}")
         (commands,) = (one for one in parser._actions if isinstance(one, argparse._SubParsersAction))
         for command in commands.choices.values():
             command.description = command.filled().description.partition(". ")[0]  # zsh has room for no more

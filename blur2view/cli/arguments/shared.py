@@ -1,29 +1,24 @@
 """The options that the commands over photographs share."""
 
 import sys
-from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
+from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import CAMERA, ESTIMATION, INPUT, MANY, Options, option
-from blur2view.cli.terminal import QUIET
+from blur2view.colmap.cameras import stored_camera
+from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.input_files import MAX_MEMORY_GIB
+from blur2view.networks.model_file import model_path
+from blur2view.photographs.inputs import Inputs, list_photographs
+from blur2view.photographs.video import frame_numbers
+from blur2view.pipeline import Run
+from blur2view.runs.job import Job, Outcome, file_digest
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
-
-if TYPE_CHECKING:
-    from blur2view.photographs.inputs import Inputs
-    from blur2view.pipeline import Run
-    from blur2view.runs.job import Job, Outcome
-
-RESULTS = (".json", ".jsonl", ".csv", ".png", ".jpg", ".npz")  # suffixes of files, not of folders
-MANIFEST = """
-.<command>.manifest.jsonl: the hidden manifest, JSON lines: what --resume goes on
-    with
-"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +29,10 @@ class PhotographOptions(Options):
     of the network's file.
     """
 
-    run: "Run" = field(init=False)
-    inputs: "Inputs" = field(init=False)
+    keeps: ClassVar[bool] = True  # whether what is made of each photograph is needed at the end
+
+    run: Run = field(init=False)
+    inputs: Inputs = field(init=False)
     digest: str = field(init=False)
 
     images: list[str] = option(MISSING, "INPUT", group=INPUT)
@@ -46,7 +43,7 @@ class PhotographOptions(Options):
     begin with # and name no file). What is named twice is done once"""
     recursive: bool = option(False, group=INPUT)
     "folders stand for their subfolders, too"
-    every: int = option(1, "N", group=INPUT, convert=values.frames)
+    every: int = option(1, "N", group=INPUT)
     "of a video take one frame in N (default: all)"
     first: float = option(0, "FRAME", group=INPUT, names="--from", convert=values.frame_or_seconds, rare=True)
     "the first frame of a video: a number from 0, or a time as 12.5s"
@@ -117,7 +114,7 @@ class PhotographOptions(Options):
     """a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the better of
     both orders, is below a tenth of its length and below this many pixels, or below two of its own
     standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)"""
-    seed: int = option(0, "N", group=ESTIMATION, convert=values.seed, rare=True, result=True)
+    seed: int = option(0, "N", group=ESTIMATION, convert=values.whole(0), rare=True, result=True)
     "of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)"
     max_memory: float = option(MAX_MEMORY_GIB, "GIB", group=ESTIMATION, rare=True)
     """refuse photographs whose estimate takes more memory of its process, of which --jobs starts many; masks
@@ -129,11 +126,6 @@ class PhotographOptions(Options):
     onnxruntime-gpu; results differ by rounding (default: the processor)"""
 
     def __post_init__(self) -> None:
-        from blur2view.networks.model_file import model_path
-        from blur2view.photographs.inputs import list_photographs
-        from blur2view.photographs.video import frame_numbers
-        from blur2view.runs.job import file_digest
-
         frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
         stdin, model = None if sys.stdin is None else sys.stdin.buffer, model_path(self.model)
         inputs = list_photographs(self.images, recursive=self.recursive, frames=frames, stdin=stdin)
@@ -141,34 +133,26 @@ class PhotographOptions(Options):
         for name, value in (("run", self._run()), ("inputs", inputs), ("digest", digest)):
             object.__setattr__(self, name, value)
         if self.dask is not None and callable(self.run.intrinsics.camera):
-            raise ValueError(
-                "the workers of --dask see no database; write its camera out: MODEL WIDTH HEIGHT ..."
-            )
+            raise ValueError("the workers of --dask see no database; write its camera out")
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"images": [], "inputs": None}
 
-    def __call__(self, job: "Job") -> "Outcome":
+    def __call__(self, job: Job) -> Outcome:
         """Return what is made of one photograph, in whichever process; Blur2ViewError where it fails."""
         raise NotImplementedError
 
     @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph, and a total."""
-        return not self.json and not self.jsonl and self.verbosity > QUIET
+        return not self.json and not self.jsonl and not self.quiet
 
-    def _run(self) -> "Run":
-        from blur2view.camera.intrinsics import Intrinsics
-        from blur2view.colmap.cameras import stored_camera
-        from blur2view.geometry.rolling_shutter import RollingShutter
-        from blur2view.pipeline import Run
-
-        stated = self.focal is not None or self.camera is not None
-        if self.readout is not None and not stated:
-            raise ValueError("--readout corrects the pose of --focal or --camera only; add one")
-        for name, given in (("--exposure", self.exposure), ("--gyroscope", self.gyroscope)):
-            if given and not stated:
-                raise ValueError(f"{name} is about rates, which need --focal or --camera; add one")
+    def _run(self) -> Run:
+        """Return how each photograph is estimated; ValueError of what does not go together."""
+        if self.focal is None and self.camera is None:
+            for name in ("exposure", "readout", "gyroscope"):
+                if getattr(self, name):
+                    raise ValueError(f"--{name} is about rates and poses, which need --focal or --camera")
         if self.readout is not None:
             RollingShutter(readout_s=self.readout, exposure_s=self.exposure or 1.0)  # which checks it
         camera = stored_camera(self.camera or "") or self.camera
@@ -182,36 +166,3 @@ class PhotographOptions(Options):
             max_memory_gib=self.max_memory,
             gyroscope=self.gyroscope,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FolderOptions(PhotographOptions):
-    """Those of a command that writes files of each photograph into a folder, if one is named."""
-
-    listed: ClassVar[str]  # what the documents are called in the one that --json prints
-    endings: ClassVar[Sequence[str]]  # of a photograph's files, behind its stem, in the order of writing
-
-    output: Path | None
-    overwrite: bool = option(False, rare=True)
-    "replace results of other photographs, too (those of an earlier call of the same are anyway)"
-    json: bool = option(False)
-    "print one JSON document instead of the summaries, see below"
-    jsonl: bool = option(False, rare=True)
-    """instead print the JSON document of each photograph on one line as soon as it is done, in their order;
-    of one that fails image and error"""
-
-    def __post_init__(self) -> None:
-        if (self.json or self.jsonl) and (file := [one for one in self.images if one.endswith(RESULTS[:2])]):
-            raise ValueError(f"--json and --jsonl print; write > {file[0]} at the end of the command")
-        if self.output is not None and self.output.suffix in RESULTS and not self.output.is_dir():
-            name = self.output.name
-            raise ValueError(f"-o names a folder; one file holds what --json > {name} or --csv {name} writes")
-        if self.json and self.jsonl:
-            raise ValueError("--json prints one document at the end, --jsonl one for each; choose")
-        if self.resume and self.output is None:
-            raise ValueError("--resume goes on with results in a folder; name it with -o")
-        super().__post_init__()
-
-    def beside(self, photograph: Path) -> tuple[Path, ...]:
-        """Return further files of a photograph of this name, below the folder, which are written first."""
-        return ()

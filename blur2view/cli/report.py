@@ -6,17 +6,23 @@ from argparse import SUPPRESS
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
+
+import numpy as np
 
 from blur2view import __version__
-from blur2view.cli.arguments.option import Rows, option, refused
+from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.terminal import QUIET, SHORT, printable
+from blur2view.cli.run import End, jobs_of, open_manifest, run_over
+from blur2view.cli.summary import verdict_line
+from blur2view.cli.terminal import printable
+from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, check_file, writable_folders, write_files, writing
-
-if TYPE_CHECKING:
-    from blur2view.runs.job import Job, Outcome
+from blur2view.results.report import Entry, report
+from blur2view.results.verdicts import verdict_of
+from blur2view.runs.job import Job, Outcome
+from blur2view.segmentation.mask import segment
 
 CONTROLS = """
 click or tap: a smear: its ends and, where there is no H, both epipolar lines
@@ -51,37 +57,32 @@ class ReportOptions(PhotographOptions):
     mask: bool = option(True)
     "without the motion mask: faster"
     overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
-    resume: bool = refused()
-    "a page is drawn anew, from the photographs"
+    resume: bool = False
 
     def __post_init__(self) -> None:
         if self.output.suffix.lower() in (".pdf", ".json", ".csv"):
             raise ValueError(f"a report is HTML; name it {self.output.with_suffix('.html')}")
         super().__post_init__()
 
-    tables: ClassVar[dict[str, Rows]] = {"on the page": CONTROLS, "terms of the page": TERMS}
+    tables: ClassVar[dict[str, Rows]] = {
+        "on the page": CONTROLS,
+        "terms of the page": TERMS,
+        "not here": {"--resume": "a page is drawn anew, from the photographs"},
+    }
     examples = (
         "blur2view report clip.mp4 --every 10 -o report.html",
         "blur2view report a.jpg --focal 525 --no-mask",
     )
 
-    def __call__(self, job: "Job") -> "Outcome":
+    def __call__(self, job: Job) -> Outcome:
         """Return the entry of one photograph, by the name that the page shows."""
-        import numpy as np
-
-        from blur2view.cli.summary import verdict_line
-        from blur2view.cli.work import estimated, outcome_of
-        from blur2view.results.report import Entry
-        from blur2view.results.verdicts import verdict_of
-        from blur2view.segmentation.mask import segment
-
         one, mask = estimated(self, job), None
         start = time.perf_counter()
         if self.mask:
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = time.perf_counter() - start if self.mask else None
         summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry)
-        summary += f"\n  {one.estimate.geometry.reason}" * (self.verbosity > SHORT)
+        summary += f"\n  {one.estimate.geometry.reason}" * self.verbose
         return outcome_of(one, Entry.of(replace(one, path=Path(job.target)), mask, mask_s), summary)
 
     def execute(self) -> int:
@@ -90,9 +91,6 @@ class ReportOptions(PhotographOptions):
         A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted
         run leaves a page of what is done.
         """
-        from blur2view.cli.run import End, jobs_of, open_manifest, run_over
-        from blur2view.results.report import Entry, report
-
         page, shown = self.output, shown_names(self.inputs.paths)
         check_file(page, "page", self.inputs.paths)
         with writable_folders(page.parent), open_manifest(self, None, [page]):
@@ -107,7 +105,7 @@ class ReportOptions(PhotographOptions):
                 content = report(entries, __version__)
                 with writing(page.parent):
                     write_files({page: content})
-                if self.verbosity > QUIET:
+                if not self.quiet:
                     print(f"wrote {printable(str(page))} ({len(content) / 1e6:.2f} MB)")
             elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
                 raise OutputError(f"{page}: is not written, as every photograph failed; name others")

@@ -1,19 +1,17 @@
 """``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
-import os
-import shlex
-import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.arguments.shared import MANIFEST, FolderOptions
+from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, estimate_contents, with_files
+from blur2view.cli.summary import estimate_summary
+from blur2view.cli.work import estimated
+from blur2view.networks.smear_network import Detail
 from blur2view.results.estimate import EstimateDocument
-
-if TYPE_CHECKING:
-    from blur2view.runs.job import Job, Outcome
+from blur2view.runs.job import Job, Outcome
 
 CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
@@ -39,11 +37,6 @@ FILES = """
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
     uncertainty (sigma)
 """
-ALL = """
-estimates: (list) One document per photograph.
-failures: (list) Photographs that failed: image, error.
-"""
-MOST_NAMED = 3  # inputs that the next command repeats; of more it names the folders
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +63,7 @@ class EstimateOptions(FolderOptions):
     tables: ClassVar[dict[str, Rows]] = {
         "configurations, in COLMAP's names": CONFIGURATIONS,
         "files of -o": FILES + MANIFEST,
-        "JSON document of --json": ALL,
+        "JSON document of --json": {"estimates": "(list) One document per photograph.", **FAILURES},
         "JSON document of a photograph": EstimateDocument,
     }
     examples = (
@@ -81,36 +74,12 @@ class EstimateOptions(FolderOptions):
         'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
     )
 
-    def __call__(self, job: "Job") -> "Outcome":
+    def __call__(self, job: Job) -> Outcome:
         """Return the document, the summary and the files of one photograph."""
-        from blur2view.cli.outputs import estimate_contents, with_files
-        from blur2view.cli.summary import estimate_summary
-        from blur2view.cli.work import estimated
-        from blur2view.networks.smear_network import Detail
-
         one = estimated(self, job, detail=Detail.PIXELS if self.full_field else Detail.GEOMETRY)
         document = EstimateDocument.of(one)
-        summary = estimate_summary(document, one.estimate, job.files, self.verbosity) if self.prints else ""
+        geometry, summary = one.estimate.geometry, ""
+        if self.prints:
+            summary = estimate_summary(document, geometry, job.files, verbose=self.verbose)
         contents = partial(estimate_contents, one, full_field=self.full_field)
         return with_files(job, one, document, summary, contents)
-
-    def execute(self) -> int:
-        """Return the exit code, after estimating every photograph; tell a person what may be of use next."""
-        from blur2view.cli.outputs import run_with_files
-
-        code = run_with_files(self)
-        if code == 0 and self.prints and sys.stdout.isatty():
-            print(f"next: {self._next()}")
-        return code
-
-    def _next(self) -> str:
-        """Return the command that may be of use next: which frames to keep, or a page to look at."""
-        named, paths = self.images, self.inputs.paths
-        if len(named) > MOST_NAMED:
-            named = sorted({os.path.dirname(path) or os.curdir for path in paths})
-        command, more = "report", ["-o", "report.html"]
-        if self.inputs.one_video:
-            command, more = "triage", ["--every-best", "6", "--extract", "best"]
-        elif len(paths) > 1:
-            command, more = "triage", ["--csv", "table.csv"]
-        return shlex.join(["blur2view", command, *named, *more])

@@ -1,19 +1,24 @@
 """``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
-import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from blur2view.cli.arguments.option import Rows, option, refused
-from blur2view.cli.arguments.shared import MANIFEST, FolderOptions
+import numpy as np
+
+from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.values import probability
+from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
+from blur2view.cli.summary import mask_summary
+from blur2view.cli.work import estimated
 from blur2view.movers.parts import THRESHOLD
+from blur2view.results.estimate import EstimateDocument
+from blur2view.results.mask_overlay import draw_motion
 from blur2view.results.masks import MaskDocument
-
-if TYPE_CHECKING:
-    from blur2view.runs.job import Job, Outcome
+from blur2view.runs.job import Job, Outcome
+from blur2view.segmentation.formats import GREY, MaskFormat
+from blur2view.segmentation.mask import segment
 
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
@@ -23,10 +28,10 @@ FILES = """
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last
 """
-MASKS = ("colmap", "nerfstudio", "instant-ngp")
-ALL = """
-masks: (list) One document per photograph.
-failures: (list) Photographs that failed: image, error.
+NOT_HERE = """
+--readout: a rolling shutter lengthens smears along themselves, which masks hardly notice (with a readout of
+    two exposure times less than 2 % of simulated static scenes is called moving); for the pose use blur2view
+    estimate or report, which corrects it beside the mask
 """
 FOLDER = Path("masks")  # below -o, of masks for another program
 
@@ -51,7 +56,7 @@ class SegmentOptions(FolderOptions):
     threshold: float = option(THRESHOLD, "P", convert=probability, result=True)
     """probability from which on a connected part moves (default: %(default)s); a lower one misses less of
     what moves, and marks more of what stands still"""
-    masks: list[str] | None = option(None, choices=MASKS, result=True)
+    masks: list[str] | None = option(None, choices=[*map(str, MaskFormat)], result=True)
     """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where
     pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
     to-transforms --masks DIR puts them where these trainers look)"""
@@ -59,15 +64,13 @@ class SegmentOptions(FolderOptions):
     "what --masks makes of unobservable pixels (default: keep)"
     sequence: bool | None = False
     exposure: float | None = None
-    readout: float | None = refused()
-    """a rolling shutter lengthens smears along themselves, which masks hardly notice (with a readout of two
-    exposure times less than 2 % of simulated static scenes is called moving); for the pose use blur2view
-    estimate or report, which corrects it beside the mask"""
+    readout: float | None = None
 
     tables: ClassVar[dict[str, Rows]] = {
         "files of -o": FILES + MANIFEST,
-        "JSON document of --json": ALL,
+        "JSON document of --json": {"masks": "(list) One document per photograph.", **FAILURES},
         "JSON document of a photograph": MaskDocument,
+        "not here": NOT_HERE,
     }
     examples = (
         "blur2view segment street.jpg -o masks",
@@ -77,48 +80,32 @@ class SegmentOptions(FolderOptions):
     def __post_init__(self) -> None:
         if self.masks is not None and self.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
-        for one in MASKS:
-            if one in self.images and not os.path.lexists(one):
-                raise ValueError(f"--masks takes one program; for {one}, too, add --masks {one}")
         if self.masks is None:
             object.__setattr__(self, "unobservable", "keep")  # what has no effect is no other setting
         super().__post_init__()
 
+    @property
+    def programs(self) -> list[MaskFormat]:
+        """The programs that get masks of their own."""
+        return [MaskFormat(name) for name in dict.fromkeys(self.masks or ())]
+
     def beside(self, photograph: Path) -> tuple[Path, ...]:
         """Return the masks for programs of a photograph of this name, below the folder."""
-        from blur2view.segmentation.formats import MaskFormat
+        return tuple(FOLDER / program.path(photograph) for program in self.programs)
 
-        return tuple(FOLDER / MaskFormat(name).path(photograph) for name in dict.fromkeys(self.masks or ()))
-
-    def __call__(self, job: "Job") -> "Outcome":
+    def __call__(self, job: Job) -> Outcome:
         """Return the document, the summary and the files of one photograph."""
-        import numpy as np
-
-        from blur2view.cli.outputs import png, with_files
-        from blur2view.cli.summary import mask_summary
-        from blur2view.cli.work import estimated
-        from blur2view.results.estimate import EstimateDocument
-        from blur2view.results.mask_overlay import draw_motion
-        from blur2view.segmentation.formats import GREY, MaskFormat
-        from blur2view.segmentation.mask import segment
-
         one = estimated(self, job)
         start = time.perf_counter()
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
-        summary = mask_summary(document, mask, job.files, self.verbosity) if self.prints else ""
+        summary = mask_summary(document, mask, job.files, verbose=self.verbose) if self.prints else ""
 
         def contents() -> list[bytes]:
-            ignore, formats = self.unobservable == "ignore", map(MaskFormat, dict.fromkeys(self.masks or ()))
-            masks = [format_.picture(mask.labels, ignore_unobservable=ignore) for format_ in formats]
+            ignore = self.unobservable == "ignore"
+            masks = [to.picture(mask.labels, ignore_unobservable=ignore) for to in self.programs]
             levels = np.round(255 * mask.probability).astype(np.uint8)
             return list(map(png, (*masks, GREY[mask.labels], levels, draw_motion(one.image, mask))))
 
         return with_files(job, one, document, summary, contents)
-
-    def execute(self) -> int:
-        """Return the exit code, after segmenting every photograph."""
-        from blur2view.cli.outputs import run_with_files
-
-        return run_with_files(self)
