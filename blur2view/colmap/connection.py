@@ -78,7 +78,7 @@ def database_errors(path: Path) -> Iterator[None]:
     try:
         open_regular(path).close()  # SQLite would wait for some files of /proc
         yield
-    except (sqlite3.Error, OSError, OverflowError, UnicodeError) as error:  # UnicodeError: of a schema
+    except (sqlite3.Error, OSError, OverflowError, UnicodeError, RuntimeError) as error:  # of pycolmap
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks
         hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
         raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None

@@ -135,8 +135,7 @@ def write_links(
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
             database.execute(VIEWS_TABLE)
             before = _rows_of_the_user(database)
-            for plan, views in links:
-                put_views(database, views, plan.image.camera_id, plan.image)
+            put_views(database, [(views, plan.image.camera_id, plan.image) for plan, views in links])
             if _rows_of_the_user(database) != before:
                 raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
