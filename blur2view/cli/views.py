@@ -14,8 +14,8 @@ from blur2view.cli.summary import verdict_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import matched, translation_known
-from blur2view.colmap.link import LinkStep, Step, plan_links
-from blur2view.colmap.project import database_matcher, database_names, storable
+from blur2view.colmap.link import plan_links
+from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names, storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
@@ -34,7 +34,7 @@ class Named:
     """What a photograph is called in the database, and its plan if it is linked."""
 
     name: str
-    plan: LinkStep | None = None
+    plan: ProjectImage | None = None
 
 
 def named_jobs(options: ToColmapOptions) -> tuple[list[Job], list[Job]]:
@@ -42,7 +42,7 @@ def named_jobs(options: ToColmapOptions) -> tuple[list[Job], list[Job]]:
     jobs: list[Job] = []
     kept: list[Job] = []
     paths, names = options.inputs.paths, colmap_names(options.inputs)
-    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(paths)
+    plans: Sequence[ProjectImage | DatabaseError | None] = [None] * len(paths)
     if options.link:
         plans = plan_links(options.db, paths, replace=options.replace)
     for path, plan in zip(paths, plans, strict=True):
@@ -53,7 +53,7 @@ def named_jobs(options: ToColmapOptions) -> tuple[list[Job], list[Job]]:
             continue
         name, source = names[path], names[path]
         if plan is not None:  # views depend on the features that are moved, too
-            name, source = plan.image.name, f"{plan.image.name} {plan.image.digest.hex()}"
+            name, source = plan.name, f"{plan.name} {plan.digest.hex()}"
         job = Job(index=len(jobs), path=path, target=Named(name=name, plan=plan), source=source)
         (kept if plan is not None and plan.step is Step.KEEP else jobs).append(job)
     return jobs, kept
@@ -91,24 +91,24 @@ def views_outcome(options: ToColmapOptions, job: Job) -> Outcome:
         moving = None
         if options.skip_movers:
             moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-        views = keypoint_views(name, plan.image.keypoints, one.estimate, options.run.options, moving)
+        views = keypoint_views(name, plan.keypoints, one.estimate, options.run.options, moving)
     return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
 
 
 def _camera(
-    options: ToColmapOptions, plan: LinkStep | None, path: Path, size: tuple[int, int], exif: ExifValues
+    options: ToColmapOptions, plan: ProjectImage | None, path: Path, size: tuple[int, int], exif: ExifValues
 ) -> Camera | None:
     """Return the intrinsics: those of the options; else the project's, as a hint; else those of EXIF."""
     stated = options.run.intrinsics.of(path, size, exif)
     if plan is None:
         return stated
-    own = camera_of_database(options.db, plan.image.camera_id)
+    own = camera_of_database(options.db, plan.camera_id)
     if (own.width, own.height) != size:
         raise CameraError(
             f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
             "; give the photograph that the features are from"
         )
-    hinted = plan.image.prior_focal and options.focal is None and options.camera is None
+    hinted = plan.prior_focal and options.focal is None and options.camera is None
     return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
 
 

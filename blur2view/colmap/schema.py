@@ -18,14 +18,11 @@ What the rows rely on
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-from pathlib import Path
 from sqlite3 import Connection
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from blur2view.errors import DatabaseError
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
@@ -39,22 +36,20 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
 """
 
 
-def check_schema(path: Path, database: Connection) -> None:
-    """Refuse what is not a COLMAP database of a known version, whole.
+def check_schema(database: Connection) -> None:
+    """Raise ValueError of what is not a COLMAP database of a known version, whole.
 
     A table or a column that is missing is an error of SQLite's, and ends the transaction that writes to it.
     """
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
-        raise DatabaseError(
-            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
-            "update blur2view"
-        )
+        known = f"version {version}, known up to {NEWEST_KNOWN}"
+        raise ValueError(f"written by a newer COLMAP ({known}); update blur2view")
     if database.execute("SELECT 1 FROM sqlite_master WHERE type = 'trigger'").fetchone():
-        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
+        raise ValueError("has triggers, which COLMAP never makes; remove them first")
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
-        raise DatabaseError(f"{path}: is damaged ({' '.join(damage.split())}); restore a backup")
+        raise ValueError(f"is damaged ({' '.join(damage.split())}); restore a backup")
 
 
 def pair_id(image1: int, image2: int) -> int:
@@ -65,26 +60,32 @@ def pair_id(image1: int, image2: int) -> int:
     return MAX_IMAGES * first + last
 
 
-def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:
-    """Return COLMAP's pixels (N, 2) of a row of keypoints; ValueError if the row contradicts itself."""
-    return _values(rows, cols, data, "<f4", (2, 4, 6), "keypoints")[:, :2].astype(np.float64)
+def read_keypoints(database: Connection, image_id: int) -> NDArray[np.float64]:
+    """Return COLMAP's pixels (N, 2) of an image's keypoints; ValueError if the row contradicts itself."""
+    query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
+    return _numbers(database.execute(query, (image_id,)).fetchone(), "<f4", f"keypoints of image {image_id}")
 
 
-def matches_from_blob(rows: object, cols: object, data: object) -> NDArray[np.int64]:
-    """Return the indices (M, 2) of a row of matches or of inliers; ValueError if it contradicts itself."""
-    return _values(rows, cols, data, "<u4", (2,), "matches").astype(np.int64)
+def read_matches(database: Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
+
+    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
+    """
+    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
+    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
+    index = _numbers(row, "<u4", f"matches of images {id1} and {id2}").astype(np.int64)
+    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
 
 
-def _values(
-    rows: object, cols: object, data: object, dtype: str, widths: tuple[int, ...], what: str
-) -> NDArray[Any]:
-    """Return a blob of numbers of four bytes as an array (rows, cols)."""
+def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray[np.float64]:
+    """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
+    rows, cols, data = row or (0, 2, None)
     blob = b"" if data is None else data
     if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
-        raise ValueError(f"{what} of another type")
-    if cols not in widths or rows < 0 or len(blob) != 4 * rows * cols:
-        raise ValueError(f"{len(blob)} bytes of {what} for {rows} rows of {cols}")
-    return np.frombuffer(blob, dtype).reshape(rows, cols)
+        raise ValueError(f"{what} are of another type; run COLMAP's extraction and matching again")
+    if cols not in (2, 4, 6) or rows < 0 or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{what}: {len(blob)} bytes for {rows} rows of {cols}; run COLMAP again")
+    return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 
 
 def rig_of(database: Connection, camera_id: int) -> int | None:

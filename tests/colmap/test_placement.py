@@ -9,8 +9,9 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap.link import LinkStep, plan_links, write_links
+from blur2view.colmap.link import plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
+from blur2view.colmap.project import ProjectImage
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_vector
@@ -37,8 +38,8 @@ def project(
     database, model = folder / "walk.db", folder / "model"
     replace(WALK, rig=rig).write(points, database, {model: range(FRAMES)})
     plans = plan_links(database, [Path(NAMES[k]) for k in linked])
-    steps = [plan for plan in plans if isinstance(plan, LinkStep)]
-    views = [smears(plan.image.name, points, share, usable) for plan in steps]
+    steps = [plan for plan in plans if isinstance(plan, ProjectImage)]
+    views = [smears(plan.name, points, share, usable) for plan in steps]
     write_links(database, list(zip(steps, views, strict=True)), backup=False)
     return database, model
 
