@@ -18,7 +18,8 @@ from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
-from blur2view.colmap.link import LinkStep, write_links
+from blur2view.colmap.link import write_links
+from blur2view.colmap.project import ProjectImage
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.results.stored import plain, restore
@@ -133,20 +134,20 @@ class ToColmapOptions(PhotographOptions):
             moving = None
             if self.skip_movers:
                 moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-            views = keypoint_views(name, plan.image.keypoints, one.estimate, self.run.options, moving)
+            views = keypoint_views(name, plan.keypoints, one.estimate, self.run.options, moving)
         return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
 
     def _project_camera(
-        self, plan: LinkStep, path: Path, size: tuple[int, int], stated: Camera | None
+        self, plan: ProjectImage, path: Path, size: tuple[int, int], stated: Camera | None
     ) -> Camera | None:
         """Return the intrinsics of the options; else the project's, as a hint; else those of EXIF."""
-        own = camera_of_database(self.db, plan.image.camera_id)
+        own = camera_of_database(self.db, plan.camera_id)
         if (own.width, own.height) != size:
             raise CameraError(
                 f"{path}: is of {size[0]}x{size[1]} pixels, in {self.db} of {own.width}x{own.height}"
                 "; give the photograph that the features are from"
             )
-        hinted = plan.image.prior_focal and self.focal is None and self.camera is None
+        hinted = plan.prior_focal and self.focal is None and self.camera is None
         return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
 
     def execute(self) -> int:

@@ -6,8 +6,8 @@ from typing import Any
 
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.database import matched, translation_known
-from blur2view.colmap.link import LinkStep, Step, plan_links
-from blur2view.colmap.project import database_matcher, database_names, storable
+from blur2view.colmap.link import plan_links
+from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
@@ -29,7 +29,7 @@ def named_jobs(
     jobs: list[Job] = []
     kept: list[Job] = []
     names = colmap_names(inputs)
-    plans: Sequence[LinkStep | DatabaseError | None] = [None] * len(inputs.paths)
+    plans: Sequence[ProjectImage | DatabaseError | None] = [None] * len(inputs.paths)
     if project is not None:
         plans = plan_links(project, inputs.paths, replace=replace_views)
     for path, plan in zip(inputs.paths, plans, strict=True):
@@ -41,7 +41,7 @@ def named_jobs(
         elif plan is None:
             jobs.append(Job(index=index, path=path, name=name, source=name))
         else:  # views depend on the features that are moved, too
-            name, source = plan.image.name, f"{plan.image.name} {plan.image.digest.hex()}"
+            name, source = plan.name, f"{plan.name} {plan.digest.hex()}"
             job = Job(index=index, path=path, name=name, target=plan, source=source)
             (kept if plan.step is Step.KEEP else jobs).append(job)
     return jobs, kept

@@ -1,7 +1,6 @@
 """The cameras of a COLMAP database: what ``--camera project.db`` names."""
 
 import os
-import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.project import storable, suffixes
+from blur2view.colmap.project import image_names, longest_suffix
 from blur2view.errors import CameraError, DatabaseError
 
 MOST_PARAMETERS = 32  # of a camera; no model has half as many
@@ -52,16 +51,19 @@ def camera_of_database(
         with open_read_only(path) as database:
             ids = [row[0] for row in database.execute("SELECT camera_id FROM cameras LIMIT 11")]
             some = ", ".join(map(str, ids[:10])) + " ..." * (len(ids) > 10) or "none"
-            if camera_id is None:
-                camera_id = _camera_of(path, database, image_name)
+            names = image_names(database)
+            name = longest_suffix(names, Path(image_name)) if image_name else None
+            if camera_id is None and name is not None:
+                sql = "SELECT camera_id FROM images WHERE image_id = ?"
+                (camera_id,) = database.execute(sql, (names[name],)).fetchone()
             if camera_id is None and len(ids) != 1:
                 why = f"knows no image {Path(image_name).name} and has several cameras or none ({some})"
                 raise CameraError(f"{path}: {why}; name one as {path}:ID")
-            camera_id = int(ids[0]) if camera_id is None else camera_id
+            camera_id = ids[0] if camera_id is None else camera_id
             sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
             row = database.execute(sql, (camera_id,)).fetchone()
             if row is None:
-                raise CameraError(f"{path}: has no camera {camera_id}; it has {some}")
+                raise CameraError(f"{path}: has no camera {camera_id!r:.20}; it has {some}")
     except DatabaseError as error:
         remedy = "; or write its line out: MODEL WIDTH HEIGHT PARAMS..." if path.suffix == ".txt" else ""
         raise CameraError(f"{error}{remedy}") from None
@@ -76,14 +78,3 @@ def camera_of_database(
         ) from None
     camera = colmap_camera(name, width, height, values)
     return Camera.from_colmap(camera, f"database, camera {camera_id}")
-
-
-def _camera_of(path: Path, database: sqlite3.Connection, image_name: str) -> int | None:
-    """Return the camera of the image whose name is the longest suffix of the path, None without one."""
-    for name in suffixes(Path(image_name)) if image_name and storable(image_name) else ():
-        row = database.execute("SELECT camera_id FROM images WHERE name = ?", (name,)).fetchone()
-        if row is not None and isinstance(row[0], int):
-            return row[0]
-        if row is not None:  # a blob, NULL or text
-            raise CameraError(f"{path}: the camera of image {name!a} is no number; is it COLMAP's?")
-    return None

@@ -72,13 +72,18 @@ def open_for_writing(path: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def database_errors(path: Path) -> Iterator[None]:
-    """Raise every error of SQLite inside as a DatabaseError, one line with the file and the remedy."""
+    """Raise every error inside as a DatabaseError, one line with the file and the remedy.
+
+    A ValueError says itself what is wrong with the database and what the remedy is.
+    """
     if not path.is_file():
         raise DatabaseError(f"{path}: no such database; check the path")
     try:
         open_regular(path).close()  # SQLite would wait for some files of /proc
         yield
-    except (sqlite3.Error, OSError, OverflowError, UnicodeError) as error:  # UnicodeError: of a schema
+    except (sqlite3.Error, OSError, OverflowError, ValueError, RuntimeError) as error:
+        if isinstance(error, ValueError) and not isinstance(error, UnicodeError):  # that of a damaged schema
+            raise DatabaseError(f"{path}: {error}") from None
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks
         hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
         raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None

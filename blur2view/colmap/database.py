@@ -1,10 +1,10 @@
 """Both virtual images of blurred photographs in a COLMAP database: their rows, and a fresh database."""
 
 import os
-import shutil
 import sqlite3
 from collections.abc import Iterable, Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,13 +16,13 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.project import ProjectImage, has_frames, own_views
-from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, add_camera, put_image, put_keypoints, put_pair
+from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, put_image, put_row
 from blur2view.errors import DatabaseError
 from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
-from blur2view.output_files import half_written, remove_left_over
+from blur2view.output_files import remove_left_over, write_files
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""
@@ -33,6 +33,12 @@ UNION ALL SELECT 1 FROM descriptors
 UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
 UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
 LIMIT 1"""
+
+COLUMNS = {  # what pycolmap writes and every version of COLMAP's database has
+    "keypoints": "image_id, rows, cols, data",
+    "matches": "pair_id, rows, cols, data",
+    "two_view_geometries": "pair_id, rows, cols, data, config, F, E, H, qvec, tvec",
+}
 
 
 def write_database(
@@ -50,10 +56,9 @@ def write_database(
         raise ValueError(f"photographs must have different names, got {names}")
     if not replace:
         refuse_existing(path)
-    beside = half_written(path)
     try:
         remove_left_over({path}, [path.parent])
-        _write_views(beside, photographs)
+        content = _views_alone(photographs)
         if replace and path.is_file():
             # settle its log or journal, or SQLite would apply it to what takes its place; it may be in use
             with database_errors(path), closing(connect(path, "mode=rw")) as old:
@@ -61,64 +66,112 @@ def write_database(
                 old.execute("SELECT 1 FROM sqlite_master")
         else:
             refuse_existing(path)  # may have come meanwhile
-        beside.replace(path)
+        write_files({path: content})
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
-    finally:
-        beside.unlink(missing_ok=True)
 
 
-def _write_views(path: Path, photographs: Iterable[ExposureViews]) -> None:
-    """Write a database of views, the file itself by pycolmap."""
+def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
+    """Return the content of a database of views."""
     import pycolmap
 
-    with TemporaryDirectory() as folder:  # where its write-ahead log disturbs nobody
-        pycolmap.Database.open(Path(folder) / "new.db").close()
-        shutil.copyfile(Path(folder) / "new.db", path)
     cameras: list[Any] = []
-    with closing(sqlite3.connect(path, isolation_level=None)) as database:
-        database.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
-        database.execute("PRAGMA foreign_keys = ON")
-        database.executescript(f"BEGIN; {VIEWS_TABLE}")
-        for views in photographs:
-            camera = colmap_camera_of(views.camera, views.size)
-            if camera not in cameras:
-                cameras.append(camera)
-                add_camera(database, camera)
-            put_views(database, views, 1 + cameras.index(camera))
-        database.execute("COMMIT")
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "new.db"
+        with pycolmap.Database.open(path) as opened:
+            for views in photographs:
+                camera = colmap_camera_of(views.camera, views.size)
+                if camera not in cameras:
+                    cameras.append(camera)
+                    rig = pycolmap.Rig()
+                    rig.add_ref_sensor(
+                        pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
+                    )
+                    opened.write_rig(rig)
+        with closing(sqlite3.connect(path, isolation_level=None)) as database:
+            database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
+            database.executescript(f"BEGIN; {VIEWS_TABLE}")
+            ids = (1 + cameras.index(colmap_camera_of(one.camera, one.size)) for one in photographs)
+            put_views(database, [(one, number, None) for one, number in zip(photographs, ids, strict=True)])
+            database.execute("COMMIT")
+        return path.read_bytes()
 
 
 def put_views(
-    database: sqlite3.Connection, views: ExposureViews, camera_id: int, photograph: ProjectImage | None = None
+    database: sqlite3.Connection, photographs: Iterable[tuple[ExposureViews, int, ProjectImage | None]]
 ) -> None:
-    """Write both images of a photograph and their pair, in place of those that it had.
+    """Write both images of photographs, of cameras with these ids, and their pairs, in place of earlier ones.
 
     Of a photograph of a project also its pairs with both, and the table ``blur2view_views`` says what of it
-    they are made from.
+    they are made from. pycolmap makes keypoints, matches and geometries in a file of its own.
     """
+    import pycolmap
+
+    any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "rows.db"
+        with pycolmap.Database.open(path) as opened, pycolmap.DatabaseTransaction(opened):
+            opened.write_camera(any_camera)
+            for views, camera_id, photograph in photographs:
+                ids = _put_images(database, views, camera_id, photograph)
+                for image_id, points in zip(ids, (views.points_open, views.points_close), strict=True):
+                    image = pycolmap.Image(name=f"{image_id}", camera_id=1, image_id=image_id)
+                    opened.write_image(image, use_image_id=True)
+                    opened.write_keypoints(image_id, to_colmap(points).astype(np.float32))
+                matches = np.stack([matched(views)] * 2, axis=1).astype(np.uint32)
+                for pair, geometry in _pairs(views, ids, photograph).items():
+                    opened.write_matches(*pair, matches)
+                    opened.write_two_view_geometry(*pair, geometry.to_pycolmap())
+        with closing(sqlite3.connect(path)) as rows:
+            rows.row_factory = sqlite3.Row
+            for table, columns in COLUMNS.items():
+                for row in rows.execute(f"SELECT {columns} FROM {table}"):
+                    put_row(database, table, **dict(row))
+
+
+def _put_images(
+    database: sqlite3.Connection, views: ExposureViews, camera_id: int, photograph: ProjectImage | None
+) -> tuple[int, int]:
+    """Write the images of both views and what is known of them; return their ids."""
     own = {} if photograph is None else own_views(database, photograph.name)
     with_frame = photograph is None or has_frames(database)
-    ids, sides = [], zip(("open", "close"), views.names, (views.points_open, views.points_close), strict=True)
-    for role, name, points in sides:
-        image_id, _ = own.get(role, (None, None))
-        image_id = put_image(database, name, camera_id, image_id, with_frame=with_frame)
-        put_keypoints(database, image_id, points)
-        time = int(views.time.known), views.time.confidence
-        source = None if photograph is None else photograph.digest
-        row = (image_id, views.name, role, views.geometry.config.name, *time, source)
-        database.execute("INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?)", row)
-        ids.append(image_id)
-    first, last = ids
-    whole, used = views.geometry, inliers(views)
-    pairs = {(first, last): whole}
-    if photograph is not None:
-        used = np.flatnonzero(whole.inlier_mask)
-        for end, geometry in ((first, whole.reversed()), (last, whole)):
-            pairs[photograph.image_id, end] = half_geometry(geometry, views.camera, views.size)
-    for pair, geometry in pairs.items():
-        put_pair(database, pair, geometry, matched(views), used)
+    ids = []
+    for role, name in zip(("open", "close"), views.names, strict=True):
+        image_id = own[role][0] if role in own else None
+        ids.append(put_image(database, name, camera_id, image_id, with_frame=with_frame))
+        put_row(
+            database,
+            "blur2view_views",
+            image_id=ids[-1],
+            photograph=views.name,
+            role=role,
+            config=views.geometry.config.name,
+            time_known=int(views.time.known),
+            time_confidence=views.time.confidence,
+            source=None if photograph is None else photograph.digest,
+        )
+    return ids[0], ids[1]
+
+
+def _pairs(
+    views: ExposureViews, ids: tuple[int, int], photograph: ProjectImage | None
+) -> dict[tuple[int, int], TwoViewGeometry]:
+    """Return the geometries by pairs of images, with the inliers that COLMAP may make points from.
+
+    Without a project that is none unless the translation is known. A mapper takes the inliers and looks at no
+    configuration: those of a pure rotation become points at the reprojection error of noise, at a depth that
+    nothing shows.
+    """
+    whole = views.geometry
+    if photograph is None:
+        known = len(matched(views)) > 0 and translation_known(whole)
+        return {ids: replace(whole, inlier_mask=whole.inlier_mask & known)}
+    halves = {
+        (photograph.image_id, end): half_geometry(geometry, views.camera, views.size)
+        for end, geometry in zip(ids, (whole.reversed(), whole), strict=True)
+    }
+    return {ids: whole, **halves}
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
@@ -170,16 +223,6 @@ def matched(views: ExposureViews) -> NDArray[np.int_]:
         return np.flatnonzero(views.usable)
     known = views.geometry.F is not None or views.geometry.H is not None
     return np.arange(len(views.points_open) if known else 0)
-
-
-def inliers(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of the matches from which COLMAP may build points: none without a translation.
-
-    A mapper takes the inliers and looks at no configuration: those of a pure rotation become points at the
-    reprojection error of noise, at a depth that nothing shows.
-    """
-    known = len(matched(views)) and translation_known(views.geometry)
-    return np.flatnonzero(views.geometry.inlier_mask if known else [])
 
 
 def translation_known(geometry: TwoViewGeometry) -> bool:

@@ -4,25 +4,26 @@ Per photograph two images, their keypoints, and three pairs: photograph-open, ph
 Rows of the user are read, never written.
 """
 
+import hashlib
 import sqlite3
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from pathlib import Path
 
+from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import connect, open_for_writing, open_read_only
 from blur2view.colmap.database import put_views
 from blur2view.colmap.project import (
     ProjectImage,
+    Step,
+    has_frames,
     image_names,
     longest_suffix,
     own_views,
-    read_image,
     views_are_whole,
 )
-from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema
+from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema, read_keypoints, rig_of
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import half_written, remove_left_over
@@ -39,34 +40,18 @@ OF_THE_USER = {  # by table, which rows; of the others none is changed
 }
 
 
-class Step(StrEnum):
-    """What linking does with a photograph."""
-
-    ADD = "add"
-    REPLACE = "replace"
-    KEEP = "keep"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinkStep:
-    """The plan for one photograph: what to do, and the image that it is about."""
-
-    step: Step
-    image: ProjectImage
-
-
 def plan_links(
     path: Path, photographs: Sequence[Path], *, replace: bool = False
-) -> list[LinkStep | DatabaseError]:
+) -> list[ProjectImage | DatabaseError]:
     """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
 
     With ``replace`` views that an earlier call wrote are written anew. DatabaseError is raised if the
-    database as a whole cannot be used, and where it has an image of the user's that is called as a view.
+    database as a whole cannot be used.
     """
-    plan: list[LinkStep | DatabaseError] = []
+    plan: list[ProjectImage | DatabaseError] = []
     first_of: dict[str, Path] = {}
     with open_read_only(path) as database:
-        check_schema(path, database)
+        check_schema(database)
         names = image_names(database)
         for photograph in photographs:
             name = longest_suffix(names, photograph)
@@ -77,40 +62,54 @@ def plan_links(
                 plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
             else:
                 first_of[name] = photograph
-                plan.append(_plan_one(path, database, names, name, replace))
+                try:
+                    plan.append(_plan_one(database, names, name, replace))
+                except ValueError as error:
+                    plan.append(DatabaseError(f"{path}: {error}"))
     return plan
 
 
-def _plan_one(
-    path: Path, database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool
-) -> LinkStep | DatabaseError:
-    """Return the plan for one image of the project, or why it has none; raises as `plan_links` does."""
-    try:
-        image = read_image(path, database, name)
-    except DatabaseError as error:
-        return error
-    own = own_views(database, name)
+def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool) -> ProjectImage:
+    """Return the plan for one image of the project; ValueError if there is none, with the remedy."""
+    sql = (
+        "SELECT image_id, camera_id, prior_focal_length, model, width, height, params "
+        "FROM images LEFT JOIN cameras USING (camera_id) WHERE name = ?"
+    )
+    image_id, camera_id, prior, *camera = database.execute(sql, (name,)).fetchone()
+    keypoints = from_colmap(read_keypoints(database, image_id))
+    if not len(keypoints):
+        raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
+    if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
+        raise ValueError(f"image {name} has no camera, or that no rig; the database is damaged")
+    (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
+    stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + data
+    digest, own = hashlib.sha256(stored).digest(), own_views(database, name)
     ours = {number for number, _ in own.values()}
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in ours:
-            raise DatabaseError(
-                f"{path}: holds an image {view} that blur2view did not write; rename or delete it"
-            )
-    if not own or replace:
-        return LinkStep(step=Step.REPLACE if own else Step.ADD, image=image)
-    unchanged = len(own) == 2 and all(source == image.digest for _, source in own.values())
-    if unchanged and views_are_whole(database, image.image_id, ours):
-        return LinkStep(step=Step.KEEP, image=image)
-    if any(source is None for _, source in own.values()):
-        return DatabaseError(
-            f"{path}: holds views of {name} that were made without --link, of its smears; add --replace to "
-            "make them anew, of its features"
-        )
-    return DatabaseError(f"{path}: {name} or its views have changed since they were made; add --replace")
+            raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
+    step = Step.REPLACE if own else Step.ADD
+    if own and not replace:
+        sources = [source for _, source in own.values()]
+        if None in sources:
+            how = f"holds views of {name} that were made without --link, of its smears"
+            raise ValueError(f"{how}; add --replace to make them anew, of its features")
+        if sources != [digest] * 2 or not views_are_whole(database, image_id, ours):
+            raise ValueError(f"{name} or its views have changed since they were made; add --replace")
+        step = Step.KEEP
+    return ProjectImage(
+        step=step,
+        image_id=image_id,
+        camera_id=camera_id,
+        name=name,
+        prior_focal=bool(prior),
+        keypoints=keypoints,
+        digest=digest,
+    )
 
 
 def write_links(
-    path: Path, links: Sequence[tuple[LinkStep, ExposureViews]], *, backup: bool = True
+    path: Path, links: Sequence[tuple[ProjectImage, ExposureViews]], *, backup: bool = True
 ) -> Path | None:
     """Write planned views in one transaction; without any the file is not touched.
 
@@ -122,23 +121,21 @@ def write_links(
     with ExitStack() as undo:
         with open_for_writing(path) as database:
             remove_left_over({path}, [path.parent])  # of a backup that was killed
-            check_schema(path, database)
+            check_schema(database)
             names = image_names(database)
-            for plan, _ in links:
-                name = plan.image.name
-                now = name in names and _plan_one(path, database, names, name, plan.step is Step.REPLACE)
-                same = isinstance(now, LinkStep) and (now.step, now.image.digest)
-                if same != (plan.step, plan.image.digest):
-                    raise DatabaseError(f"{path}: image {name} has changed meanwhile; run again")
+            for image, _ in links:
+                again, name = image.step is Step.REPLACE, image.name
+                now = _plan_one(database, names, name, again) if name in names else None
+                if now is None or (now.step, now.digest) != (image.step, image.digest):
+                    raise ValueError(f"image {name} has changed meanwhile; run again")
             copy = back_up(path) if backup else None
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
             database.execute(VIEWS_TABLE)
             before = _rows_of_the_user(database)
-            for plan, views in links:
-                put_views(database, views, plan.image.camera_id, plan.image)
+            put_views(database, [(views, image.camera_id, image) for image, views in links])
             if _rows_of_the_user(database) != before:
-                raise DatabaseError(f"{path}: would lose rows of yours; nothing is written: is it COLMAP's?")
+                raise ValueError("would lose rows of yours; nothing is written: is it COLMAP's?")
         undo.pop_all()
     return copy
 

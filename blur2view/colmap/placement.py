@@ -19,7 +19,8 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import read_model, seen_points
-from blur2view.colmap.project import frame_of, image_names, read_keypoints, read_matches
+from blur2view.colmap.project import frame_of, image_names
+from blur2view.colmap.schema import read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
 from blur2view.exposure.trajectory import ExposedFrame, Trajectory, common_fraction, exposure_motion, widened
@@ -154,10 +155,7 @@ def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> lis
                 f"{database}: {others[0]} has another id in the model; name the database that is the model's"
             )
         with_views = [name for name in wanted if {name + OPEN, name + CLOSE} <= ids.keys()]
-        try:
-            return [_read_one(opened, ids, registered[name]) for name in with_views]
-        except ValueError as error:
-            raise DatabaseError(f"{database}: is damaged ({error}); link the photographs again") from None
+        return [_read_one(opened, ids, registered[name]) for name in with_views]
 
 
 def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: Any) -> _Linked:

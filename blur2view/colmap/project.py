@@ -1,9 +1,9 @@
 """A user's COLMAP project: the images, keypoints and matches in its database."""
 
-import hashlib
 import sqlite3
 from collections.abc import Callable, Collection, Container, Iterator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 
@@ -13,22 +13,23 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.schema import (
-    CAMERA_SENSOR,
-    MAX_IMAGES,
-    keypoints_from_blob,
-    matches_from_blob,
-    pair_id,
-    rig_of,
-)
-from blur2view.errors import DatabaseError
+from blur2view.colmap.schema import CAMERA_SENSOR, pair_id, read_keypoints, read_matches
 from blur2view.exposure.neighbours import NO_POINTS
+
+
+class Step(StrEnum):
+    """What linking does with a photograph."""
+
+    ADD = "add"
+    REPLACE = "replace"
+    KEEP = "keep"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProjectImage:
-    """One image of a project, as it was read."""
+    """One image of a project, as it was read, and what linking will do with it."""
 
+    step: Step
     image_id: int
     camera_id: int
     name: str
@@ -60,40 +61,6 @@ def suffixes(photograph: Path) -> Iterator[str]:
 def storable(name: str) -> bool:
     """Return whether SQLite can hold a name; it cannot hold bytes that are no UTF-8."""
     return not any("\ud800" <= character <= "\udfff" for character in name)
-
-
-def read_image(path: Path, database: sqlite3.Connection, name: str) -> ProjectImage:
-    """Return one image of a project with its keypoints; DatabaseError if rows are missing or damaged."""
-    sql = (
-        "SELECT image_id, camera_id, prior_focal_length, model, width, height, params "
-        "FROM images LEFT JOIN cameras USING (camera_id) WHERE name = ?"
-    )
-    image_id, camera_id, prior, *camera = database.execute(sql, (name,)).fetchone()
-    if not 0 <= image_id < MAX_IMAGES:
-        raise DatabaseError(f"{path}: image {name} has the id {image_id}; COLMAP's are below {MAX_IMAGES}")
-    keypoints_sql = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
-    row = database.execute(keypoints_sql, (image_id,)).fetchone()
-    if row is None or row[0] == 0:
-        raise DatabaseError(f"{path}: image {name} has no keypoints; run COLMAP's feature extraction first")
-    try:
-        keypoints = from_colmap(keypoints_from_blob(*row))
-    except ValueError as error:
-        raise DatabaseError(
-            f"{path}: image {name} is damaged ({error}); run feature extraction again"
-        ) from None
-    if prior is None:
-        raise DatabaseError(f"{path}: image {name} has no camera; the database is damaged")
-    if has_frames(database) and rig_of(database, camera_id) is None:
-        raise DatabaseError(f"{path}: camera {camera_id} of image {name} has no rig; the database is damaged")
-    stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + row[2]
-    return ProjectImage(
-        image_id=image_id,
-        camera_id=camera_id,
-        name=name,
-        prior_focal=bool(prior),
-        keypoints=keypoints,
-        digest=hashlib.sha256(stored).digest(),
-    )
 
 
 def has_frames(database: sqlite3.Connection) -> bool:
@@ -143,14 +110,11 @@ def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], t
             rows = [database.execute(sql, (names[one],)).fetchone() for one in (first, second)]
             if None in rows or rows[0] == rows[1]:
                 return NO_POINTS, NO_POINTS
-            try:
-                id1, id2 = (int(image_id) for (image_id,) in rows)
-                index = read_matches(database, "two_view_geometries", id1, id2)
-                if len(index) == 0:  # not verified
-                    index = read_matches(database, "matches", id1, id2)
-                points1, points2 = (from_colmap(read_keypoints(database, one)) for one in (id1, id2))
-            except ValueError as error:
-                raise DatabaseError(f"{path}: matches cannot be read ({error}); match again") from None
+            id1, id2 = (int(image_id) for (image_id,) in rows)
+            index = read_matches(database, "two_view_geometries", id1, id2)
+            if len(index) == 0:  # not verified
+                index = read_matches(database, "matches", id1, id2)
+            points1, points2 = (from_colmap(read_keypoints(database, one)) for one in (id1, id2))
         inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
         points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
         finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
@@ -163,21 +127,3 @@ def database_names(path: Path) -> list[str]:
     """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out."""
     with open_read_only(path) as database:
         return list(image_names(database))
-
-
-def read_matches(database: sqlite3.Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
-    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
-
-    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
-    """
-    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
-    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
-    index = np.zeros((0, 2), np.int64) if row is None else matches_from_blob(*row)
-    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
-
-
-def read_keypoints(database: sqlite3.Connection, image_id: int) -> NDArray[np.float64]:
-    """Return COLMAP's pixels (N, 2) of an image's keypoints; ValueError if the row contradicts itself."""
-    query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
-    row = database.execute(query, (image_id,)).fetchone()
-    return NO_POINTS if row is None else keypoints_from_blob(*row)

@@ -1,33 +1,28 @@
 """What a COLMAP database is made of, as SQLite sees it: columns, numbers, blobs, rows of views.
 
-All of it is that of pycolmap 4.2, and tests/colmap/test_schema.py compares it with a file that pycolmap
-writes. SQLite writes the rows, to our new databases as to a user's, because ``pycolmap.Database.open``
-changes a file before anything is asked of it: it adds tables and columns, turns on write-ahead logging, and
-stamps its own version even on a newer file, none of it in a transaction with what comes after.
+All of it is that of pycolmap 4.2. pycolmap makes new databases, and the rows of keypoints, matches and
+geometries (`blur2view.colmap.database`). SQLite puts them into a user's database and reads that, because
+``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables and columns, turns on
+write-ahead logging, and stamps its own version even on a newer file, none of it in a transaction with what
+comes after.
 
 What the rows rely on
 ---------------------
 - Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches uint32
-  (N, 2); F, E, H float64, row-major; qvec is (w, x, y, z) of cam2_from_cam1.
+  (N, 2).
 - A pair of images is one row, of key ``2147483647 * id1 + id2`` with id1 < id2; the rows of both match
-  tables are oriented from image 1 to image 2. ``rows`` 0 with no data says: matched, without a match.
+  tables are oriented from image 1 to image 2.
 - If the table of frames has any row, every image needs a frame (the mapper throws otherwise); if it has
   none (databases from before rigs, COLMAP 3.11 and older), the mapper makes a frame of every image itself.
 - A camera is sensor type 0 and belongs to exactly one rig.
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-from pathlib import Path
 from sqlite3 import Connection
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
-from blur2view.errors import DatabaseError
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
@@ -41,22 +36,20 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
 """
 
 
-def check_schema(path: Path, database: Connection) -> None:
-    """Refuse what is not a COLMAP database of a known version, whole.
+def check_schema(database: Connection) -> None:
+    """Raise ValueError of what is not a COLMAP database of a known version, whole.
 
     A table or a column that is missing is an error of SQLite's, and ends the transaction that writes to it.
     """
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
-        raise DatabaseError(
-            f"{path}: written by a newer COLMAP (version {version}, known up to {NEWEST_KNOWN}); "
-            "update blur2view"
-        )
+        known = f"version {version}, known up to {NEWEST_KNOWN}"
+        raise ValueError(f"written by a newer COLMAP ({known}); update blur2view")
     if database.execute("SELECT 1 FROM sqlite_master WHERE type = 'trigger'").fetchone():
-        raise DatabaseError(f"{path}: has triggers, which COLMAP never makes; remove them first")
+        raise ValueError("has triggers, which COLMAP never makes; remove them first")
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
-        raise DatabaseError(f"{path}: is damaged ({' '.join(damage.split())}); restore a backup")
+        raise ValueError(f"is damaged ({' '.join(damage.split())}); restore a backup")
 
 
 def pair_id(image1: int, image2: int) -> int:
@@ -67,26 +60,32 @@ def pair_id(image1: int, image2: int) -> int:
     return MAX_IMAGES * first + last
 
 
-def keypoints_from_blob(rows: object, cols: object, data: object) -> NDArray[np.float64]:
-    """Return COLMAP's pixels (N, 2) of a row of keypoints; ValueError if the row contradicts itself."""
-    return _values(rows, cols, data, "<f4", (2, 4, 6), "keypoints")[:, :2].astype(np.float64)
+def read_keypoints(database: Connection, image_id: int) -> NDArray[np.float64]:
+    """Return COLMAP's pixels (N, 2) of an image's keypoints; ValueError if the row contradicts itself."""
+    query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
+    return _numbers(database.execute(query, (image_id,)).fetchone(), "<f4", f"keypoints of image {image_id}")
 
 
-def matches_from_blob(rows: object, cols: object, data: object) -> NDArray[np.int64]:
-    """Return the indices (M, 2) of a row of matches or of inliers; ValueError if it contradicts itself."""
-    return _values(rows, cols, data, "<u4", (2,), "matches").astype(np.int64)
+def read_matches(database: Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
+
+    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
+    """
+    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
+    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
+    index = _numbers(row, "<u4", f"matches of images {id1} and {id2}").astype(np.int64)
+    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
 
 
-def _values(
-    rows: object, cols: object, data: object, dtype: str, widths: tuple[int, ...], what: str
-) -> NDArray[Any]:
-    """Return a blob of numbers of four bytes as an array (rows, cols)."""
+def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray[np.float64]:
+    """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
+    rows, cols, data = row or (0, 2, None)
     blob = b"" if data is None else data
     if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
-        raise ValueError(f"{what} of another type")
-    if cols not in widths or rows < 0 or len(blob) != 4 * rows * cols:
-        raise ValueError(f"{len(blob)} bytes of {what} for {rows} rows of {cols}")
-    return np.frombuffer(blob, dtype).reshape(rows, cols)
+        raise ValueError(f"{what} are of another type; run COLMAP's extraction and matching again")
+    if cols not in (2, 4, 6) or rows < 0 or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{what}: {len(blob)} bytes for {rows} rows of {cols}; run COLMAP again")
+    return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 
 
 def rig_of(database: Connection, camera_id: int) -> int | None:
@@ -100,108 +99,26 @@ def rig_of(database: Connection, camera_id: int) -> int | None:
     return None
 
 
-def add_camera(database: Connection, camera: Any) -> int:
-    """Insert a pycolmap.Camera, and a rig of its own; return its id."""
-    camera_id = _insert(
-        database,
-        "cameras",
-        model=int(camera.model.value),
-        width=camera.width,
-        height=camera.height,
-        params=_blob(camera.params),
-        prior_focal_length=int(camera.has_prior_focal_length),
-    )
-    _insert(database, "rigs", ref_sensor_id=camera_id, ref_sensor_type=CAMERA_SENSOR)
-    return camera_id
-
-
-def put_image(database: Connection, name: str, camera_id: int, own: int | None, *, with_frame: bool) -> int:
-    """Insert an image, or give this camera to our own of this id; return its id.
+def put_image(
+    database: Connection, name: str, camera_id: int, image_id: int | None, *, with_frame: bool
+) -> int:
+    """Write an image, in place of our own of this id if there is one; return its id.
 
     With a frame of its own, unless the project has none.
     """
-    if own is None:
-        image_id = _insert(database, "images", name=name, camera_id=camera_id)
-    else:
-        image_id = own
-        database.execute("UPDATE images SET camera_id = ? WHERE image_id = ?", (camera_id, own))
-    if not with_frame:
-        return image_id
-    if own is not None:
-        row = (own, CAMERA_SENSOR)
-        there = "FROM frame_data JOIN frames USING (frame_id) WHERE data_id = ? AND sensor_type = ?"
-        if database.execute(f"SELECT 1 {there} AND sensor_id = ?", (*row, camera_id)).fetchone():
-            return image_id
-        of_own = "FROM frame_data WHERE data_id = ? AND sensor_type = ?"
-        old = database.execute(f"SELECT frame_id {of_own}", row).fetchall()
-        database.execute(f"DELETE {of_own}", row)
-        unused = "frame_id = ? AND frame_id NOT IN (SELECT frame_id FROM frame_data)"
-        database.executemany(f"DELETE FROM frames WHERE {unused}", old)
-    frame_id = _insert(database, "frames", rig_id=rig_of(database, camera_id))
-    sensor = {"sensor_id": camera_id, "sensor_type": CAMERA_SENSOR}
-    _insert(database, "frame_data", frame_id=frame_id, data_id=image_id, **sensor)
+    image_id = put_row(database, "images", image_id=image_id, name=name, camera_id=camera_id)
+    if with_frame:
+        sensor = {"data_id": image_id, "sensor_type": CAMERA_SENSOR}
+        sql = "SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = ?"
+        (frame_id,) = database.execute(sql, tuple(sensor.values())).fetchone() or (None,)
+        frame_id = put_row(database, "frames", frame_id=frame_id, rig_id=rig_of(database, camera_id))
+        put_row(database, "frame_data", frame_id=frame_id, sensor_id=camera_id, **sensor)
     return image_id
 
 
-def put_keypoints(database: Connection, image_id: int, points: Array) -> None:
-    """Write our pixels (N, 2) as the keypoints of a view, in place of those it had."""
-    database.execute("DELETE FROM keypoints WHERE image_id = ?", (image_id,))
-    data = _blob(to_colmap(points), "<f4")
-    _insert(database, "keypoints", image_id=image_id, rows=len(points), cols=2, data=data)
-
-
-def put_pair(
-    database: Connection,
-    ids: tuple[int, int],
-    geometry: TwoViewGeometry,
-    matched: NDArray[np.int_],
-    inliers: NDArray[np.int_],
-) -> None:
-    """Write both match tables' rows of a pair with a view, in place of those it had.
-
-    Keypoints of the indices ``matched`` are matched, those of ``inliers`` fit the geometry, whose own masks
-    are not used; it leads from the first image to the second, the row from the smaller id.
-    """
-    geometry = geometry if ids[0] < ids[1] else geometry.reversed()
-    key, pose = pair_id(*ids), geometry.cam2_from_cam1
-    for table in ("matches", "two_view_geometries"):
-        database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (key,))
-    both, fit = ({"rows": len(i), "cols": 2, "data": _matches_blob(i)} for i in (matched, inliers))
-    _insert(database, "matches", pair_id=key, **both)
-    _insert(
-        database,
-        "two_view_geometries",
-        pair_id=key,
-        **fit,
-        config=list(Configuration).index(geometry.config),
-        F=_blob(None if geometry.F is None else fundamental_to_colmap(geometry.F)),
-        E=_blob(geometry.E_of_pose),
-        H=_blob(None if geometry.H is None else homography_to_colmap(geometry.H)),
-        qvec=_blob(None if pose is None else quaternion(pose.rotation)),
-        tvec=_blob(None if pose is None else pose.translation),
-    )
-
-
-def _matches_blob(indices: NDArray[np.integer]) -> bytes | None:
-    """Return index-aligned matches (i, i) as bytes; None if there are none, as COLMAP has it."""
-    return _blob(np.stack([indices, indices], axis=1), "<u4") if len(indices) else None
-
-
-def _blob(values: NDArray[Any] | None, dtype: str = "<f8") -> bytes | None:
-    """Return numbers as bytes, None as None."""
-    return None if values is None else np.ascontiguousarray(values, dtype).tobytes()
-
-
-def quaternion(rotation: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix, w not negative."""
-    from scipy.spatial.transform import Rotation
-
-    return np.roll(Rotation.from_matrix(rotation).as_quat(canonical=True), 1)
-
-
-def _insert(database: Connection, table: str, **row: object) -> int:
-    """Insert a row; return its id."""
-    sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
+def put_row(database: Connection, table: str, **row: object) -> int:
+    """Write a row, in place of one of its key; return its id."""
+    sql = f"INSERT OR REPLACE INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
     number = database.execute(sql, tuple(row.values())).lastrowid
     if number is None:
         raise RuntimeError(f"SQLite gave no id to a row of {table}")

@@ -54,7 +54,6 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.models import seen_points
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
@@ -80,7 +79,7 @@ class ExposedPhotograph:
     camera_id: int
     middle: Array  # (4, 4), at mid exposure
     ends: tuple[Array, Array] | None = None  # (4, 4) at shutter-open and shutter-close, None without views
-    smear_px: float | None = None  # median length of what it observes, None without points
+    smear_px: float | None = None  # median length of the smears of what it observes, None without points
 
 
 def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
@@ -102,7 +101,7 @@ def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[E
             camera_id=shown.camera_id,
             middle=_halfway(*ends) if ends and own is None else _world_from_camera(own),
             ends=ends,
-            smear_px=_smear_px(model, shown, views) if ends else None,
+            smear_px=_smear_px(shown, views) if ends else None,
         )
         photographs.append(one)
     if all(one.ends is None for one in photographs):
@@ -193,21 +192,16 @@ def _halfway(first: Array, last: Array) -> Array:
     return np.vstack([pose, LAST_ROW])
 
 
-def _smear_px(model: Any, image: Any, views: Sequence[Any]) -> float | None:
-    """Return the median distance of what an image observes between both views."""
+def _smear_px(image: Any, views: Sequence[Any]) -> float | None:
+    """Return the median length of the smears of what an image observes, as both views' keypoints have them.
+
+    Not between the poses of the views: `place_views` takes all exposures of a video to be equally long.
+    """
     seen = [place for place, point in enumerate(image.points2D) if point.has_point3D()]
-    if not seen:
+    if not seen or seen[-1] >= min(view.num_points2D() for view in views):
         return None
-    points = seen_points(model, image, seen)
-    ends = [
-        model.cameras[view.camera_id].img_from_cam(
-            points @ (pose := view.cam_from_world().matrix())[:, :3].T + pose[:, 3]
-        )
-        for view in views
-    ]
-    length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    before = np.isfinite(length)  # not behind a camera
-    return float(np.median(length[before])) if before.any() else None
+    first, last = (np.array([view.points2D[place].xy for place in seen]) for view in views)
+    return float(np.median(np.linalg.norm(last - first, axis=1)))
 
 
 def _motion(one: ExposedPhotograph, dialect: str, exposure_s: float) -> dict[str, Any]:

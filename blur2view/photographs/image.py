@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, TiffImagePlugin, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
@@ -140,14 +140,12 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
                 return _decode_deep(encoded), 65535
-            # Pillow's TIFF reader has rotated the picture by now, so ask again
-            orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
-            pixels, white = _pixels_of(path, photo)
+            pixels, white = _pixels_of(path, photo if as_stored else ImageOps.exif_transpose(photo))
             if ";12" in stored:
                 white = 4095
             if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
                 pixels = white - pixels  # which Pillow does for 8 bits only
-            return pixels if as_stored else _upright(pixels, orientation), white
+            return pixels, white
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
@@ -194,17 +192,6 @@ def _decode_deep(encoded: bytes) -> Pixels:
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
     return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
-
-
-def _upright(pixels: Pixels, orientation: int) -> Pixels:
-    """Return pixels upright by an EXIF orientation, 1 to 8 (EXIF 2.3, tag 0x0112); anything else means 1."""
-    if orientation in (5, 6, 7, 8):  # stored with rows and columns exchanged
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    return pixels
 
 
 def _is_raw(path: Path, encoded: bytes) -> bool:

@@ -137,9 +137,7 @@ def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -
     [
         ("SELECT 1", 7, "", "no camera 7; it has 1, 2"),
         ("SELECT 1", None, "a.jpg", "name one as"),
-        ("UPDATE images SET camera_id = zeroblob(99)", None, "walks/b.jpg", "is no number"),
-        ("UPDATE images SET camera_id = '1e9x'", None, "walks/b.jpg", "is no number"),
-        ("UPDATE images SET camera_id = 9e999", None, "walks/b.jpg", "is no number"),
+        ("UPDATE images SET camera_id = zeroblob(99)", None, "walks/b.jpg", "has no camera b"),
         ("UPDATE cameras SET model = 999", 1, "", "update pycolmap"),
     ],
 )

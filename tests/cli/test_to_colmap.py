@@ -14,8 +14,8 @@ from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.views import document_of, summary
-from blur2view.colmap.link import LinkStep
 from blur2view.colmap.mapping import mapper_options
+from blur2view.colmap.project import ProjectImage
 from blur2view.results.to_colmap import ToColmapDocument
 from blur2view.runs.job import Job
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
@@ -162,14 +162,14 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
     assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
-def named(plan: LinkStep) -> Job:
+def named(plan: ProjectImage) -> Job:
     """Return a photograph that is linked."""
     return Job(index=0, path=Path("a/still.png"), name="still.png", target=plan)
 
 
 def test_line_and_document_give_one_reason_and_say_where_depth_and_order_are_from(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
-    views = random_views("still.png", len(plan.image.keypoints), np.random.default_rng(0))
+    views = random_views("still.png", len(plan.keypoints), np.random.default_rng(0))
     unusable = replace(views, usable=np.zeros(len(views.points_open), bool))
     document = document_of(named(plan), unusable)
     assert document.reason == "no feature of yours has a smear that can be used"

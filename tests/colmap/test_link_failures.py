@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from blur2view.colmap.connection import open_for_writing
-from blur2view.colmap.link import LinkStep, plan_links, write_links
+from blur2view.colmap.link import plan_links, write_links
+from blur2view.colmap.project import ProjectImage
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
 from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
@@ -79,7 +80,7 @@ def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch:
     write_links(path, [planned], backup=False)
 
 
-@pytest.mark.parametrize("number", [*range(len(SQL_FAULTS)), *range(100, 112)])
+@pytest.mark.parametrize("number", [*range(len(SQL_FAULTS)), *range(100, 104)])
 def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, number: int) -> None:
     path = tmp_path / "project.db"
     rng = np.random.default_rng(number)
@@ -98,8 +99,8 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
     path.write_bytes(before)
     try:
         plan = only_plan(path)
-        if isinstance(plan, LinkStep):
-            views = random_views(plan.image.name, len(plan.image.keypoints), np.random.default_rng(0))
+        if isinstance(plan, ProjectImage):
+            views = random_views(plan.name, len(plan.keypoints), np.random.default_rng(0))
             write_links(path, [(plan, views)], backup=False)
             assert user_rows(path) == rows
             return
@@ -112,5 +113,5 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
 
 def test_unknown_and_repeated_photographs_are_named(path: Path) -> None:
     plans = plan_links(path, [Path("a_000.jpg"), Path("x.jpg"), Path("b/a_000.jpg")])
-    assert isinstance(plans[0], LinkStep)
+    assert isinstance(plans[0], ProjectImage)
     assert "no image of that name" in str(plans[1]) and "name it once" in str(plans[2])

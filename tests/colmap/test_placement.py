@@ -9,8 +9,10 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap.link import LinkStep, plan_links, write_links
+from blur2view.colmap.link import plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
+from blur2view.colmap.project import ProjectImage
+from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_vector
@@ -29,16 +31,17 @@ def project(
     share: float = SHARE,
     usable: int = FEATURES,
     rig: bool = False,
+    sharp: str = "",
 ) -> tuple[Path, Path]:
-    """Write a model of a steady walk and its database, some photographs with views."""
+    """Write a model of a steady walk and its database, some with views, one of a short exposure."""
     folder.mkdir(exist_ok=True)
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
     database, model = folder / "walk.db", folder / "model"
     replace(WALK, rig=rig).write(points, database, {model: range(FRAMES)})
     plans = plan_links(database, [Path(NAMES[k]) for k in linked])
-    steps = [plan for plan in plans if isinstance(plan, LinkStep)]
-    views = [smears(plan.image.name, points, share, usable) for plan in steps]
+    steps = [plan for plan in plans if isinstance(plan, ProjectImage)]
+    views = [smears(plan.name, points, share * (0.05 if plan.name == sharp else 1), usable) for plan in steps]
     write_links(database, list(zip(steps, views, strict=True)), backup=False)
     return database, model
 
@@ -120,6 +123,25 @@ def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Pat
     found = place_views(str(database), str(model), NAMES)
     assert found.placed == tuple(NAMES[k] for k in kept)
     assert found.fraction == pytest.approx(SHARE, rel=0.02)  # 0.425 if 2 and 4 were neighbours
+
+
+def test_a_frame_of_a_shorter_exposure_counts_as_sharp_though_the_views_of_all_are_as_far_apart(
+    tmp_path: Path,
+) -> None:
+    found = place_views(*project(tmp_path, sharp=NAMES[3]))
+    turns = [np.linalg.norm(motion_of(found, name)[0]) for name in NAMES]
+    assert turns[3] > 0.2 * np.median(turns)  # 0.05 is right
+    frames = transforms(found.model, tmp_path, max_smear_px=0.5)["frames"]
+    assert [frame["file_path"] for frame in frames] == [f"images/{NAMES[3]}"]
+
+
+def test_points_that_a_model_lacks_are_one_line(tmp_path: Path) -> None:
+    database, model = project(tmp_path)
+    (tmp_path / "text").mkdir()
+    pycolmap.Reconstruction(model).write_text(tmp_path / "text")
+    (tmp_path / "text" / "points3D.txt").write_text("")
+    with pytest.raises(DatabaseError, match="sees points that the model does not have"):
+        place_views(database, tmp_path / "text")
 
 
 def test_what_cannot_be_placed_is_refused_with_a_remedy(tmp_path: Path) -> None:

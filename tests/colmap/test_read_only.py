@@ -14,10 +14,10 @@ import pytest
 from blur2view.cli.commands import main
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.link import LinkStep, Step, plan_links
+from blur2view.colmap.link import plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
-from blur2view.colmap.project import database_matcher, database_names
+from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names
 from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
@@ -31,7 +31,7 @@ def dry_run(path: Path) -> bool:
 
 
 def steps(path: Path) -> list[Step]:
-    return [plan.step for plan in plan_links(path, [Path(NAMES[0])]) if isinstance(plan, LinkStep)]
+    return [plan.step for plan in plan_links(path, [Path(NAMES[0])]) if isinstance(plan, ProjectImage)]
 
 
 READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has found what is there

@@ -4,13 +4,11 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 import pytest
 
 from blur2view import Configuration
-from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id, quaternion
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id
 
 
 def test_version_is_that_of_pycolmap(tmp_path: Path) -> None:
@@ -32,12 +30,3 @@ def test_pairs_of_images_have_one_key() -> None:
     for wrong in ((3, 3), (-1, 3), (3, MAX_IMAGES)):
         with pytest.raises(ValueError, match="must differ"):
             pair_id(*wrong)
-
-
-def test_quaternions_have_no_negative_real_part() -> None:
-    axes = np.random.default_rng(0).normal(size=(40, 3))
-    for axis, angle in zip(axes, np.linspace(0.1, 6.2, 40), strict=True):
-        R = rotation_matrix(angle * axis / np.linalg.norm(axis))
-        q = quaternion(R)
-        assert q[0] >= 0
-        assert np.allclose(pycolmap.Rotation3d(q[[1, 2, 3, 0]]).matrix(), R)

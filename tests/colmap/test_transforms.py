@@ -157,10 +157,6 @@ def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None
         content_of(tmp_path / "absent")
     with pytest.raises(DatabaseError, match="FOV, which transforms.json cannot hold; undistort"):
         content_of(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))
-    pycolmap.Reconstruction(video / "model").write_text(tmp_path)
-    (tmp_path / "points3D.txt").write_text("")
-    with pytest.raises(DatabaseError, match="sees points that the model does not have"):
-        content_of(tmp_path)
     with pytest.raises(ValueError, match="dialect"):
         content_of(video / "model", dialect="mip")
     with pytest.raises(ValueError, match="positive time"):
