@@ -6,7 +6,6 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 """
 
 import multiprocessing
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,6 +14,9 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from blur2view.photographs.image import read_image
+from blur2view.smears.field import Floats, smear_ends
+from blur2view.smears.matches import SmearMatches
 from tools.arguments import Existing, run
 from tools.processes import mapped
 from tools.rendering.exposure import GRID, grid_points
@@ -37,10 +39,21 @@ class TestScene(SceneTruth):
     __test__ = False  # not a test class, whatever its name makes pytest think
 
     @property
-    def midpoints(self) -> AnyArray:
-        """Pixels (h, w, 2) at the centres of the truth's cells."""
-        rows, columns = self.valid.shape
-        return grid_points((columns * GRID, rows * GRID))
+    def image(self) -> Floats:
+        """The photograph (H, W, 3), as `blur2view.read_image` gives it."""
+        return read_image(self.image_path)
+
+    @property
+    def true_ends(self) -> AnyArray:
+        """The ends (N, 2, 2), open then close, of the true smears of valid static cells."""
+        chosen, (rows, columns) = self.valid & self.static, self.valid.shape
+        middles = grid_points((columns * GRID, rows * GRID))
+        return smear_ends(middles[chosen], self.displacement[chosen].astype(np.float64))
+
+    def truth_at(self, matches: SmearMatches) -> AnyArray:
+        """Return the true displacements (N, 2) of the cells in which matches lie."""
+        columns, rows = np.floor(matches.midpoint / GRID).astype(int).T
+        return np.asarray(self.displacement[rows, columns])
 
 
 def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> RenderOptions:
@@ -102,14 +115,18 @@ def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) ->
     mapped(partial(write_scene, out=out, options=options), range(scenes), jobs)
 
 
-def read_test_set(folder: Path) -> Iterator[TestScene]:
-    """Yield the scenes of a folder in order of their names."""
+def read_test_set(folder: Path) -> list[TestScene]:
+    """Return the scenes of a folder in order of their names; SystemExit if it holds none."""
+    scenes = []
     for path in sorted(folder.glob("[0-9]*.npz")):
         with np.load(path) as stored:
             arrays = {key: stored[key] for key in ARRAYS}
             F = stored["F"] if stored["F"].shape == (3, 3) else None
             image_path, kind = path.with_suffix(".png"), str(stored["kind"])
-            yield TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays)
+            scenes.append(TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays))
+    if not scenes:
+        raise SystemExit(f"no scenes in {folder}: run python -m tools.datasets.testset {folder}")
+    return scenes
 
 
 def main(

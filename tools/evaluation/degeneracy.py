@@ -146,10 +146,7 @@ def true_structure(scene: TestScene) -> str:
 
 def estimated(folder: Path, network: blur2view.SmearNetwork) -> list[tuple[TestScene, TwoViewGeometry]]:
     """Return the scenes of a folder with what the network and the estimator make of them."""
-    return [
-        (s, blur2view.estimate(blur2view.read_image(s.image_path), network=network).geometry)
-        for s in read_test_set(folder)
-    ]
+    return [(s, blur2view.estimate(s.image, network=network).geometry) for s in read_test_set(folder)]
 
 
 def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:

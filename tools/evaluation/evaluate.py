@@ -16,7 +16,6 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import select_matches
@@ -39,24 +38,11 @@ ROW = (
 )
 
 
-def true_ends(scene: TestScene) -> AnyArray:
-    """Return the ends (N, 2, 2) of the true smears of valid static pixels, in true order."""
-    chosen = scene.valid & scene.static
-    return smear_ends(scene.midpoints[chosen], scene.displacement[chosen].astype(np.float64))
-
-
-def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
-    """Return the true displacements (N, 2) of the cells in which the matches lie."""
-    columns, rows = np.floor(matches.midpoint / 4).astype(int).T
-    displacement: AnyArray = scene.displacement[rows, columns]
-    return displacement
-
-
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
     """Return every method of the table, as a function of the matches."""
 
     def truly(m: SmearMatches) -> AnyArray:
-        return baselines.in_true_order(m.ends, truth_at_matches(scene, m))
+        return baselines.in_true_order(m.ends, scene.truth_at(m))
 
     def scrambled(m: SmearMatches) -> AnyArray:
         return baselines.scrambled(m.ends, np.random.default_rng(0))
@@ -125,7 +111,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
     for scene, grid in scenes:
         if scene.F is None:
             continue
-        matches, ends = select_matches(grid), true_ends(scene)
+        matches, ends = select_matches(grid), scene.true_ends
         for name, method in methods(scene).items():
             F = method(matches)
             table.setdefault(name, []).append(judge(F, scene.F, scene.K, ends))
@@ -136,9 +122,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
 def main(scenes: Path, *, model: Existing | None = None, out: Target | None = None) -> None:
     """Evaluate a network, the shipped one by default, on a test set; write OUT.md and OUT.json."""
     network = blur2view.SmearNetwork(model)
-    pairs = [(s, network.predict(blur2view.read_image(s.image_path))) for s in read_test_set(scenes)]
-    if not pairs:
-        raise SystemExit(f"no scenes in {scenes}: run python -m tools.datasets.testset {scenes}")
+    pairs = [(scene, network.predict(scene.image)) for scene in read_test_set(scenes)]
     figures = evaluate_smears(*pooled((scene, grid.at_pixels()) for scene, grid in pairs))
     fundamentals = evaluate_fundamentals(pairs)
     words = f"Model {network.info.model_id}, {figures.images} rendered images."

@@ -19,6 +19,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
+from blur2view.smears.field import Floats
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.metrics import average_precision
@@ -84,12 +85,6 @@ def judge(scene: TestScene, mask: MotionMask) -> SceneFigures:
     )
 
 
-def judged_scene(scene: TestScene, network: SmearNetwork) -> SceneFigures:
-    """Return the figures of a scene's mask."""
-    image = read_image(scene.image_path)
-    return judge(scene, segment(estimate(image, network=network), image))
-
-
 def split_rows(name: str, judged: list[SceneFigures]) -> list[tuple[str, ...]]:
     """Return rows of a split: scenes with movers, scenes without any."""
     some = [one for one in judged if one.share >= LEAST_SHARE]
@@ -123,7 +118,8 @@ def still_lines(groups: dict[str, list[Path]], network: SmearNetwork) -> list[st
     lines = []
     for name, paths in groups.items():
         pictures = [path for path in paths if path.suffix in (".jpg", ".png")]
-        shares = np.array([moving_in(path, network).mean() for path in pictures])
+        masks = (mask_of(read_image(path), network) for path in pictures)
+        shares = np.array([(mask.labels == MotionLabel.MOVING).mean() for mask in masks])
         lines.append(
             f"- {name}, {len(shares)} photographs in which nothing moves: {shares.mean():.2%} called moving, "
             f"{shares.max():.2%} at most, more than {FALSE_SHARE:.1%} in {(shares > FALSE_SHARE).sum()}"
@@ -131,10 +127,9 @@ def still_lines(groups: dict[str, list[Path]], network: SmearNetwork) -> list[st
     return lines
 
 
-def moving_in(photo: Path, network: SmearNetwork) -> Mask:
-    """Return what of a photograph is called moving."""
-    image = read_image(photo)
-    return np.asarray(segment(estimate(image, network=network), image).labels == MotionLabel.MOVING)
+def mask_of(image: Floats, network: SmearNetwork) -> MotionMask:
+    """Return the mask of a picture (H, W, 3)."""
+    return segment(estimate(image, network=network), image)
 
 
 def tables(folders: dict[Path, list[SceneFigures]]) -> list[str]:
@@ -148,7 +143,10 @@ def tables(folders: dict[Path, list[SceneFigures]]) -> list[str]:
 def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Target) -> None:
     """Segment rendered scenes, and photographs in which nothing moves; ``out`` has no suffix."""
     network = SmearNetwork()
-    judged = {folder: [judged_scene(one, network) for one in read_test_set(folder)] for folder in scenes}
+    judged = {
+        folder: [judge(one, mask_of(one.image, network)) for one in read_test_set(folder)]
+        for folder in scenes
+    }
     lines, folders = tables(judged), [one for one in static or STATIC if one.is_dir()]
     groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
     groups |= {one.name: sorted(one.iterdir()) for one in folders}
