@@ -170,8 +170,8 @@ class LossTask:
             parts.append((smears, shard["d0"][seen].astype(np.float32), sigma))
         found, true, sigma = (np.concatenate(part) for part in zip(*parts, strict=True))
         sure = sigma <= np.quantile(sigma, 0.5, method="lower")
-        smears = Smears(found=found, true=true, sigma=sigma, sure=sure, blocks=np.empty(0))
-        figures = vars(evaluate_smears(smears, len(self.held)))
+        every = Smears(found=found, true=true, sigma=sigma, sure=sure, blocks=np.empty(0))
+        figures = vars(evaluate_smears(every, len(self.held)))
         return {name: float(figures[name]) for name in MEASURES}
 
 

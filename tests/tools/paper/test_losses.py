@@ -54,7 +54,7 @@ def test_map_bounds_certainty_where_the_cross_check_fails(representation: Repres
 def shard(path: Path, seed: int) -> None:
     """Write examples of any values in two octaves."""
     rng = np.random.default_rng(seed)
-    arrays = {}
+    arrays: dict[str, np.ndarray] = {}
     for k, (h, w) in enumerate(((8, 10), (4, 5))):
         arrays[f"C{k}"] = rng.normal(size=(2, h, w, DIRECTIONS, LAGS)).astype(np.float16)
         arrays[f"s{k}"] = rng.normal(size=(2, h, w, SCALARS)).astype(np.float16)
