@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, fields
 from functools import cache, partial
 from importlib import metadata
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, get_args
 
@@ -80,16 +81,12 @@ PAGE = ROOT / "tools/results/estimators.md"
 
 
 def instances(first_seed: int, seeds: int | None, scenes: int) -> list[Record]:
-    """Return what is to be run, seed by seed, so that a part of a run shows every cell; then photographs."""
+    """Return what is to be run, seed by seed, so that a part of a run shows every cell."""
     counts = {cell: seeds or (HARD_SEEDS if cell == HARD else SEEDS) for cell in CELLS}
-    places = [(cell, kind) for cell in CELLS for kind in KINDS]
-    seeded = ((k, *place) for k in range(max(counts.values())) for place in places if k < counts[place[0]])
-    synthetic = [{"seed": first_seed + k, "cell": cell, "kind": kind} for k, cell, kind in seeded]
-    photographs = range(min(scenes, 2 * counts[BASE]))
-    return [
-        *synthetic,
-        *({"seed": k, "cell": c, "kind": NETWORK} for k in photographs for c in NETWORK_CELLS),
-    ]
+    places = {(cell, kind): range(first_seed, first_seed + counts[cell]) for cell in CELLS for kind in KINDS}
+    places |= {(cell, NETWORK): range(min(scenes, 2 * counts[BASE])) for cell in NETWORK_CELLS}
+    rounds = zip_longest(*([{"seed": k, "cell": c, "kind": d} for k in of] for (c, d), of in places.items()))
+    return [instance for some in rounds for instance in some if instance]
 
 
 def options_of(instance: Record) -> SyntheticOptions:
