@@ -136,14 +136,13 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
     """
     swapped = swapped_order(F, ends)[:, None, None]
     ordered = np.where(swapped, ends[:, ::-1], ends)
-    flips = (F, ordered), (F.T, ordered[:, ::-1])
-    return min(_directed_error_deg(pose_of(G, K, points), R, t) for G, points in flips)
-
-
-def _directed_error_deg(pose: RigidTransform, R_true: Array, t_true: Array) -> float:
-    t = pose.translation
-    between = np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), t @ t_true))
-    return max(rotation_error(pose.rotation @ R_true.T, np.eye(3))[0], float(between))
+    errors = []
+    for G, points in ((F, ordered), (F.T, ordered[:, ::-1])):
+        pose = pose_of(G, K, points)
+        across, along = np.linalg.norm(np.cross(pose.translation, t)), pose.translation @ t
+        turned, _ = rotation_error(pose.rotation @ R.T, np.eye(3))
+        errors.append(max(turned, float(np.degrees(np.arctan2(across, along)))))
+    return min(errors)
 
 
 def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:

@@ -28,15 +28,11 @@ SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
 
 
-def moving_share(scene: Rendering) -> float:
-    """Return the share of the picture that moves by itself and whose smear is known."""
-    return float((scene.valid & ~scene.static).mean())
-
-
 def suits(scene: Rendering) -> bool:
     """Whether something large enough moves, and smears are as long as those of the test split."""
     shortest, longest = test_options(None).smear_px
-    return SMALLEST <= moving_share(scene) <= LARGEST and shortest <= scene.median_px <= longest
+    share = float((scene.valid & ~scene.static).mean())
+    return SMALLEST <= share <= LARGEST and shortest <= scene.median_px <= longest
 
 
 def write_rendered(

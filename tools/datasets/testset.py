@@ -109,12 +109,6 @@ def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -
     np.savez(path, **stored, F=np.zeros((0, 3)) if scene.F is None else scene.F)
 
 
-def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) -> None:
-    """Write scenes 0 to `scenes` - 1 in parallel."""
-    out.mkdir(parents=True, exist_ok=True)
-    mapped(partial(write_scene, out=out, options=options), range(scenes), jobs)
-
-
 def read_test_set(folder: Path) -> list[TestScene]:
     """Return the scenes of a folder in order of their names; SystemExit if it holds none."""
     scenes = []
@@ -137,8 +131,9 @@ def main(
     size: tuple[int, int] = (640, 480),
     jobs: int = multiprocessing.cpu_count(),
 ) -> None:
-    """Write so many scenes; a folder's photographs are further textures."""
-    write_test_set(out, scenes, test_options(photos, size), jobs)
+    """Write so many scenes, numbers from 0; a folder's photographs are further textures."""
+    out.mkdir(parents=True, exist_ok=True)
+    mapped(partial(write_scene, out=out, options=test_options(photos, size)), range(scenes), jobs)
 
 
 if __name__ == "__main__":

@@ -134,11 +134,6 @@ def filled(image: Array, outline: Array, colour: Array | None) -> Array:
     return np.dstack([image * outline[..., None], outline]).astype(np.float32)
 
 
-def padded(layer: Array, margin: int) -> Array:
-    """Return a layer (H, W, 4) with an empty margin."""
-    return np.pad(layer, ((margin, margin), (margin, margin), (0, 0)))
-
-
 def relative(rng: np.random.Generator, path: Motion, length: float, side: int) -> Motion:
     """Return a path that departs from another by a smear of such a length."""
     own = sample_path(rng, length, side)
@@ -232,9 +227,11 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
         outline, colour = outlined(rng, options.size, area, centre, options)
         piece = surface(rng, pick(rng, sources), width, height, 0)
         piece = np.asarray(cv2.resize(piece, options.size)) if piece.shape[:2] != (height, width) else piece
-        if rng.random() < options.plain_share:
-            piece = plainer(rng, piece)
-        layers.append(padded(filled(piece, outline, colour), margin))
+        if rng.random() < options.plain_share:  # of less contrast, as walls, furniture and cloth have
+            mean = piece.mean(axis=(0, 1), keepdims=True)
+            piece = np.asarray(mean + log_uniform(rng, (0.03, 0.5)) * (piece - mean), piece.dtype)
+        border = (margin, margin)
+        layers.append(np.pad(filled(piece, outline, colour), (border, border, (0, 0))))
     radii = sample_radii(rng, len(layers), still=kind is unmoved, options=options)
     layers = [defocused(rng, layer, radius) for layer, radius in zip(layers, radii, strict=True)]
     linear, shares, most, displacement = composed(layers, paths, options.size)
@@ -271,12 +268,6 @@ def with_clutter(
         nearer = replace(camera, shift=k * camera.shift, bend=k * camera.bend)
         things.insert(int(rng.integers(len(things) + 1)), (nearer, False))
     return things
-
-
-def plainer(rng: np.random.Generator, piece: Array) -> Array:
-    """Return a surface (H, W, 3) of less contrast, as walls, furniture and cloth have."""
-    mean = piece.mean(axis=(0, 1), keepdims=True)
-    return np.asarray(mean + log_uniform(rng, (0.03, 0.5)) * (piece - mean), piece.dtype)
 
 
 def sample_radii(rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions) -> list[float]:
