@@ -75,11 +75,6 @@ def share_under(values: ArrayLike, bound: float) -> float:
     return float((np.asarray(values) < bound).mean()) if np.size(values) else 0.0
 
 
-def inlier_share(F: Array, ends: Array, bound: float = PAPER_INLIER) -> float:
-    """Share of smears (N, 2, 2) with SErrMin below a bound in squared pixels (the paper's: 3)."""
-    return share_under(serrmin(F, ends), bound)
-
-
 def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
     """Angle between the epipoles' viewing rays, degrees in [0, 90]; the better of F and its transpose.
 

@@ -24,7 +24,7 @@ from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import evaluate_smears, pooled, smear_tables
-from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
+from tools.metrics import PAPER_INLIER, epipole_angle_deg, rho, share_under
 from tools.pages import Record, publish, record_table, write_json
 
 SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
@@ -85,13 +85,13 @@ def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArr
     if F is None or F_true is None:
         squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
         return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
-    relative = rho(F, ends)
+    relative, squared_px = rho(F, ends), serrmin(F, ends)
     return Judged(
         rho=float(np.median(relative)),
         under_05=share_under(relative, 0.05),
         under_10=share_under(relative, 0.10),
-        inliers=inlier_share(F, ends),
-        serrmin_px2=float(np.median(serrmin(F, ends))),
+        inliers=share_under(squared_px, PAPER_INLIER),
+        serrmin_px2=float(np.median(squared_px)),
         epipole_deg=epipole_angle_deg(F, F_true, K),
     )
 

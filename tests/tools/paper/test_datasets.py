@@ -141,7 +141,7 @@ def test_what_is_missing_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     flow.write_bytes(flow.read_bytes()[:-4])
     (tmp_path / "empty" / "test" / "wrong").mkdir(parents=True)
     for words, complaint in (
-        (("monkaa", tmp_path / "set"), "0001_L.pfm: is missing or no whole PFM file"),
+        (("monkaa", tmp_path / "set"), "0001_L.pfm: is missing or damaged"),
         (("driving", tmp_path / "empty"), "holds no frames_cleanpass"),
         (("gopro", tmp_path / "empty"), "expected a name as GOPR0384_11_00"),
     ):
