@@ -25,6 +25,12 @@ def record_table(head: str, row: str, records: Iterable[Mapping[str, Any]]) -> l
     return table(head, ([row.format_map(record)] for record in records))
 
 
+def joined(*blocks: str | Iterable[str]) -> str:
+    """Return blocks of Markdown, each a text or lines, with an empty line between them."""
+    texts = (block if isinstance(block, str) else "\n".join(block) for block in blocks)
+    return "\n\n".join(text for text in texts if text) + "\n"
+
+
 def filled(page: str, parts: Mapping[str, Iterable[str]]) -> str:
     """Return a page, whose words are by hand, with other lines from ``<!-- NAME -->`` to ``<!-- end -->``.
 

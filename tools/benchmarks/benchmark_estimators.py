@@ -40,7 +40,7 @@ from tools.estimators.baselines import in_true_order
 from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge
 from tools.metrics import NO_POSE_DEG, pose_auc, pose_error_deg
-from tools.pages import Record, filled, finished_lines, publish, record_table, sweep, table
+from tools.pages import Record, filled, finished_lines, joined, publish, record_table, sweep, table
 from tools.processes import single_threaded_pool
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -191,20 +191,20 @@ def markdown(records: Sequence[Record], head: Record) -> str:
     """Return the page with answers, both kinds over the sweep, network smears, every cell."""
     libraries = ", ".join(f"{k} {v}" for k, v in head.items() if k not in ("code", "machine"))
     synthetic = [record for record in records if record["kind"] != NETWORK]
-    parts = ["## Answers", "", *(f"- {line}" for line in answers(synthetic)), ""]
+    blocks: list[str | list[str]] = ["## Answers", [f"- {line}" for line in answers(synthetic)]]
     groups = {f"Whole sweep, {kind} depth": select(synthetic, kind=kind) for kind in KINDS}
     groups["Network smears of rendered photographs"] = select(records, cell=NETWORK)
     for title, chosen in groups.items():
         if chosen:
-            parts += [f"## {title}: {len(chosen)} instances", "", *method_table({"": chosen}), ""]
+            blocks += [f"## {title}: {len(chosen)} instances", method_table({"": chosen})]
     if shares := {f", {cell}": chosen for cell in SHARES if (chosen := select(records, cell=cell))}:
         title = "The paper's Table 2: the surest smears of these photographs"
-        parts += [f"## {title}", "", *method_table(shares), ""]
+        blocks += [f"## {title}", method_table(shares)]
     for kind in KINDS:
         title = f"## Cell by cell, {kind} depth: AUC@10 / success"
-        parts += [title, "", *cell_table(select(synthetic, kind=kind)), ""]
+        blocks += [title, cell_table(select(synthetic, kind=kind))]
     made = f"{head.get('machine')}; {libraries}; code {head.get('code')}."
-    return filled(PAGE.read_text(), {"run": [made], "tables": parts})
+    return filled(PAGE.read_text(), {"run": [made], "tables": [joined(*blocks)]})
 
 
 def method_table(groups: dict[str, list[Record]]) -> list[str]:

@@ -27,7 +27,7 @@ from tools.arguments import Existing, run
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
 from tools.evaluation.even_blur import photographs_of
 from tools.metrics import auc, best_accuracy
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.processes import mapped
 
 
@@ -231,7 +231,7 @@ def page(rows: list[Seen]) -> str:
     """Return all tables as Markdown."""
     parts = {"Names": name_lines, "Radius": radius_lines, "Sharp or not": sharpness_lines}
     parts |= {"Dim": dim_lines, "At rest": rest_lines}
-    return "\n".join(line for title, part in parts.items() for line in (f"## {title}", "", *part(rows), ""))
+    return joined(*(block for title, part in parts.items() for block in (f"## {title}", part(rows))))
 
 
 def main(

@@ -25,7 +25,7 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import evaluate_smears, pooled, smear_tables
 from tools.metrics import PAPER_INLIER, epipole_angle_deg, rho, share_under
-from tools.pages import Record, publish, record_table, write_json
+from tools.pages import Record, joined, publish, record_table, write_json
 
 SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
 HEAD = (
@@ -126,8 +126,8 @@ def main(scenes: Path, *, model: Existing | None = None, out: Target | None = No
     figures = evaluate_smears(*pooled((scene, grid.at_pixels()) for scene, grid in pairs))
     fundamentals = evaluate_fundamentals(pairs)
     words = f"Model {network.info.model_id}, {figures.images} rendered images."
-    tables = [*smear_tables(figures), "", *record_table(HEAD, ROW, fundamentals), ""]
-    publish("\n".join([words, "", *tables]), out and out.with_suffix(".md"))
+    text = joined(words, smear_tables(figures), record_table(HEAD, ROW, fundamentals))
+    publish(text, out and out.with_suffix(".md"))
     if out:
         document = {
             "model_id": network.info.model_id,

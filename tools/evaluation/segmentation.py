@@ -23,7 +23,7 @@ from blur2view.smears.field import Floats
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.metrics import average_precision
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.rendering.exposure import GRID
 
 Mask = NDArray[np.bool_]
@@ -34,14 +34,10 @@ STATIC = [Path("../shared/data/redkitchen"), Path("../shared/data/textures/kodak
 LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
 FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
 COLUMNS = ("iou", "precision", "called", "unobservable")
-HEAD = """# Motion masks
-
-`{command}`; network `{model}`.
-
-Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, average
-precision of the probability, shares that are called moving and unobservable.
-
-"""
+WORDS = (
+    "Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, "
+    "average\nprecision of the probability, shares that are called moving and unobservable."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,14 +128,6 @@ def mask_of(image: Floats, network: SmearNetwork) -> MotionMask:
     return segment(estimate(image, network=network), image)
 
 
-def tables(folders: dict[Path, list[SceneFigures]]) -> list[str]:
-    """Return the rows of every folder under their heads, and the calibration over all."""
-    rows = [row for folder, judged in folders.items() for row in split_rows(folder.name, judged)]
-    figures = [one for judged in folders.values() for one in judged]
-    words = "Calibration, all pixels of all scenes:"
-    return [*table(f"scenes | n | {' | '.join(COLUMNS)}", rows), "", words, "", *calibration_lines(figures)]
-
-
 def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Target) -> None:
     """Segment rendered scenes, and photographs in which nothing moves; ``out`` has no suffix."""
     network = SmearNetwork()
@@ -147,14 +135,21 @@ def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Targe
         folder: [judge(one, mask_of(one.image, network)) for one in read_test_set(folder)]
         for folder in scenes
     }
-    lines, folders = tables(judged), [one for one in static or STATIC if one.is_dir()]
-    groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
-    groups |= {one.name: sorted(one.iterdir()) for one in folders}
-    if groups:
-        lines += ["", "Real photographs:", "", *still_lines(groups, network)]
+    rows = [row for folder, found in judged.items() for row in split_rows(folder.name, found)]
     command = f"python -m tools.evaluation.segmentation {shlex.join(sys.argv[1:])}"
-    text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(lines) + "\n"
-    publish(text, out.with_suffix(".md"))
+    blocks: list[str | list[str]] = [
+        "# Motion masks",
+        f"`{command}`; network `{network.info.model_id}`.",
+        WORDS,
+        table(f"scenes | n | {' | '.join(COLUMNS)}", rows),
+        "Calibration, all pixels of all scenes:",
+        calibration_lines([one for found in judged.values() for one in found]),
+    ]
+    groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
+    groups |= {one.name: sorted(one.iterdir()) for one in static or STATIC if one.is_dir()}
+    if groups:
+        blocks += ["Real photographs:", still_lines(groups, network)]
+    publish(joined(*blocks), out.with_suffix(".md"))
 
 
 if __name__ == "__main__":

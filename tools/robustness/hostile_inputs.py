@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tools.arguments import Target, run
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.robustness.corpus import GOOD, OTHER, TRAPS, make_corpus, start
 from tools.robustness.mutations import Rng, damage, drawn
 from tools.robustness.politeness import MOST_S, Call, complaints, rows, snapshot
@@ -186,7 +186,7 @@ def page(tried: Sequence[Tried], seed: int) -> str:
         codes, rude = Counter(call.code for _, call, _ in some), sum(bool(found) for _, _, found in some)
         lines.append((kind, len(some), f"{codes[0]}, {codes[1]}, {codes[2]}", rude))
     words = f"Seed {seed}, {len(tried)} cases; `--help` says when a call is rude."
-    return "\n".join([words, "", *table("hostile | calls | exit codes 0, 1, 2 | rude", lines), ""])
+    return joined(words, table("hostile | calls | exit codes 0, 1, 2 | rude", lines))
 
 
 def main(*, cases: int = 1000, seed: int = 0, only: int | None = None, out: Target | None = None) -> None:

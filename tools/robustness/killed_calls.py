@@ -22,7 +22,7 @@ from subprocess import Popen
 import numpy as np
 
 from tools.arguments import Target, run
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.robustness.corpus import make_project, start
 from tools.robustness.mutations import Rng
 from tools.robustness.politeness import flaw, rows, snapshot
@@ -126,7 +126,7 @@ def main(*, kills: int = 30, seed: int = 0, out: Target | None = None) -> None:
         print(*lines[-1], sep=", ", flush=True)
     command = f"`python -m tools.robustness.killed_calls --kills {kills} --seed {seed}`"
     head = "command | killed | ended before | of two at once refused | wrong"
-    publish("\n".join([command, "", *table(head, lines), ""]), out)
+    publish(joined(command, table(head, lines)), out)
     raise SystemExit(any(line[-1] for line in lines))
 
 
