@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,8 +52,7 @@ class SmearFigures:
     bins: tuple[Record, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Smears:
+class Smears(NamedTuple):
     """Smears of many images.
 
     ``found`` and ``true`` (N, 2) are displacements, ``sigma`` (N,) their expected error, pixels; ``sure``
@@ -93,9 +93,7 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
         found = field.displacement[1::4, 1::4][scene.valid]
         true, sure = scene.displacement[scene.valid], sigma <= np.median(sigma)
         parts.append((found, true, sigma, sure, block_errors(scene, field)))
-    names, columns = [f.name for f in fields(Smears)], zip(*parts, strict=True)
-    merged = {name: np.concatenate(column) for name, column in zip(names, columns, strict=True)}
-    return Smears(**merged), len(parts)
+    return Smears(*map(np.concatenate, zip(*parts, strict=True))), len(parts)
 
 
 def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
