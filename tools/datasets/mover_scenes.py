@@ -12,11 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from tools.arguments import Existing, run
-from tools.datasets.testset import test_options, write_photographed
+from tools.datasets.testset import test_options, write_photographed, write_truth
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
 from tools.rendering.textures import load_photos
@@ -58,12 +57,10 @@ def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
         rng = np.random.default_rng([FIRST_SEED["things"], THINGS.index(kind), index])
         things = photographed_things(rng, sources, options)
         picture = np.clip(processed(rng, things.linear, ShakeOptions(size=options.size))[0], 0, 255)
-        path = out / f"{index:04d}.png"
-        cv2.imwrite(str(path), picture.astype(np.uint8)[..., ::-1])
         static = things.moving <= 0.5
         truth = {"displacement": things.displacement, "valid": np.ones_like(static), "static": static}
-        unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": np.zeros((0, 3)), "kind": kind}
-        np.savez(path.with_suffix(".npz"), **truth, **unknown)  # type: ignore[arg-type]
+        unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": None, "kind": kind}
+        write_truth(out / f"{index:04d}.npz", picture.astype(np.uint8), **truth, **unknown)
 
 
 def main(

@@ -9,6 +9,7 @@ import multiprocessing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -102,11 +103,16 @@ def write_scene(index: int, out: Path, options: RenderOptions) -> None:
 
 
 def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -> None:
-    """Write what :func:`read_test_set` reads: the truth to ``path``, the photograph beside it as PNG."""
-    picture = photograph(rng, scene.linear, SensorOptions())
+    """Write a photograph of a rendering, whose noise `rng` draws, and its truth."""
+    truth = {name: getattr(scene, name) for name in (*ARRAYS, "kind", "F")}
+    write_truth(path, photograph(rng, scene.linear, SensorOptions()), **truth)
+
+
+def write_truth(path: Path, picture: AnyArray, **truth: Any) -> None:
+    """Write what :func:`read_test_set` reads: the truth to ``path``, a picture (uint8 RGB) beside it as PNG."""
     cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
-    stored = {name: getattr(scene, name) for name in (*ARRAYS, "kind")}
-    np.savez(path, **stored, F=np.zeros((0, 3)) if scene.F is None else scene.F)
+    stored: dict[str, Any] = {k: np.zeros((0, 3)) if value is None else value for k, value in truth.items()}
+    np.savez(path, **stored)
 
 
 def read_test_set(folder: Path) -> list[TestScene]:

@@ -30,6 +30,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.arguments import Existing, run
+from tools.datasets.testset import write_truth
 from tools.estimators import baselines
 from tools.rendering.exposure import GRID, grid_points, pixel_grid
 from tools.rendering.textures import srgb_to_linear
@@ -204,7 +205,7 @@ def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
     if blurred is None:
         blurred = average(exposure, float(np.linalg.norm(smears[valid], axis=-1).max(initial=0.0)))
     height, width = (side // GRID * GRID for side in blurred.shape[:2])
-    for end, picture in (("", blurred), ("_open", exposure.frames[0]), ("_close", exposure.frames[-1])):
+    for end, picture in (("_open", exposure.frames[0]), ("_close", exposure.frames[-1])):
         cv2.imwrite(str(stem.with_name(f"{stem.name}{end}.png")), picture[:height, :width, ::-1])
     middle = grid_points((width, height))
     four = [middle.astype(int) + np.array(step) for step in ((0, 0), (1, 0), (0, 1), (1, 1))]
@@ -217,7 +218,7 @@ def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
     F = fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None  # None of NaN, too
     F = baselines.solve(baselines.opencv, ends) if np.isnan(R).any() else F
     truth = {"displacement": d, "valid": known, "static": np.ones_like(known), "K": K, "R": R, "t": t}
-    np.savez(stem.with_suffix(".npz"), kind=kind, F=np.zeros((0, 3)) if F is None else F, **truth)
+    write_truth(stem.with_suffix(".npz"), blurred[:height, :width], kind=kind, F=F, **truth)
 
 
 def main(
