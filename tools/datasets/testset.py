@@ -109,7 +109,7 @@ def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -
 
 
 def write_truth(path: Path, picture: AnyArray, **truth: Any) -> None:
-    """Write what :func:`read_test_set` reads: the truth to ``path``, a picture (uint8 RGB) beside it as PNG."""
+    """Write what :func:`read_test_set` reads: the truth, and a picture (uint8 RGB) beside it as PNG."""
     cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
     stored: dict[str, Any] = {k: np.zeros((0, 3)) if value is None else value for k, value in truth.items()}
     np.savez(path, **stored)
