@@ -75,11 +75,6 @@ def share_under(values: ArrayLike, bound: float) -> float:
     return float((np.asarray(values) < bound).mean()) if np.size(values) else 0.0
 
 
-def inlier_share(F: Array, ends: Array, bound: float = PAPER_INLIER) -> float:
-    """Share of smears (N, 2, 2) with SErrMin below a bound in squared pixels (the paper's: 3)."""
-    return share_under(serrmin(F, ends), bound)
-
-
 def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
     """Angle between the epipoles' viewing rays, degrees in [0, 90]; the better of F and its transpose.
 
@@ -136,14 +131,13 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
     """
     swapped = swapped_order(F, ends)[:, None, None]
     ordered = np.where(swapped, ends[:, ::-1], ends)
-    flips = (F, ordered), (F.T, ordered[:, ::-1])
-    return min(_directed_error_deg(pose_of(G, K, points), R, t) for G, points in flips)
-
-
-def _directed_error_deg(pose: RigidTransform, R_true: Array, t_true: Array) -> float:
-    t = pose.translation
-    between = np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), t @ t_true))
-    return max(rotation_error(pose.rotation @ R_true.T, np.eye(3))[0], float(between))
+    errors = []
+    for G, points in ((F, ordered), (F.T, ordered[:, ::-1])):
+        pose = pose_of(G, K, points)
+        across, along = np.linalg.norm(np.cross(pose.translation, t)), pose.translation @ t
+        turned, _ = rotation_error(pose.rotation @ R.T, np.eye(3))
+        errors.append(max(turned, float(np.degrees(np.arctan2(across, along)))))
+    return min(errors)
 
 
 def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:

@@ -25,6 +25,12 @@ def record_table(head: str, row: str, records: Iterable[Mapping[str, Any]]) -> l
     return table(head, ([row.format_map(record)] for record in records))
 
 
+def joined(*blocks: str | Iterable[str]) -> str:
+    """Return blocks of Markdown, each a text or lines, with an empty line between them."""
+    texts = (block if isinstance(block, str) else "\n".join(block) for block in blocks)
+    return "\n\n".join(text for text in texts if text) + "\n"
+
+
 def filled(page: str, parts: Mapping[str, Iterable[str]]) -> str:
     """Return a page, whose words are by hand, with other lines from ``<!-- NAME -->`` to ``<!-- end -->``.
 
@@ -58,12 +64,6 @@ def write_json(path: Path, document: object) -> None:
     path.write_text(json.dumps(document, indent=1) + "\n")
 
 
-def append_line(path: Path, document: object) -> None:
-    """Add a document to a file of one JSON document a line."""
-    with path.open("a") as stream:
-        stream.write(json.dumps(document) + "\n")
-
-
 def sweep(
     path: Path, head: Record, keys: Iterable[Record], work: Callable[[Record], Record], each: Each = map
 ) -> list[Record]:
@@ -76,12 +76,13 @@ def sweep(
     first, *records = finished_lines(path) or [None]
     if first is None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        append_line(path, head)
+        path.write_text(json.dumps(head) + "\n")
     elif first != head:
         raise SystemExit(f"{path} was begun with {first}, not {head}: remove it or give another --log")
     pending = [key for key in keys if not any(key.items() <= record.items() for record in records)]
     for count, record in enumerate(each(work, pending) if pending else (), 1):
-        append_line(path, record)
+        with path.open("a") as stream:
+            stream.write(json.dumps(record) + "\n")
         records.append(record)
         if count % 100 == 0 or count == len(pending):
             print(f"{path}: {count} of {len(pending)}", flush=True)

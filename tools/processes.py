@@ -14,11 +14,6 @@ R = TypeVar("R")
 THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def start_worker() -> None:
-    """Give this process one OpenCV thread: what is independent runs in parallel instead."""
-    cv2.setNumThreads(1)
-
-
 @contextmanager
 def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
     """Yield a pool of fresh processes in which numpy and OpenCV use one thread.
@@ -26,7 +21,7 @@ def single_threaded_pool(processes: int) -> Iterator[multiprocessing.pool.Pool]:
     Libraries read their limits when they are loaded: the environment is set for the workers, and stays so.
     """
     os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))
-    with multiprocessing.get_context("spawn").Pool(processes, start_worker) as pool:
+    with multiprocessing.get_context("spawn").Pool(processes, cv2.setNumThreads, (1,)) as pool:
         yield pool
         pool.close()  # let the workers end by themselves: pycolmap prints a trace when it is killed
         pool.join()

@@ -16,7 +16,7 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from tools.arguments import Existing, Target, run
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 
 SIZES, THREADS = ((640, 480), (1280, 720)), (1, 4)
 WARM, DRIFT_PX = 2, 3  # frames that are not counted; from frame to frame
@@ -54,7 +54,7 @@ def main(photograph: Existing, *, frames: int = 20, out: Target | None = None) -
         passed, worked = latencies_ms(picture, size, threads, ordered, frames).T
         figures = [f"{one:.0f}" for one in (np.median(passed), np.quantile(passed, 0.95), np.median(worked))]
         rows.append((f"{size[0]}x{size[1]}", threads, "yes" if ordered else "no", len(passed), *figures))
-    publish("\n".join([*table(HEAD, rows), ""]), out)
+    publish(joined(table(HEAD, rows)), out)
 
 
 if __name__ == "__main__":

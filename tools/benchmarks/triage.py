@@ -24,7 +24,7 @@ from tools.arguments import Existing, Target, run
 from tools.datasets.testset import read_test_set
 from tools.evaluation.blur_kinds import laplacian_variance
 from tools.evaluation.even_blur import blurred, middles
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 
 LENGTHS_PX = (0, 1, 2, 3, 4, 5, 6, 8, 10, 14, 20)
 NEAR_PX = 3.0
@@ -88,16 +88,17 @@ def limit_of(left: Array) -> int:
 
 
 def report(sets: dict[str, list[Ordered]], features: dict[str, Array]) -> str:
-    """Return the tables."""
+    """Return the page."""
     order = [(k, len(found), *(f"{rank:.3f}" for rank in order_of(found))) for k, found in sets.items()]
     left = [(k, *(f"{x:.2f}" for x in shares), f"{limit_of(shares)} px") for k, shares in features.items()]
     lengths = " | ".join(f"{px} px" for px in LENGTHS_PX)
-    return "\n".join([
-        "Rank correlation with the true median smear:", "",
-        *table("photographs | number | median smear | variance of the Laplacian", order), "",
-        "SIFT features left after an even blur, over those left without:", "",
-        *table(f"photographs | {lengths} | half left up to", left), "",
-    ])  # fmt: skip
+    return joined(
+        "# Triage",
+        "Rank correlation with the true median smear:",
+        table("photographs | number | median smear | variance of the Laplacian", order),
+        "SIFT features left after an even blur, over those left without:",
+        table(f"photographs | {lengths} | half left up to", left),
+    )
 
 
 def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target | None = None) -> None:
@@ -105,16 +106,13 @@ def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target 
     network, photos = blur2view.SmearNetwork(), photos or []
     smeared, sharp = [], []
     for scene in read_test_set(scenes):
-        smeared.append(ordered(blur2view.read_image(scene.image_path), scene.median_px, network))
+        smeared.append(ordered(scene.image, scene.median_px, network))
         first = scene.image_path.with_name(f"{scene.name}_open.png")  # as the shutter opened
         sharp.append(ordered(blur2view.read_image(first), 0.0, network))
-    if not smeared:
-        raise SystemExit(f"{scenes}: no scenes; make them with python -m tools.datasets.testset")
     sets = {"rendered": smeared, "rendered, and their sharp first instants": smeared + sharp}
     if photos:
         sets[f"evenly blurred, {photos[-1].name}"] = evenly_blurred(photos[-1], network)
-    text = report(sets, {path.name: features_left(path) for path in photos})
-    publish(f"# Triage\n\n{text}", out)
+    publish(report(sets, {path.name: features_left(path) for path in photos}), out)
 
 
 if __name__ == "__main__":

@@ -12,11 +12,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from tools.arguments import Existing, run
-from tools.datasets.testset import test_options, write_photographed
+from tools.datasets.testset import test_options, write_photographed, write_truth
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
 from tools.rendering.textures import load_photos
@@ -28,15 +27,11 @@ SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
 
 
-def moving_share(scene: Rendering) -> float:
-    """Return the share of the picture that moves by itself and whose smear is known."""
-    return float((scene.valid & ~scene.static).mean())
-
-
 def suits(scene: Rendering) -> bool:
     """Whether something large enough moves, and smears are as long as those of the test split."""
     shortest, longest = test_options(None).smear_px
-    return SMALLEST <= moving_share(scene) <= LARGEST and shortest <= scene.median_px <= longest
+    share = float((scene.valid & ~scene.static).mean())
+    return SMALLEST <= share <= LARGEST and shortest <= scene.median_px <= longest
 
 
 def write_rendered(
@@ -62,12 +57,10 @@ def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
         rng = np.random.default_rng([FIRST_SEED["things"], THINGS.index(kind), index])
         things = photographed_things(rng, sources, options)
         picture = np.clip(processed(rng, things.linear, ShakeOptions(size=options.size))[0], 0, 255)
-        path = out / f"{index:04d}.png"
-        cv2.imwrite(str(path), picture.astype(np.uint8)[..., ::-1])
         static = things.moving <= 0.5
         truth = {"displacement": things.displacement, "valid": np.ones_like(static), "static": static}
-        unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": np.zeros((0, 3)), "kind": kind}
-        np.savez(path.with_suffix(".npz"), **truth, **unknown)  # type: ignore[arg-type]
+        unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": None, "kind": kind}
+        write_truth(out / f"{index:04d}.npz", picture.astype(np.uint8), **truth, **unknown)
 
 
 def main(

@@ -63,20 +63,6 @@ def require_shards(folder: Path) -> list[Path]:
     raise Blur2ViewError(f"no scenes in {folder}: run python -m tools.datasets.shards {folder}")
 
 
-def load_shards(folder: Path) -> Example:
-    """Return all scenes of a folder; Blur2ViewError if it holds none."""
-    paths = require_shards(folder)
-    counts = [len(np.load(path)["labels"]) for path in paths]  # pictures are not read yet
-    merged: Example = {}
-    for end, path in zip(np.cumsum(counts), paths, strict=True):
-        for key, array in load_shard(
-            path
-        ).items():  # copied at once: to join at the end takes twice the memory
-            whole = merged.setdefault(key, np.empty((sum(counts), *array.shape[1:]), array.dtype))
-            whole[end - len(array) : end] = array
-    return merged
-
-
 def encode_linear(linear: AnyArray) -> AnyArray:
     """Return radiance (0 to 4) as uint16 of its square root: fine in the dark, room for highlights."""
     return np.asarray(np.sqrt(np.clip(linear, 0, WHITE) / WHITE) * 65535 + 0.5).astype(np.uint16)

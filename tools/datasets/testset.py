@@ -6,15 +6,18 @@ photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_op
 """
 
 import multiprocessing
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from blur2view.photographs.image import read_image
+from blur2view.smears.field import Floats, smear_ends
+from blur2view.smears.matches import SmearMatches
 from tools.arguments import Existing, run
 from tools.processes import mapped
 from tools.rendering.exposure import GRID, grid_points
@@ -37,10 +40,21 @@ class TestScene(SceneTruth):
     __test__ = False  # not a test class, whatever its name makes pytest think
 
     @property
-    def midpoints(self) -> AnyArray:
-        """Pixels (h, w, 2) at the centres of the truth's cells."""
-        rows, columns = self.valid.shape
-        return grid_points((columns * GRID, rows * GRID))
+    def image(self) -> Floats:
+        """The photograph (H, W, 3), as `blur2view.read_image` gives it."""
+        return read_image(self.image_path)
+
+    @property
+    def true_ends(self) -> AnyArray:
+        """The ends (N, 2, 2), open then close, of the true smears of valid static cells."""
+        chosen, (rows, columns) = self.valid & self.static, self.valid.shape
+        middles = grid_points((columns * GRID, rows * GRID))
+        return smear_ends(middles[chosen], self.displacement[chosen].astype(np.float64))
+
+    def truth_at(self, matches: SmearMatches) -> AnyArray:
+        """Return the true displacements (N, 2) of the cells in which matches lie."""
+        columns, rows = np.floor(matches.midpoint / GRID).astype(int).T
+        return np.asarray(self.displacement[rows, columns])
 
 
 def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> RenderOptions:
@@ -89,27 +103,30 @@ def write_scene(index: int, out: Path, options: RenderOptions) -> None:
 
 
 def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -> None:
-    """Write what :func:`read_test_set` reads: the truth to ``path``, the photograph beside it as PNG."""
-    picture = photograph(rng, scene.linear, SensorOptions())
+    """Write a photograph of a rendering, whose noise `rng` draws, and its truth."""
+    truth = {name: getattr(scene, name) for name in (*ARRAYS, "kind", "F")}
+    write_truth(path, photograph(rng, scene.linear, SensorOptions()), **truth)
+
+
+def write_truth(path: Path, picture: AnyArray, **truth: Any) -> None:
+    """Write what :func:`read_test_set` reads: the truth, and a picture (uint8 RGB) beside it as PNG."""
     cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
-    stored = {name: getattr(scene, name) for name in (*ARRAYS, "kind")}
-    np.savez(path, **stored, F=np.zeros((0, 3)) if scene.F is None else scene.F)
+    stored: dict[str, Any] = {k: np.zeros((0, 3)) if value is None else value for k, value in truth.items()}
+    np.savez(path, **stored)
 
 
-def write_test_set(out: Path, scenes: int, options: RenderOptions, jobs: int) -> None:
-    """Write scenes 0 to `scenes` - 1 in parallel."""
-    out.mkdir(parents=True, exist_ok=True)
-    mapped(partial(write_scene, out=out, options=options), range(scenes), jobs)
-
-
-def read_test_set(folder: Path) -> Iterator[TestScene]:
-    """Yield the scenes of a folder in order of their names."""
+def read_test_set(folder: Path) -> list[TestScene]:
+    """Return the scenes of a folder in order of their names; SystemExit if it holds none."""
+    scenes = []
     for path in sorted(folder.glob("[0-9]*.npz")):
         with np.load(path) as stored:
             arrays = {key: stored[key] for key in ARRAYS}
             F = stored["F"] if stored["F"].shape == (3, 3) else None
             image_path, kind = path.with_suffix(".png"), str(stored["kind"])
-            yield TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays)
+            scenes.append(TestScene(name=path.stem, image_path=image_path, F=F, kind=kind, **arrays))
+    if not scenes:
+        raise SystemExit(f"no scenes in {folder}: run python -m tools.datasets.testset {folder}")
+    return scenes
 
 
 def main(
@@ -120,8 +137,9 @@ def main(
     size: tuple[int, int] = (640, 480),
     jobs: int = multiprocessing.cpu_count(),
 ) -> None:
-    """Write so many scenes; a folder's photographs are further textures."""
-    write_test_set(out, scenes, test_options(photos, size), jobs)
+    """Write so many scenes, numbers from 0; a folder's photographs are further textures."""
+    out.mkdir(parents=True, exist_ok=True)
+    mapped(partial(write_scene, out=out, options=test_options(photos, size)), range(scenes), jobs)
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.options import EstimatorOptions
 from tools.arguments import Target, run
 from tools.datasets.testset import test_options, write_scene
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 
 Row = tuple[str, ...]
 SIZE = (1280, 720)
@@ -218,14 +218,11 @@ def _read(path: Path) -> NDArray[np.uint8]:
     return np.asarray(cv2.imread(str(path)), np.uint8)
 
 
-def page(times: dict[str, float], rival: float, repeats: int) -> str:
-    """Return markdown of the steps, each beside its ratio to the classical alternative."""
+def step_table(times: dict[str, float], rival: float) -> list[str]:
+    """Return the steps as lines of Markdown, each beside its ratio to the classical alternative."""
     named = {**times, "classical: two sharp frames": rival}
     rows = [(name, f"{seconds:.3f}", f"{seconds / rival:.2f}") for name, seconds in named.items()]
-    words = (
-        f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph, in process and warm."
-    )
-    return "\n".join([words, "", *table("step | seconds | over the classical alternative", rows), ""])
+    return table("step | seconds | over the classical alternative", rows)
 
 
 def machine() -> str:
@@ -257,15 +254,18 @@ def main(*, repeats: int = 9, against: str | None = None, out: Target | None = N
     head = "process | seconds | of processors | MiB | over the first, or rate"
     if against:
         head += f" | wall over {against} | processors | memory"
+    words = (
+        f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph, in process and warm."
+    )
     ratio = first / times["decode to F"]
-    lines = [
-        page(times, rival, repeats),
-        f"The whole process takes {ratio:.1f} times as long as from decoding to F.\n",
-        *table("before a photograph is read | seconds | more than the step before", shell),
-        "",
-        *table(head, [*whole, *videos]),
-    ]
-    publish("\n".join([*lines, ""]), out and out.with_suffix(".md"))
+    text = joined(
+        words,
+        step_table(times, rival),
+        f"The whole process takes {ratio:.1f} times as long as from decoding to F.",
+        table("before a photograph is read | seconds | more than the step before", shell),
+        table(head, [*whole, *videos]),
+    )
+    publish(text, out and out.with_suffix(".md"))
 
 
 if __name__ == "__main__":

@@ -21,12 +21,13 @@ from skimage.measure import blur_effect
 
 import blur2view
 from blur2view.arrays import AnyArray
-from blur2view.smears.blur import BlurKind
+from blur2view.smears.blur import Blur, BlurKind
+from blur2view.smears.grid import SmearGrid
 from tools.arguments import Existing, run
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
 from tools.evaluation.even_blur import photographs_of
 from tools.metrics import auc, best_accuracy
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.processes import mapped
 
 
@@ -66,44 +67,8 @@ KINDS = " | ".join(BlurKind)
 OURS = "ours: width of the blur"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Named:
-    """What blur2view says of a picture.
-
-    ``sure`` (h, w) marks cells, of ``stride`` pixels and read from ``window_px``, that are sure of a smear.
-    """
-
-    kind: BlurKind
-    defocus_px: float
-    smear_px: float
-    width_px: float
-    moving_share: float
-    sure: AnyArray
-    stride: int
-    window_px: int
-
-
-Namer = Callable[[AnyArray], Named]
-"""What says of a picture (H, W, 3), float32 in [0, 1], which blur it has."""
-
-
-def named(estimate: blur2view.Estimate) -> Named:
-    """Return what an estimate says; the only place that knows the interface. Unknown lengths are 0."""
-    blur = estimate.blur
-    grid, smears = estimate.grid, estimate.grid.smears()
-    names = ("defocus_px", "smear_px", "width_px", "moving_share")
-    return Named(
-        kind=blur.kind,
-        sure=smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * smears.sigma_px),
-        stride=grid.stride,
-        window_px=grid.window_px or grid.stride,
-        **{name: float(np.nan_to_num(np.float64(getattr(blur, name) or 0))) for name in names},
-    )
-
-
-def asked(image: AnyArray, model: Path | None = None) -> Named:
-    """Return what blur2view says of a picture (H, W, 3), float32 in [0, 1]."""
-    return named(blur2view.estimate(image, network=loaded(model)))
+Estimator = Callable[[AnyArray], blur2view.Estimate]
+"""What estimates the blur of a picture (H, W, 3), float32 in [0, 1]."""
 
 
 @functools.cache
@@ -122,41 +87,46 @@ class Seen:
 
     photograph: int
     picture: Picture
-    said: Named
+    said: Blur
     blur: dict[str, float]
     moves: float = 0.0
     still_sure: tuple[float, float] = (0.0, 0.0)
 
 
-def still_sure(moving: AnyArray, said: Named) -> tuple[float, float]:
+def still_sure(moving: AnyArray, grid: SmearGrid) -> tuple[float, float]:
     """Return the shares of still cells that are sure of a smear, as `Seen` has them; 0 if none is still."""
-    height, width = said.sure.shape
-    reach = np.ones((said.window_px - said.stride + 1,) * 2, np.uint8)
+    smears, stride = grid.smears(), grid.stride
+    sure = smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * smears.sigma_px)
+    reach = np.ones(((grid.window_px or stride) - stride + 1,) * 2, np.uint8)
     shares = []
     for mask in (moving > 0, cv2.dilate((moving > 0).astype(np.uint8), reach) > 0):
-        still = ~mask.reshape(height, said.stride, width, said.stride).any(axis=(1, 3))
-        shares.append(float(said.sure[still].mean()) if still.any() else 0.0)
+        still = ~mask.reshape(sure.shape[0], stride, sure.shape[1], stride).any(axis=(1, 3))
+        shares.append(float(sure[still].mean()) if still.any() else 0.0)
     return shares[0], shares[1]
 
 
-def seen(photograph: int, picture: Picture, namer: Namer) -> Seen:
+def seen(photograph: int, picture: Picture, estimator: Estimator) -> Seen:
     """Return what is said of a picture."""
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
-    said, moving, blur = namer(image), picture.moving, dict[str, float]()
+    estimate, moving, blur = estimator(image), picture.moving, dict[str, float]()
+    said = estimate.blur
     if not picture.coding and picture.kind != BlurKind.CAMERA_AT_REST:
-        blur = {OURS: said.width_px} | {name: measure(image) for name, measure in BASELINES.items()}
+        blur = {OURS: said.width_px or 0.0} | {name: measure(image) for name, measure in BASELINES.items()}
     found = Seen(photograph=photograph, picture=replace(picture, file=b"", moving=None), said=said, blur=blur)
     if moving is None:
         return found
-    return replace(found, moves=float((moving > 0).mean()), still_sure=still_sure(moving, said))
+    sure = still_sure(moving, estimate.grid)
+    return replace(found, moves=float((moving > 0).mean()), still_sure=sure)
 
 
-def of_photograph(k: int, paths: Sequence[Path], namer: Namer, seed: int, composites: int) -> list[Seen]:
+def of_photograph(
+    k: int, paths: Sequence[Path], model: Path | None, seed: int, composites: int
+) -> list[Seen]:
     """Return all pictures of the k-th photograph, seen; every other one has polygons for discs."""
     others = [path for path in paths if path != paths[k]] or paths
     rng = np.random.default_rng([seed, k])
     pictures = pictures_of(rng, radiance_of(paths[k]), others, k % 2 == 1, composites)
-    return [seen(k, picture, namer) for picture in pictures]
+    return [seen(k, picture, partial(blur2view.estimate, network=loaded(model))) for picture in pictures]
 
 
 def names_of(some: Iterable[Seen]) -> tuple[int, ...]:
@@ -191,7 +161,7 @@ def radius_lines(rows: list[Seen]) -> list[str]:
             names = [f"{one.picture.radius_px:g} px"]
             names += [f"{shape}, from {UNUSABLE_RADIUS_PX} px"] * is_unusable(one.picture)
             for name in names:
-                groups.setdefault(name, []).append(one.said.defocus_px / one.picture.radius_px)
+                groups.setdefault(name, []).append((one.said.defocus_px or 0) / one.picture.radius_px)
     lines = []
     for name in sorted(groups):
         error = np.abs(np.array(groups[name]) - 1)
@@ -216,22 +186,27 @@ def sharpness_lines(rows: list[Seen]) -> list[str]:
     return [f"{len(sharp)} sharp, {len(far)} blurred pictures.", "", *table(head, lines)]
 
 
+def length(one: Seen) -> float:
+    """Return the length in pixels that is said of a picture's smears; 0 of what shows none."""
+    return one.said.smear_px or 0.0
+
+
 def dim_lines(rows: list[Seen]) -> list[str]:
     """Return what is said of dim pictures, beside the same pictures at full brightness."""
     dim: dict[str, list[Seen]] = {}
     for one in rows:
         if one.picture.coding:
             dim.setdefault(one.picture.name, []).append(one)
-    full = {(one.photograph, one.picture.name): one.said.smear_px for one in rows if not one.picture.coding}
+    full = {(one.photograph, one.picture.name): length(one) for one in rows if not one.picture.coding}
     lines = []
     for name, some in dim.items():
-        told = [(full[one.photograph, name.partition(",")[0]], one.said) for one in some]
-        pairs = [(said.smear_px, px) for px, said in told if px > 0 and said.kind != BlurKind.CANNOT_TELL]
+        told = [(full[one.photograph, name.partition(",")[0]], one) for one in some]
+        pairs = [(length(a), px) for px, a in told if px > 0 and a.said.kind != BlurKind.CANNOT_TELL]
         figures = ("-", "-")
         if pairs and some[0].picture.smear_px:
             ratio = np.divide(*np.transpose(pairs))
             figures = (f"{np.median(ratio):.3f}", f"{(np.abs(ratio - 1) <= LENGTH_ERROR).mean():.2f}")
-        long = sum(one.said.smear_px > 2 * max(one.picture.smear_px, SURE_PX / 2) for one in some)
+        long = sum(length(one) > 2 * max(one.picture.smear_px, SURE_PX / 2) for one in some)
         lines.append((name, len(some), *figures, long, *names_of(some)))
     without = f'Ratios without what is called "{BlurKind.CANNOT_TELL}"'
     note = f"{without}; of sharp pictures, smears above {SURE_PX:g} px."
@@ -256,7 +231,7 @@ def page(rows: list[Seen]) -> str:
     """Return all tables as Markdown."""
     parts = {"Names": name_lines, "Radius": radius_lines, "Sharp or not": sharpness_lines}
     parts |= {"Dim": dim_lines, "At rest": rest_lines}
-    return "\n".join(line for title, part in parts.items() for line in (f"## {title}", "", *part(rows), ""))
+    return joined(*(block for title, part in parts.items() for block in (f"## {title}", part(rows))))
 
 
 def main(
@@ -269,8 +244,8 @@ def main(
     jobs: int = 1,
 ) -> None:
     """Print the page, and write it into a folder."""
-    paths, namer = photographs_of(photos), partial(asked, model=model)
-    work = partial(of_photograph, paths=paths, namer=namer, seed=seed, composites=composites)
+    paths = photographs_of(photos)
+    work = partial(of_photograph, paths=paths, model=model, seed=seed, composites=composites)
     rows = [one for found in mapped(work, range(len(paths)), jobs) for one in found]
     command = f"python -m tools.evaluation.blur_kinds {shlex.join(sys.argv[1:])}"
     publish(f"# Kinds of blur\n\n`{command}`\n\n{page(rows)}", out and out / "blur_kinds.md")

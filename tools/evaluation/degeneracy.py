@@ -34,7 +34,7 @@ from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.processes import mapped
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
@@ -146,10 +146,7 @@ def true_structure(scene: TestScene) -> str:
 
 def estimated(folder: Path, network: blur2view.SmearNetwork) -> list[tuple[TestScene, TwoViewGeometry]]:
     """Return the scenes of a folder with what the network and the estimator make of them."""
-    return [
-        (s, blur2view.estimate(blur2view.read_image(s.image_path), network=network).geometry)
-        for s in read_test_set(folder)
-    ]
+    return [(s, blur2view.estimate(s.image, network=network).geometry) for s in read_test_set(folder)]
 
 
 def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
@@ -164,23 +161,23 @@ def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
     return table(f"photographs | images | {configs} | parallax proven | correct %", rows)
 
 
-def report(independent: list[Named], shared: list[Named], photographs: list[str]) -> str:
-    """Return the whole page."""
+def report(independent: list[Named], shared: list[Named], photographs: dict[str, list[str]]) -> str:
+    """Return the whole page; ``photographs`` are tables by what stands over them."""
     ms = 1e3 * float(np.median([row.seconds for row in independent]))
     off = [row for row in independent if row.kind in ("pure rotation", "plane")]
     confident = sum(row.outcome in ("translation", "general") for row in off)
-    return "\n".join([
-        f"Written by `python -m tools.evaluation.degeneracy`; {machine()}, one thread a scene.", "",
+    return joined(
+        f"Written by `python -m tools.evaluation.degeneracy`; {machine()}, one thread a scene.",
         f"{len(independent)} synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to "
         "30 % outliers. Bold: correct. Pure rotations and planes that came back as UNCALIBRATED with F: "
-        f"{confident} of {len(off)}. Median {ms:.0f} ms a scene.", "",
-        *confusions(independent), "",
+        f"{confident} of {len(off)}. Median {ms:.0f} ms a scene.",
+        confusions(independent),
         f"{len(shared)} of these scenes with errors that neighbours share besides (direction "
         f"{SHARED_DEG:.0f} degrees, length 15 %, correlated over 40 px). Small parallax cannot be "
-        "distinguished from them and is left open.", "",
-        *confusions(shared), "",
-        *photographs,
-    ])  # fmt: skip
+        "distinguished from them and is left open.",
+        confusions(shared),
+        *(block for pair in photographs.items() for block in pair),
+    )
 
 
 def main(
@@ -193,21 +190,21 @@ def main(
     out: Target = Path("tools/results/degeneracy.md"),
 ) -> None:
     """Name ``count`` scenes of each kind, a rendered split, and photographs of `motion_kinds`."""
-    photographs: list[str] = []
+    photographs: dict[str, list[str]] = {}
     network = blur2view.SmearNetwork()
     if scenes is not None:
         split = [(true_structure(scene), found) for scene, found in estimated(scenes, network)]
         groups = {k: [g for name, g in split if name == k] for k in ("pure rotation", *STRUCTURES)}
-        photographs += ["Photographs of the rendered test split, by what is true of them.", ""]
-        photographs += [*photograph_table(groups), ""]
+        title = "Photographs of the rendered test split, by what is true of them."
+        photographs[title] = photograph_table(groups)
     if kinds is not None:
-        groups = {k: [g for _, g in estimated(kinds / k, network)] for k in motion_kinds.KINDS}
-        photographs += [
+        title = (
             "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion "
             "has a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE "
             "and UNCALIBRATED; beside an F parallax of the first two is undecided."
-        ]
-        photographs += ["", *photograph_table(groups), ""]
+        )
+        groups = {k: [g for _, g in estimated(kinds / k, network)] for k in motion_kinds.KINDS}
+        photographs[title] = photograph_table(groups)
 
     def named(number: int, direction_deg: float) -> list[Named]:
         tasks = [(kind, seed + i) for kind in KINDS for i in range(number)]

@@ -16,7 +16,6 @@ import numpy as np
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import select_matches
@@ -25,8 +24,8 @@ from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators import baselines
 from tools.evaluation.smear_figures import evaluate_smears, pooled, smear_tables
-from tools.metrics import epipole_angle_deg, inlier_share, rho, share_under
-from tools.pages import Record, publish, record_table, write_json
+from tools.metrics import PAPER_INLIER, epipole_angle_deg, rho, share_under
+from tools.pages import Record, joined, publish, record_table, write_json
 
 SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
 HEAD = (
@@ -39,24 +38,11 @@ ROW = (
 )
 
 
-def true_ends(scene: TestScene) -> AnyArray:
-    """Return the ends (N, 2, 2) of the true smears of valid static pixels, in true order."""
-    chosen = scene.valid & scene.static
-    return smear_ends(scene.midpoints[chosen], scene.displacement[chosen].astype(np.float64))
-
-
-def truth_at_matches(scene: TestScene, matches: SmearMatches) -> AnyArray:
-    """Return the true displacements (N, 2) of the cells in which the matches lie."""
-    columns, rows = np.floor(matches.midpoint / 4).astype(int).T
-    displacement: AnyArray = scene.displacement[rows, columns]
-    return displacement
-
-
 def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
     """Return every method of the table, as a function of the matches."""
 
     def truly(m: SmearMatches) -> AnyArray:
-        return baselines.in_true_order(m.ends, truth_at_matches(scene, m))
+        return baselines.in_true_order(m.ends, scene.truth_at(m))
 
     def scrambled(m: SmearMatches) -> AnyArray:
         return baselines.scrambled(m.ends, np.random.default_rng(0))
@@ -99,13 +85,13 @@ def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArr
     if F is None or F_true is None:
         squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
         return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
-    relative = rho(F, ends)
+    relative, squared_px = rho(F, ends), serrmin(F, ends)
     return Judged(
         rho=float(np.median(relative)),
         under_05=share_under(relative, 0.05),
         under_10=share_under(relative, 0.10),
-        inliers=inlier_share(F, ends),
-        serrmin_px2=float(np.median(serrmin(F, ends))),
+        inliers=share_under(squared_px, PAPER_INLIER),
+        serrmin_px2=float(np.median(squared_px)),
         epipole_deg=epipole_angle_deg(F, F_true, K),
     )
 
@@ -125,7 +111,7 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
     for scene, grid in scenes:
         if scene.F is None:
             continue
-        matches, ends = select_matches(grid), true_ends(scene)
+        matches, ends = select_matches(grid), scene.true_ends
         for name, method in methods(scene).items():
             F = method(matches)
             table.setdefault(name, []).append(judge(F, scene.F, scene.K, ends))
@@ -136,14 +122,12 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
 def main(scenes: Path, *, model: Existing | None = None, out: Target | None = None) -> None:
     """Evaluate a network, the shipped one by default, on a test set; write OUT.md and OUT.json."""
     network = blur2view.SmearNetwork(model)
-    pairs = [(s, network.predict(blur2view.read_image(s.image_path))) for s in read_test_set(scenes)]
-    if not pairs:
-        raise SystemExit(f"no scenes in {scenes}: run python -m tools.datasets.testset {scenes}")
+    pairs = [(scene, network.predict(scene.image)) for scene in read_test_set(scenes)]
     figures = evaluate_smears(*pooled((scene, grid.at_pixels()) for scene, grid in pairs))
     fundamentals = evaluate_fundamentals(pairs)
     words = f"Model {network.info.model_id}, {figures.images} rendered images."
-    tables = [*smear_tables(figures), "", *record_table(HEAD, ROW, fundamentals), ""]
-    publish("\n".join([words, "", *tables]), out and out.with_suffix(".md"))
+    text = joined(words, smear_tables(figures), record_table(HEAD, ROW, fundamentals))
+    publish(text, out and out.with_suffix(".md"))
     if out:
         document = {
             "model_id": network.info.model_id,

@@ -21,7 +21,7 @@ from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from tools.arguments import run
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.rendering.video import Shake, VideoOptions, write_video
 
 SHAKES = {"30, slower": (30, 0.7, 10), "10, as fast": (10, 0.7, 10), "10, faster": (10, 6, 12)}
@@ -192,7 +192,7 @@ def page(records: list[dict[str, Any]]) -> str:
             figures = f"{degrees:.3f}", f"{1000 * depth:.2f}", f"{px:.2f}"
             rows.append((shake, share, len(values), f"{smear:.0f}", method, *figures, own))
     made = f"`python -m tools.evaluation.placed WORK --scenes {1 + max(one['seed'] for one in records)}`"
-    return "\n".join([f"# {TITLE}", "", *table(HEAD, rows), "", f"Medians over frames. Made by {made}.", ""])
+    return joined(f"# {TITLE}", table(HEAD, rows), f"Medians over frames. Made by {made}.")
 
 
 def main(work: Path, *, scenes: int = 3, out: Path | None = None) -> None:

@@ -29,7 +29,7 @@ from tools.datasets.synthetic_matches import (
     synthetic_smears,
 )
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.processes import mapped
 
 CORRELATED_PX = 40.0  # standard deviation of the Gaussian that makes errors of neighbours alike
@@ -110,7 +110,7 @@ def markdown(outcomes: dict[Case, list[Outcome | None]]) -> str:
     seeds = max(map(len, outcomes.values()))
     words = f"Share of {seeds} seeds whose nominal 90 % region holds the truth, and median errors."
     head = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
-    return "\n".join([words, "", *table(head, rows), ""])
+    return joined(words, table(head, rows))
 
 
 def main(*, out: Target | None = None, seeds: int = 200, jobs: int = 2) -> None:

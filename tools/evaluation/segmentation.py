@@ -19,10 +19,11 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
+from blur2view.smears.field import Floats
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import TestScene, read_test_set
 from tools.metrics import average_precision
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.rendering.exposure import GRID
 
 Mask = NDArray[np.bool_]
@@ -33,14 +34,10 @@ STATIC = [Path("../shared/data/redkitchen"), Path("../shared/data/textures/kodak
 LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
 FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
 COLUMNS = ("iou", "precision", "called", "unobservable")
-HEAD = """# Motion masks
-
-`{command}`; network `{model}`.
-
-Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, average
-precision of the probability, shares that are called moving and unobservable.
-
-"""
+WORDS = (
+    "Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, "
+    "average\nprecision of the probability, shares that are called moving and unobservable."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,12 +81,6 @@ def judge(scene: TestScene, mask: MotionMask) -> SceneFigures:
     )
 
 
-def judged_scene(scene: TestScene, network: SmearNetwork) -> SceneFigures:
-    """Return the figures of a scene's mask."""
-    image = read_image(scene.image_path)
-    return judge(scene, segment(estimate(image, network=network), image))
-
-
 def split_rows(name: str, judged: list[SceneFigures]) -> list[tuple[str, ...]]:
     """Return rows of a split: scenes with movers, scenes without any."""
     some = [one for one in judged if one.share >= LEAST_SHARE]
@@ -123,7 +114,8 @@ def still_lines(groups: dict[str, list[Path]], network: SmearNetwork) -> list[st
     lines = []
     for name, paths in groups.items():
         pictures = [path for path in paths if path.suffix in (".jpg", ".png")]
-        shares = np.array([moving_in(path, network).mean() for path in pictures])
+        masks = (mask_of(read_image(path), network) for path in pictures)
+        shares = np.array([(mask.labels == MotionLabel.MOVING).mean() for mask in masks])
         lines.append(
             f"- {name}, {len(shares)} photographs in which nothing moves: {shares.mean():.2%} called moving, "
             f"{shares.max():.2%} at most, more than {FALSE_SHARE:.1%} in {(shares > FALSE_SHARE).sum()}"
@@ -131,32 +123,33 @@ def still_lines(groups: dict[str, list[Path]], network: SmearNetwork) -> list[st
     return lines
 
 
-def moving_in(photo: Path, network: SmearNetwork) -> Mask:
-    """Return what of a photograph is called moving."""
-    image = read_image(photo)
-    return np.asarray(segment(estimate(image, network=network), image).labels == MotionLabel.MOVING)
-
-
-def tables(folders: dict[Path, list[SceneFigures]]) -> list[str]:
-    """Return the rows of every folder under their heads, and the calibration over all."""
-    rows = [row for folder, judged in folders.items() for row in split_rows(folder.name, judged)]
-    figures = [one for judged in folders.values() for one in judged]
-    words = "Calibration, all pixels of all scenes:"
-    return [*table(f"scenes | n | {' | '.join(COLUMNS)}", rows), "", words, "", *calibration_lines(figures)]
+def mask_of(image: Floats, network: SmearNetwork) -> MotionMask:
+    """Return the mask of a picture (H, W, 3)."""
+    return segment(estimate(image, network=network), image)
 
 
 def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Target) -> None:
     """Segment rendered scenes, and photographs in which nothing moves; ``out`` has no suffix."""
     network = SmearNetwork()
-    judged = {folder: [judged_scene(one, network) for one in read_test_set(folder)] for folder in scenes}
-    lines, folders = tables(judged), [one for one in static or STATIC if one.is_dir()]
-    groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
-    groups |= {one.name: sorted(one.iterdir()) for one in folders}
-    if groups:
-        lines += ["", "Real photographs:", "", *still_lines(groups, network)]
+    judged = {
+        folder: [judge(one, mask_of(one.image, network)) for one in read_test_set(folder)]
+        for folder in scenes
+    }
+    rows = [row for folder, found in judged.items() for row in split_rows(folder.name, found)]
     command = f"python -m tools.evaluation.segmentation {shlex.join(sys.argv[1:])}"
-    text = HEAD.format(command=command, model=network.info.model_id) + "\n".join(lines) + "\n"
-    publish(text, out.with_suffix(".md"))
+    blocks: list[str | list[str]] = [
+        "# Motion masks",
+        f"`{command}`; network `{network.info.model_id}`.",
+        WORDS,
+        table(f"scenes | n | {' | '.join(COLUMNS)}", rows),
+        "Calibration, all pixels of all scenes:",
+        calibration_lines([one for found in judged.values() for one in found]),
+    ]
+    groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
+    groups |= {one.name: sorted(one.iterdir()) for one in static or STATIC if one.is_dir()}
+    if groups:
+        blocks += ["Real photographs:", still_lines(groups, network)]
+    publish(joined(*blocks), out.with_suffix(".md"))
 
 
 if __name__ == "__main__":

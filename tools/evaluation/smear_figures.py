@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,8 +52,7 @@ class SmearFigures:
     bins: tuple[Record, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Smears:
+class Smears(NamedTuple):
     """Smears of many images.
 
     ``found`` and ``true`` (N, 2) are displacements, ``sigma`` (N,) their expected error, pixels; ``sure``
@@ -93,9 +93,7 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
         found = field.displacement[1::4, 1::4][scene.valid]
         true, sure = scene.displacement[scene.valid], sigma <= np.median(sigma)
         parts.append((found, true, sigma, sure, block_errors(scene, field)))
-    names, columns = [f.name for f in fields(Smears)], zip(*parts, strict=True)
-    merged = {name: np.concatenate(column) for name, column in zip(names, columns, strict=True)}
-    return Smears(**merged), len(parts)
+    return Smears(*map(np.concatenate, zip(*parts, strict=True))), len(parts)
 
 
 def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
@@ -125,13 +123,6 @@ def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
     return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
 
 
-def lean_deg(found: AnyArray, true: AnyArray) -> AnyArray:
-    """Return by how much directions (N, 2) lean towards the nearer pixel axis, degrees (N,)."""
-    f, t = (d[:, 0] + 1j * d[:, 1] for d in (found.astype(float), true.astype(float)))
-    error = np.angle(f**2 * np.conj(t**2)) / 2
-    return np.asarray(-np.degrees(error) * np.sign(np.angle(t**4)))
-
-
 def by_octave(found: AnyArray, true: AnyArray) -> Iterable[Record]:
     """Yield the figures of every class of true length that has smears (N, 2), as OCTAVE_ROW shows them.
 
@@ -139,7 +130,9 @@ def by_octave(found: AnyArray, true: AnyArray) -> Iterable[Record]:
     of those whose true direction is within 22.5 degrees of an axis, and of the others.
     """
     length, error = np.linalg.norm(true, axis=1), epe_s(found, true)
-    ratio, angle, lean = log_ratio(found, length), direction_error_deg(found, true), lean_deg(found, true)
+    ratio, angle = log_ratio(found, length), direction_error_deg(found, true)
+    f, t = (d[:, 0] + 1j * d[:, 1] for d in (found.astype(float), true.astype(float)))
+    lean = -np.degrees(np.angle(f**2 * np.conj(t**2)) / 2) * np.sign(np.angle(t**4))
     axial = np.abs(true[:, 0] ** 2 - true[:, 1] ** 2) > 2 * np.abs(true[:, 0] * true[:, 1])
     for start in OCTAVES_PX:
         chosen = (length >= start) & (length < 2 * start)

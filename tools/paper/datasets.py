@@ -30,6 +30,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.arguments import Existing, run
+from tools.datasets.testset import write_truth
 from tools.estimators import baselines
 from tools.rendering.exposure import GRID, grid_points, pixel_grid
 from tools.rendering.textures import srgb_to_linear
@@ -53,21 +54,10 @@ class Exposure:
     focal_widths: float = GUESSED_FOCAL
 
 
-def read_pfm(path: Path) -> AnyArray:
-    """Return the first two channels of a PFM file (H, W, 2), first row on top; Blur2ViewError if broken."""
-    content = path.read_bytes() if path.is_file() else b""
-    head = re.match(rb"PF\s+(\d+)\s+(\d+)\s+([-+.\deE]+)\s", content)
-    if head is None or len(content) - head.end() != 12 * int(head[1]) * int(head[2]):
-        raise Blur2ViewError(f"{path}: is missing or no whole PFM file; unpack optical_flow again")
-    values = np.frombuffer(content, "<f4" if float(head[3]) < 0 else ">f4", offset=head.end())
-    flow = values.reshape(int(head[2]), int(head[1]), 3)[::-1, :, :2]
-    return np.ascontiguousarray(np.nan_to_num(flow.astype(np.float32), posinf=0, neginf=0))
-
-
-def read_frame(path: Path) -> AnyArray:
-    """Return a frame (H, W, 3), uint8 RGB; Blur2ViewError if it is missing or broken."""
-    if (picture := cv2.imread(str(path), cv2.IMREAD_COLOR)) is None:
-        raise Blur2ViewError(f"{path}: is missing or no picture; unpack the data set again")
+def read(path: Path, how: int = cv2.IMREAD_COLOR) -> AnyArray:
+    """Return a frame (H, W, 3), RGB, or a PFM file's values; Blur2ViewError if it is missing or broken."""
+    if (picture := cv2.imread(str(path), how)) is None:
+        raise Blur2ViewError(f"{path}: is missing or damaged; unpack the data set again")
     return np.ascontiguousarray(picture[..., ::-1])
 
 
@@ -97,7 +87,8 @@ def scene_flow(root: Path, steps: int) -> Iterator[Exposure]:
 
         def flow(time: str, number: int, scene: Path = scene) -> AnyArray:
             name = f"OpticalFlowInto{time}_{number:04d}_L.pfm"
-            return read_pfm(root / "optical_flow" / scene / f"into_{time.lower()}" / "left" / name)
+            path = root / "optical_flow" / scene / f"into_{time.lower()}" / "left" / name
+            return np.nan_to_num(read(path, cv2.IMREAD_UNCHANGED)[..., :2], posinf=0, neginf=0)
 
         lens = re.search(r"(\d+)mm_focallength", str(scene))
         for first in list(paths)[::steps]:
@@ -107,7 +98,7 @@ def scene_flow(root: Path, steps: int) -> Iterator[Exposure]:
             moved = np.linalg.inv(cameras[numbers[-1]]) @ cameras[first]
             yield Exposure(
                 name="_".join((*scene.parts, f"{first:04d}")),
-                frames=[read_frame(paths[number]) for number in numbers],
+                frames=[read(paths[number]) for number in numbers],
                 flows=[(flow("Future", a), flow("Past", b)) for a, b in pairwise(numbers)],
                 pose=(BLENDER @ moved[:3, :3] @ BLENDER, BLENDER @ moved[:3, 3]),
                 focal_widths=(float(lens[1]) if lens else FOCAL_MM) / SENSOR_MM,
@@ -122,7 +113,7 @@ def gopro(root: Path, _: int) -> Iterator[Exposure]:
             raise Blur2ViewError(f"{folder}: expected a name as GOPR0384_11_00 (11 frames an exposure)")
         paths, count = list(numbered(folder).values()), int(named[1])
         for start in range(0, len(paths) - count + 1, count):
-            frames = [read_frame(path) for path in paths[start : start + count]]
+            frames = [read(path) for path in paths[start : start + count]]
             yield Exposure(name=f"{folder.name}_{paths[start].stem}", frames=frames, flows=dis(frames))
 
 
@@ -132,8 +123,8 @@ def rbi(root: Path, _: int) -> Iterator[Exposure]:
         sharp = root / "Sharp" / folder.relative_to(root / "Blur")
         for number, path in numbered(folder).items():
             first, name = PERIOD * (number - 1) + 1, f"{folder.parent.name.strip('_')}_{number:04d}"
-            frames = [read_frame(sharp / f"{k}.png") for k in range(first, first + OPEN_FOR)]
-            yield Exposure(name=name, frames=frames, flows=dis(frames), blurred=read_frame(path))
+            frames = [read(sharp / f"{k}.png") for k in range(first, first + OPEN_FOR)]
+            yield Exposure(name=name, frames=frames, flows=dis(frames), blurred=read(path))
 
 
 KINDS = {"monkaa": scene_flow, "driving": scene_flow, "gopro": gopro, "rbi": rbi}
@@ -214,7 +205,7 @@ def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
     if blurred is None:
         blurred = average(exposure, float(np.linalg.norm(smears[valid], axis=-1).max(initial=0.0)))
     height, width = (side // GRID * GRID for side in blurred.shape[:2])
-    for end, picture in (("", blurred), ("_open", exposure.frames[0]), ("_close", exposure.frames[-1])):
+    for end, picture in (("_open", exposure.frames[0]), ("_close", exposure.frames[-1])):
         cv2.imwrite(str(stem.with_name(f"{stem.name}{end}.png")), picture[:height, :width, ::-1])
     middle = grid_points((width, height))
     four = [middle.astype(int) + np.array(step) for step in ((0, 0), (1, 0), (0, 1), (1, 1))]
@@ -227,7 +218,7 @@ def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
     F = fundamental_from_pose(K, R, t) if np.linalg.norm(t) > 1e-9 else None  # None of NaN, too
     F = baselines.solve(baselines.opencv, ends) if np.isnan(R).any() else F
     truth = {"displacement": d, "valid": known, "static": np.ones_like(known), "K": K, "R": R, "t": t}
-    np.savez(stem.with_suffix(".npz"), kind=kind, F=np.zeros((0, 3)) if F is None else F, **truth)
+    write_truth(stem.with_suffix(".npz"), blurred[:height, :width], kind=kind, F=F, **truth)
 
 
 def main(

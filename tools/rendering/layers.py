@@ -117,13 +117,6 @@ def warp(image: Array, path: Path, tau: float, size: tuple[int, int], border: in
     return np.asarray(cv2.warpAffine(image, matrix, size, flags=flags, borderMode=border))
 
 
-def cell_centres(size: tuple[int, int]) -> Array:
-    """Return the truth's places (H/4, W/4, 2), relative to the picture's centre."""
-    width, height = size
-    x, y = (np.arange(side // GRID) * GRID + 1.5 for side in size)
-    return np.stack(np.meshgrid(x, y), -1) - (np.array([width, height]) - 1) / 2
-
-
 def averaged(
     layers: list[Array], paths: list[Path], size: tuple[int, int], steps: int
 ) -> tuple[Array, list[Array]]:
@@ -148,7 +141,9 @@ def averaged(
 
 def smears_of(paths: list[Path], size: tuple[int, int]) -> tuple[Array, float]:
     """Return the smears (paths, H/4, W/4, 2) of surfaces along paths, and the longest, pixels."""
-    fields = np.stack([path.smears(cell_centres(size)) for path in paths])
+    x, y = (np.arange(side // GRID) * GRID + 1.5 - (side - 1) / 2 for side in size)
+    centres = np.stack(np.meshgrid(x, y), -1)
+    fields = np.stack([path.smears(centres) for path in paths])
     return fields, float(np.hypot(fields[..., 0], fields[..., 1]).max())
 
 

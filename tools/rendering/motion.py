@@ -75,7 +75,10 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
         translation = unit(rng, (1, 0.8, 0.2))
         follow = rng.uniform(0.4, 1.2) * (1 if rng.random() < 0.75 else -1)
         rotation = np.cross([0, 0, 1], translation) * follow + 0.1 * rotation
-    ratio = 0.0 if straight else sample_bend_ratio(rng)
+    if straight:
+        ratio = 0.0
+    else:  # not at all, slightly (a pan) or as much as it moves (a hand)
+        ratio = float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
     path = Trajectory(
         rotation=rotation,
         translation=translation,
@@ -84,11 +87,6 @@ def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tupl
         acceleration=0.0 if straight else float(rng.normal(0, 0.2)),
     )
     return path, kind
-
-
-def sample_bend_ratio(rng: np.random.Generator) -> float:
-    """Return how strongly a path bends: not at all, slightly (a pan) or as much as it moves (a hand)."""
-    return float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
 
 
 def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajectory:

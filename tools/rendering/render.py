@@ -97,13 +97,6 @@ def scaled_exposure(exposure: Exposure, layers: list[Layer], length_px: float) -
     return at(factor * min(1.0, (2.5 * length_px + 10) / max(longest, 1e-9)))
 
 
-def sample_length(rng: np.random.Generator, options: RenderOptions) -> float:
-    """Return a random median smear length of a scene, pixels."""
-    return (
-        float(rng.random() ** 2) if rng.random() < options.sharp_share else log_uniform(rng, options.smear_px)
-    )
-
-
 def set_in_motion(
     rng: np.random.Generator, layers: list[Layer], camera: Trajectory, share: float
 ) -> list[Layer]:
@@ -128,7 +121,8 @@ def render(seed: int, options: RenderOptions | None = None) -> Rendering:
     layers = sample_layers(rng, pool, K, size)
     camera, kind = sample_camera_path(rng, options.straight)
     exposure = Exposure(camera=camera, K=K, size=size)
-    length_px = sample_length(rng, options)
+    sharp = rng.random() < options.sharp_share
+    length_px = float(rng.random() ** 2) if sharp else log_uniform(rng, options.smear_px)
     moving = scaled_exposure(exposure, layers, max(length_px, log_uniform(rng, options.smear_px)))
     exposure = scaled_exposure(exposure, layers, length_px)
     pace = exposure if length_px >= STILL_PX else moving

@@ -28,21 +28,10 @@ FONT = Path("/usr/share/fonts/truetype/noto/NotoColorEmoji.ttf")
 FONT_PX = 109
 """The size of that font's bitmaps."""
 RANGES = (
-    (0x1F400, 0x1F43F),
-    (0x1F466, 0x1F487),
-    (0x1F574, 0x1F57B),
-    (0x1F680, 0x1F6B6),
-    (0x1F6E9, 0x1F6FC),
-    (0x1F930, 0x1F93E),
-    (0x1F980, 0x1F9AE),
-    (0x1F9B8, 0x1F9DF),
-    (0x1F330, 0x1F343),
-    (0x1F3A0, 0x1F3CC),
-    (0x1F446, 0x1F450),
-    (0x1F339, 0x1F33F),
-    (0x1F6F4, 0x1F6FA),
-    (0x1FAB0, 0x1FABA),
-)
+    (0x1F400, 0x1F43F), (0x1F466, 0x1F487), (0x1F574, 0x1F57B), (0x1F680, 0x1F6B6), (0x1F6E9, 0x1F6FC),
+    (0x1F930, 0x1F93E), (0x1F980, 0x1F9AE), (0x1F9B8, 0x1F9DF), (0x1F330, 0x1F343), (0x1F3A0, 0x1F3CC),
+    (0x1F446, 0x1F450), (0x1F339, 0x1F33F), (0x1F6F4, 0x1F6FA), (0x1FAB0, 0x1FABA),
+)  # fmt: skip
 """Code points of people, animals, vehicles, plants, hands and things that are carried about."""
 LEAST_COVERED, MOST_COVERED = 0.08, 0.85
 
@@ -132,11 +121,6 @@ def filled(image: Array, outline: Array, colour: Array | None) -> Array:
         light = image / max(float(image.mean()), 1e-3)
         image = colour * np.clip(light, 0.1, 4).astype(np.float32)
     return np.dstack([image * outline[..., None], outline]).astype(np.float32)
-
-
-def padded(layer: Array, margin: int) -> Array:
-    """Return a layer (H, W, 4) with an empty margin."""
-    return np.pad(layer, ((margin, margin), (margin, margin), (0, 0)))
 
 
 def relative(rng: np.random.Generator, path: Motion, length: float, side: int) -> Motion:
@@ -232,9 +216,11 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
         outline, colour = outlined(rng, options.size, area, centre, options)
         piece = surface(rng, pick(rng, sources), width, height, 0)
         piece = np.asarray(cv2.resize(piece, options.size)) if piece.shape[:2] != (height, width) else piece
-        if rng.random() < options.plain_share:
-            piece = plainer(rng, piece)
-        layers.append(padded(filled(piece, outline, colour), margin))
+        if rng.random() < options.plain_share:  # of less contrast, as walls, furniture and cloth have
+            mean = piece.mean(axis=(0, 1), keepdims=True)
+            piece = np.asarray(mean + log_uniform(rng, (0.03, 0.5)) * (piece - mean), piece.dtype)
+        border = (margin, margin)
+        layers.append(np.pad(filled(piece, outline, colour), (border, border, (0, 0))))
     radii = sample_radii(rng, len(layers), still=kind is unmoved, options=options)
     layers = [defocused(rng, layer, radius) for layer, radius in zip(layers, radii, strict=True)]
     linear, shares, most, displacement = composed(layers, paths, options.size)
@@ -271,12 +257,6 @@ def with_clutter(
         nearer = replace(camera, shift=k * camera.shift, bend=k * camera.bend)
         things.insert(int(rng.integers(len(things) + 1)), (nearer, False))
     return things
-
-
-def plainer(rng: np.random.Generator, piece: Array) -> Array:
-    """Return a surface (H, W, 3) of less contrast, as walls, furniture and cloth have."""
-    mean = piece.mean(axis=(0, 1), keepdims=True)
-    return np.asarray(mean + log_uniform(rng, (0.03, 0.5)) * (piece - mean), piece.dtype)
 
 
 def sample_radii(rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions) -> list[float]:

@@ -50,14 +50,6 @@ def origin_map(canvases: list[Canvas], fields: list[AnyArray], size: tuple[int, 
     return origin
 
 
-def top_layer(canvases: list[Canvas], points: AnyArray) -> AnyArray:
-    """Return the index (h, w) of the layer seen at mid-exposure points (h, w, 2)."""
-    index = np.zeros(points.shape[:2], np.int64)
-    for k, canvas in enumerate(canvases[1:], 1):
-        index[canvas.warp(points.astype(np.float32))[..., 3] > 0.5] = k
-    return index
-
-
 def end_visible(origin: AnyArray, end: AnyArray, points: AnyArray, size: tuple[int, int]) -> AnyArray:
     """Whether the smear's end shows the point itself: inside the image and cross-checked."""
     at = end.astype(np.float32)
@@ -75,7 +67,9 @@ def grid_truth(canvases: list[Canvas], fields: list[AnyArray], exposure: Exposur
     """
     size = exposure.size
     points = grid_points(size)
-    index = top_layer(canvases, points)
+    index = np.zeros(points.shape[:2], np.int64)  # of the layer that is seen at mid exposure
+    for k, canvas in enumerate(canvases[1:], 1):
+        index[canvas.warp(points.astype(np.float32))[..., 3] > 0.5] = k
     start, close = np.zeros_like(points), np.zeros_like(points)
     for k, canvas in enumerate(canvases):
         seen = index == k

@@ -13,7 +13,7 @@ from tools.rendering.canvas import paint
 from tools.rendering.exposure import Exposure
 from tools.rendering.motion import Trajectory
 from tools.rendering.render import mean_frame
-from tools.rendering.scene import Layer, sample_layers
+from tools.rendering.scene import sample_layers
 from tools.rendering.textures import photographs
 
 MARGIN, DETAIL, CARDS = 200.0, 1.2, range(2, 6)
@@ -84,14 +84,6 @@ def sample_exposures(rng: np.random.Generator, options: VideoOptions) -> list[Sh
     return [replace(shake, middle_s=float(middle), exposure_s=exposure_s) for middle in middles]
 
 
-def sample_still_scene(rng: np.random.Generator, options: VideoOptions) -> list[Layer]:
-    """Draw a background with cards before it."""
-    pool = photographs("test", None)
-    while len(layers := sample_layers(rng, pool, options.K, options.size)) - 1 not in CARDS:
-        pass
-    return layers
-
-
 def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
     """Render the frames f_NNN.png that are not all there, and return their paths.
 
@@ -103,7 +95,9 @@ def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     rng, size, like = np.random.default_rng([seed, 1]), options.size, None
-    layers = sample_still_scene(rng, options)
+    pool = photographs("test", None)
+    while len(layers := sample_layers(rng, pool, options.K, size)) - 1 not in CARDS:
+        pass
     canvases = [paint(rng, layer, options.K, size, MARGIN, DETAIL) for layer in layers]
     for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
         exposure = Exposure(camera=path, K=options.K, size=size)

@@ -29,10 +29,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tools.arguments import Target, run
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.robustness.corpus import GOOD, OTHER, TRAPS, make_corpus, start
 from tools.robustness.mutations import Rng, damage, drawn
-from tools.robustness.politeness import MOST_GIB, MOST_S, Call, complaints, rows, snapshot
+from tools.robustness.politeness import MOST_S, Call, complaints, rows, snapshot
 from tools.robustness.traps import set_traps, trapped
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
@@ -183,18 +183,10 @@ def page(tried: Sequence[Tried], seed: int) -> str:
     lines = []
     for kind in [*KINDS, "all"]:
         some = [one for one in tried if kind in (one[0], "all")]
-        codes = Counter(call.code for _, call, _ in some)
-        longest, most = (
-            max([0, *(getattr(one[1], name) for one in some)]) for name in ("seconds", "peak_gib")
-        )
-        counts, rude = f"{codes[0]}, {codes[1]}, {codes[2]}", sum(bool(found) for _, _, found in some)
-        lines.append((kind, len(some), counts, f"{longest:.1f}", f"{most:.2f}", rude))
-    head = "hostile | calls | exit codes 0, 1, 2 | longest, s of a processor | most memory, GiB | rude"
-    told = f"""Seed {seed}, {len(tried)} cases. Rude is a call with a traceback, a foreign line, a line too
-many or too few, a partial or strange file, a changed input, a good photograph left undone, or one that
-takes more than {MOST_GIB:.0f} GiB, {MOST_S:.0f} s of processor time or {PATIENCE_S:.0f} s of any.
-"""
-    return "\n".join([told, *table(head, lines), ""])
+        codes, rude = Counter(call.code for _, call, _ in some), sum(bool(found) for _, _, found in some)
+        lines.append((kind, len(some), f"{codes[0]}, {codes[1]}, {codes[2]}", rude))
+    words = f"Seed {seed}, {len(tried)} cases; `--help` says when a call is rude."
+    return joined(words, table("hostile | calls | exit codes 0, 1, 2 | rude", lines))
 
 
 def main(*, cases: int = 1000, seed: int = 0, only: int | None = None, out: Target | None = None) -> None:

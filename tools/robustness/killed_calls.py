@@ -22,7 +22,7 @@ from subprocess import Popen
 import numpy as np
 
 from tools.arguments import Target, run
-from tools.pages import publish, table
+from tools.pages import joined, publish, table
 from tools.robustness.corpus import make_project, start
 from tools.robustness.mutations import Rng
 from tools.robustness.politeness import flaw, rows, snapshot
@@ -40,10 +40,10 @@ NOT_COMPARED = (".manifest.jsonl", "-wal", "-shm", ".bak")  # order of lines; lo
 State = dict[str, object]
 
 
-def ended(call: Popen[bytes]) -> tuple[int, str]:
-    """Return the exit code of a call and what it said, when its workers are gone, too."""
+def ended(call: Popen[bytes]) -> str:
+    """Return what a call that failed said, when its workers are gone, too; nothing of one that did not."""
     said = call.communicate()[1].decode(errors="replace")
-    return call.returncode, said
+    return said or f"exit code {call.returncode}" if call.returncode else ""
 
 
 def left(folder: Path) -> State:
@@ -77,14 +77,6 @@ def changes(call: Popen[bytes], folder: Path, most: float) -> int:
     return count
 
 
-def gone_on(folder: Path, words: list[str], after: State) -> list[str]:
-    """Call again and return in what the folder is not as after a call that nobody disturbs."""
-    code, said = ended(start(folder, [*words, "--resume"]))
-    found = left(folder)
-    differing = sorted(name for name in found.keys() | after.keys() if found.get(name) != after.get(name))
-    return [f"cannot go on: {said}"] if code else [f"{name} differs" for name in differing]
-
-
 def try_call(place: Path, words: list[str], kills: int, rng: Rng) -> tuple[Counter[str], list[str]]:
     """Kill a call a number of times, run it twice at once; return what came of it and what is wrong."""
     (place / "0").mkdir()
@@ -96,24 +88,29 @@ def try_call(place: Path, words: list[str], kills: int, rng: Rng) -> tuple[Count
         shutil.copytree(place / "0", folder)
     whole = start(folders[0], words)
     most = changes(whole, folders[0], np.inf)
-    if (done := ended(whole))[0] != 0:
-        raise SystemExit(f"{words}: fails undisturbed: {done[1]}")
-    before, after = left(place / "0"), left(folders[0])
-    wrong, came = [], Counter[str]()
-    for number, folder in enumerate(folders[2:]):
-        call = start(folder, words)
-        changes(call, folder, int(rng.integers(most + 1)))
-        time.sleep(rng.exponential(0.01))
-        came["killed" if call.poll() is None else "ended before"] += 1
-        with suppress(ProcessLookupError):
-            os.kill(call.pid if number % 2 else -call.pid, signal.SIGKILL)  # -: its workers, too
-        ended(call)
-        wrong += lost(folder, before, after) + gone_on(folder, words, after)
-    both = [start(folders[1], words) for _ in range(2)]
-    refused = [said for code, said in map(ended, both) if code]
-    came["refused"] += len(refused)
-    wrong += [f"of two at once: {said}" for said in refused if said.count("\n") != 1]
-    return came, wrong + lost(folders[1], before, after) + gone_on(folders[1], words, after)
+    if said := ended(whole):
+        raise SystemExit(f"{words}: fails undisturbed: {said}")
+    before, after, came, wrong = left(place / "0"), left(folders[0]), Counter[str](), list[str]()
+    for number, folder in enumerate(folders[1:]):
+        if number == kills:
+            refused = list(filter(None, map(ended, [start(folder, words) for _ in range(2)])))
+            came["refused"] += len(refused)
+            wrong += [f"of two at once: {said}" for said in refused if said.count("\n") != 1]
+        else:
+            call = start(folder, words)
+            changes(call, folder, int(rng.integers(most + 1)))
+            time.sleep(rng.exponential(0.01))
+            came["killed" if call.poll() is None else "ended before"] += 1
+            with suppress(ProcessLookupError):
+                os.kill(call.pid if number % 2 else -call.pid, signal.SIGKILL)  # -: its workers, too
+            ended(call)
+        wrong += lost(folder, before, after)
+        if said := ended(start(folder, [*words, "--resume"])):
+            wrong.append(f"cannot go on: {said}")
+            continue
+        found = left(folder)
+        wrong += [f"{name} differs" for name in sorted(found | after) if found.get(name) != after.get(name)]
+    return came, wrong
 
 
 def main(*, kills: int = 30, seed: int = 0, out: Target | None = None) -> None:
@@ -129,7 +126,7 @@ def main(*, kills: int = 30, seed: int = 0, out: Target | None = None) -> None:
         print(*lines[-1], sep=", ", flush=True)
     command = f"`python -m tools.robustness.killed_calls --kills {kills} --seed {seed}`"
     head = "command | killed | ended before | of two at once refused | wrong"
-    publish("\n".join([command, "", *table(head, lines), ""]), out)
+    publish(joined(command, table(head, lines)), out)
     raise SystemExit(any(line[-1] for line in lines))
 
 

@@ -239,11 +239,6 @@ def joined(fine: Tensor, coarse: Tensor) -> Tensor:
     return fine[..., bins.clamp(max=fine.shape[-1] - 1)] + coarse[..., (bins - PER_OCTAVE).clamp(min=0)]
 
 
-def bin_of(length: Tensor) -> Tensor:
-    """Position of a length in px on the axis of bins: 0 is anything shorter than what is read, 1 is 2 px."""
-    return 1 + PER_OCTAVE * torch.log2(length.clamp(min=1e-3) / SHORTEST_PX)
-
-
 def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, Tensor]:
     """Return the distribution (..., 32, bins) of a cell's smears (..., S, 2), and its weight (...).
 
@@ -256,7 +251,8 @@ def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, T
     along = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
     known = ((length - 0.5) / 1.5).clamp(0, 1)[..., None]
     along = known * along + (1 - known) / DIRECTIONS
-    apart = torch.arange(bins) - bin_of(length).clamp(0, bins - 1)[..., None]
+    place = 1 + PER_OCTAVE * torch.log2(length.clamp(min=1e-3) / SHORTEST_PX)  # 0 is anything shorter
+    apart = torch.arange(bins) - place.clamp(0, bins - 1)[..., None]
     across = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
     weight = HIDDEN_WEIGHT + (1 - HIDDEN_WEIGHT) * valid
     mixed = torch.matmul((along * weight[..., None]).transpose(-1, -2), across)

@@ -10,7 +10,7 @@ Shard k depends on k and the sources only. Run again it goes on; several process
 
 import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -104,8 +104,9 @@ def slanted(rng: np.random.Generator, linear: Array, side: int = 640) -> Array:
     )
 
 
-def scene_picture(rng: np.random.Generator, scenes: Example, index: int) -> Shaken:
-    """Return a rendered scene, mirrored at random; some are out of focus as a whole."""
+def scene_picture(rng: np.random.Generator, scenes: Example) -> Shaken:
+    """Return one of rendered scenes, mirrored at random; some are out of focus as a whole."""
+    index = int(rng.integers(len(scenes["labels"])))
     linear = decode_linear(scenes["linear"][index])
     smears, labels = scenes["displacement"][index].astype(np.float32), scenes["labels"][index]
     if rng.random() < 0.5:
@@ -192,34 +193,23 @@ def shaken_picture(
     return shake(rng, surfaces, options)
 
 
-def scene_pictures(rng: np.random.Generator, sources: Sources) -> Iterator[Shaken]:
-    """Yield pictures of rendered scenes, without end; all of one size."""
-    scenes = load_shard(sources.scenes[int(rng.integers(len(sources.scenes)))])
-    while True:
-        yield scene_picture(rng, scenes, int(rng.integers(len(scenes["labels"]))))
-
-
-def shaken_pictures(rng: np.random.Generator, sources: Sources, options: ShakeOptions) -> Iterator[Shaken]:
-    """Yield photographs and textures under a moving camera, without end."""
-    made = [] if options is WIDE else procedural(rng, TEXTURES)
-    while True:
-        yield shaken_picture(rng, sources, made, options)
-
-
 def examples(number: int, sources: Sources) -> Iterator[Example]:
     """Yield the examples of one shard."""
     torch.set_num_threads(1)  # the number of threads decides how sums are rounded
     rng, options = np.random.default_rng(number), ShakeOptions()
+    draw: Callable[[], Shaken]  # of one size
     if sources.scenes and rng.random() < sources.rendered_share:
-        pictures = scene_pictures(rng, sources)
+        scenes = load_shard(sources.scenes[int(rng.integers(len(sources.scenes)))])
+        draw = partial(scene_picture, rng, scenes)
     else:
         kind = rng.random()
         options = WIDE if kind < sources.wide_share else options
         options = SMALL if kind > 1 - sources.small_share else options
-        pictures = shaken_pictures(rng, sources, options)
+        made = [] if options is WIDE else procedural(rng, TEXTURES)
+        draw = partial(shaken_picture, rng, sources, made, options)
     left = SHARD_PX
     while left > 0:
-        picture = next(pictures)
+        picture = draw()
         height, width = picture.linear.shape[:2]
         yield example_of(rng, picture, options, 2 + round(math.log2(width / SMALLEST)))
         left -= width * height

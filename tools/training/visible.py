@@ -43,15 +43,12 @@ def shows_blur(grey: Array, noise: Array, extent_px: Array) -> Array:
     x, y = np.meshgrid(*(STEP * np.arange(n, dtype=np.float32) + STEP / 2 for n in extent_px.shape[::-1]))
     for k in range(levels):
         place = x / 2**k - 0.5, y / 2**k - 0.5
-        power, quiet = (
-            cv2.remap(
-                cv2.GaussianBlur(band_power(each), (0, 0), max(REGION_PX / 2**k, 4 * WIDE_PX)),
-                *place,
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            for each in (grey, noise)
-        )
+        region_px, powers = max(REGION_PX / 2**k, 4 * WIDE_PX), []
+        for each in (grey, noise):
+            narrow, wide = (cv2.GaussianBlur(each, (0, 0), sigma) for sigma in (NARROW_PX, WIDE_PX))
+            band = cv2.GaussianBlur(np.asarray((narrow - wide) ** 2), (0, 0), region_px)
+            powers.append(cv2.remap(band, *place, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        power, quiet = powers
         clear = power > SIGNAL * quiet + LEAST**2
         shows[level == k] = clear[level == k]
         grey, noise = (
@@ -59,9 +56,3 @@ def shows_blur(grey: Array, noise: Array, extent_px: Array) -> Array:
             for each in (grey, noise)
         )
     return shows
-
-
-def band_power(grey: Array) -> Array:
-    """Return the squared difference of a picture (H, W) under the two Gaussians."""
-    narrow, wide = (cv2.GaussianBlur(grey, (0, 0), sigma) for sigma in (NARROW_PX, WIDE_PX))
-    return np.asarray((narrow - wide) ** 2)

@@ -53,10 +53,12 @@ def test_tables_and_answers_say_what_was_measured() -> None:
     records = [record("base", seed, kind) for seed in range(2) for kind in KINDS]
     hard = record(HARD, 0)
     hard["measured"][PAPER] = ABSENT | {"ms": 5000.0}
-    text = benchmark.markdown([*records, hard, record("network", 0, "network")], {"code": "one"})
+    share = record("the surest 20%", 0, "network")
+    text = benchmark.markdown([*records, hard, record("network", 0, "network"), share], {"code": "one"})
     assert "whole sweep: AUC@10 ours 1.000, best ordered 1.000 (true order, pycolmap)" in text
-    assert "smooth, base: time over that of true order, pycolmap: median 0.50, p95 0.50" in text
+    assert "time over that of true order, pycolmap: median 0.50, p95 0.50" in text
     assert "500 times faster in the median; success 1 against 0" in text
     assert f"{HARD}, smooth: AUC@10 ours 1.000" in text
-    assert "## Network smears: 1 rendered photographs" in text and "| ours | 3 | 1.000 |" in text
+    assert "## Network smears of rendered photographs: 1 instances" in text and "| ours | 3 | 1.000 |" in text
+    assert "| ours, the surest 20% | 1 | 1.000 |" in text
     assert "| ours | 2 | 1.000 |" in text and "code one" in text

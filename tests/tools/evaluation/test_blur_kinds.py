@@ -2,16 +2,19 @@
 
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from blur2view.arrays import AnyArray
+from blur2view.smears.blur import Blur
+from tests.support.grids import grid_of
 from tools.datasets import blurred_photographs as made
 from tools.datasets.blurred_photographs import Picture
 from tools.evaluation import blur_kinds
-from tools.evaluation.blur_kinds import Named
 
 STRIDE = 32
 
@@ -38,18 +41,15 @@ def pixels_of(picture: Picture) -> AnyArray:
     return np.asarray(cv2.imdecode(np.frombuffer(picture.file, np.uint8), cv2.IMREAD_UNCHANGED))
 
 
-def said_of(picture: Picture) -> Named:
-    """Return the truth as what is said of a picture, without any cell that is sure of a smear."""
+def estimate_of(picture: Picture) -> Any:
+    """Return the truth as an estimate of a picture, without any cell that is sure of a smear."""
     height, width = pixels_of(picture).shape[:2]
-    return Named(
-        kind=picture.kind,
-        defocus_px=picture.radius_px,
-        smear_px=picture.smear_px,
-        width_px=float(np.hypot(2 * picture.radius_px, picture.smear_px)),
-        moving_share=0.0 if picture.moving is None else float((picture.moving > 0).mean()),
-        sure=np.zeros((height // STRIDE, width // STRIDE), bool),
-        stride=STRIDE,
-        window_px=STRIDE,
+    moves = 0.0 if picture.moving is None else float((picture.moving > 0).mean())
+    blur = Blur(
+        kind=picture.kind, smear_px=picture.smear_px, defocus_px=picture.radius_px, moving_share=moves
+    )
+    return SimpleNamespace(
+        blur=blur, grid=grid_of(np.zeros((height // STRIDE, width // STRIDE, 2)), stride=STRIDE)
     )
 
 
@@ -82,7 +82,7 @@ def test_what_stands_still_is_untouched_and_what_moves_is_part_of_the_picture(
 @pytest.mark.slow
 def test_whoever_knows_the_truth_has_no_error(photographs: Path) -> None:
     every = pictures(photographs)
-    rows = [blur_kinds.seen(0, one, partial(lambda said, _: said, said_of(one))) for one in every]
+    rows = [blur_kinds.seen(0, one, partial(lambda found, _: found, estimate_of(one))) for one in every]
     text = blur_kinds.page(rows)
     assert "| sharp | 1 | 1 | 0 | 0 | 0 | 0 | 0 |" in text
     assert "| out of focus, from 3 px | 6 | 0 | 6 | 0 | 0 | 0 | 0 |" in text

@@ -69,7 +69,7 @@ def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestS
 
 
 def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> None:
-    ends = evaluate.true_ends(scene)
+    ends = scene.true_ends
     assert len(ends) == (scene.valid & scene.static).sum() and scene.F is not None
     assert np.median(sampson(scene.F, ends[:, 0], ends[:, 1])) < 0.05**2  # in this order
     none, true = (evaluate.judge(F, scene.F, scene.K, ends) for F in (None, scene.F))
