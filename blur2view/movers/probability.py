@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
+from blur2view.movers.alike import alike_mean
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import PLACE_PX, Picture, of_cells, of_places
 from blur2view.movers.network import CELL_PX, shipped
@@ -22,6 +23,10 @@ Floats = NDArray[np.float32]
 
 ROUNDS = 2
 """Fits of the camera's motion, the second without what moves."""
+ALIKE = 2.0
+"""Weight of the mean over places of a like colour nearby, in log-odds of the place itself."""
+SHIFT, SCALE = 0.95, 0.35
+"""From the sum to log-odds that hold: fitted as by ``python -m tools.training.fit_parts``."""
 MOST_PX = 2_500_000
 """Pixels of a photograph; larger ones are halved until they have no more."""
 
@@ -32,13 +37,13 @@ class Moving:
 
     Parameters
     ----------
+    odds : ndarray of shape (h, w), float32
+        Log-odds that a place moves by itself, those of a like colour nearby added, not calibrated.
     moving, read : ndarray of shape (h, w), float32
         Probabilities that a place moves by itself, 0 where the picture is smooth, and that its smear is read
         right.
     part : ndarray of shape (h, w), float32
         Probability that the part a place belongs to moves by itself, 0 where nothing may.
-    departure : ndarray of shape (h, w)
-        How far smears are from the camera's motion, standard deviations.
     smooth : ndarray of shape (h, w), bool
         Places about which the picture shows nothing.
     place_px : int
@@ -49,10 +54,10 @@ class Moving:
         Whether the smears were also measured against F, which the reduced photograph of a large one is not.
     """
 
+    odds: Floats
     moving: Floats
     read: Floats
     part: Floats
-    departure: Array
     smooth: NDArray[np.bool_]
     place_px: int
     camera_px: float
@@ -106,13 +111,14 @@ def moving_probability(
         moving, read = (np.asarray(1 / (1 + np.exp(-each)), np.float32) for each in odds)
         weight = 1 - at_cells(moving, weight.shape)
     smooth = picture.smooth()
+    likely = odds[0] + ALIKE * alike_mean(odds[0], picture.colour, ~smooth)
+    moving = np.asarray(1 / (1 + np.exp(-SHIFT - SCALE * likely)), np.float32)
     moving[smooth] = 0
-    departure = upsample_nearest(cells.departure(motion), grid.stride // PLACE_PX)
     return Moving(
+        odds=likely,
         moving=moving,
         read=read,
-        part=parts_of(moving, departure),
-        departure=departure,
+        part=parts_of(likely, ~smooth),
         smooth=smooth,
         place_px=PLACE_PX * factor,
         camera_px=factor * float(np.median(np.linalg.norm(motion, axis=-1))),
@@ -140,11 +146,6 @@ def reduced(grid: SmearGrid, factor: int, shape: tuple[int, int]) -> SmearGrid:
     mean[..., 4:5] /= factor
     blur = None if grid.blur is None else mean[..., 4:]
     return SmearGrid(cells=mean[..., :4], stride=CELL_PX, shape=shape, window_px=grid.window_px, blur=blur)
-
-
-def upsample_nearest(values: Array, zoom: int) -> Array:
-    """Repeat every value (h, w) so many times along both axes."""
-    return values.repeat(zoom, axis=0).repeat(zoom, axis=1)
 
 
 def at_cells(places: Floats, shape: tuple[int, ...]) -> Array:

@@ -107,7 +107,7 @@ def segment(
         starts = rng if estimate.blur.kind.of_camera else None
         found = moving_probability(image, grid, F, estimate.camera, starts, estimate.execution)
     probability = to_pixels(found.moving, image, found.place_px)
-    parts = moving_parts(probability, found.part, threshold, found.place_px)
+    parts = moving_parts(found.part, image, threshold, found.place_px)
     proven = geometry.parallax is Parallax.PROVEN and (geometry.parallax_probability or 1) >= SURE_OF_LINES
     if F is not None and proven and found.camera_px >= STILL_PX:
         cells = Cells.of(grid, estimate.camera)

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.movers.inputs import PLACE_PX
-from blur2view.movers.parts import LEAST
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 LEAST_PIECES = 25
 """Places of the smallest piece that outlines leave of a part."""
-GUIDE_PLACES, GUIDE_EPS = 9, 1e-3
-"""Side of the windows in which outlines follow the picture, places; squared levels."""
+GUIDE_PLACES, GUIDE_EPS = 4, 0.03
+"""Radius of the windows in which outlines follow the picture, places; contrast of what is an edge, levels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,53 +43,35 @@ class MovingRegion:
 
 
 def to_pixels(places: Floats, image: AnyArray, place_px: int = PLACE_PX) -> Floats:
-    """Resample probabilities (h, w) of places to the pixels of an image, along its edges.
+    """Resample values (h, w) of places in [0, 1] to the pixels of an image, along its edges.
 
     Places, squares of ``place_px`` pixels, cover the image.
-
-    References
-    ----------
-    He and Sun, Fast guided filter, arXiv 1505.00996.
     """
     height, width = image.shape[:2]
     rows, columns = -(-height // place_px), -(-width // place_px)
-    values = np.ascontiguousarray(places[:rows, :columns])
+    size = columns * place_px, rows * place_px
+    values = cv2.resize(places[:rows, :columns], size, interpolation=cv2.INTER_LINEAR)[:height, :width]
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
     grey = np.asarray(grey / np.float32(white), np.float32)
-    guide = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)
-    mean, level = _mean(guide), _mean(values)
-    slope = (_mean(guide * values) - mean * level) / (_mean(guide * guide) - mean**2 + GUIDE_EPS)
-    offset = _mean(level - slope * mean)
-    slope, offset = (
-        np.asarray(cv2.resize(each, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-        for each in (_mean(slope), offset)
-    )
-    return np.asarray(np.clip(slope * grey + offset, 0, 1), np.float32)
+    along = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES * place_px, GUIDE_EPS, scale=1 / place_px)
+    return np.asarray(np.clip(along, 0, 1), np.float32)
 
 
-def _mean(values: AnyArray) -> Floats:
-    return np.asarray(cv2.blur(values, (GUIDE_PLACES, GUIDE_PLACES)), np.float32)
-
-
-def moving_parts(probability: Floats, part: Floats, threshold: float, place_px: int = PLACE_PX) -> Mask:
-    """Mark the pixels (H, W) that move: those that probably do, in the parts that move and beside them.
+def moving_parts(part: Floats, image: AnyArray, threshold: float, place_px: int = PLACE_PX) -> Mask:
+    """Mark the pixels (H, W) of the parts that move, whose outlines follow the picture's edges.
 
     Parameters
     ----------
-    probability : ndarray of shape (H, W)
-        Of pixels.
     part : ndarray of shape (h, w)
         Probabilities of the parts that places, which cover the picture, belong to.
+    image : ndarray of shape (H, W, 3) or (H, W)
     threshold : float
         Of these.
     place_px : int
         Side of a place, pixels.
     """
-    near = cv2.dilate((part >= threshold).astype(np.uint8), np.ones((3, 3), np.uint8))
-    height, width = probability.shape
-    pixels = near.repeat(place_px, axis=0).repeat(place_px, axis=1)[:height, :width]
-    likely = (pixels > 0) & (probability >= LEAST)
+    likely = to_pixels((part >= threshold).astype(np.float32), image, place_px) > 0.5  # noqa: PLR2004
     _, piece, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PIECES * place_px**2
     kept[0] = False

@@ -1,8 +1,9 @@
-"""Fit the decision on parts that move, `blur2view.movers.parts`, to photographs with truth and to still ones.
+"""Fit what `blur2view.movers` makes of a network's log-odds to photographs with truth, and to still ones.
 
-``python -m tools.training.fit_parts FOLDERS...`` prints the three constants, and the area under the curve of
-parts that move against those that do not. A photograph with an ``.npz`` beside it has the truth of
-`tools.datasets.mover_scenes`; in one without nothing moves by itself.
+``python -m tools.training.fit_parts FOLDERS...`` prints the constants from log-odds to probabilities of
+places (`blur2view.movers.probability`) and of parts (`blur2view.movers.parts`), and the area under the curve
+of parts that move against those that do not. A photograph with an ``.npz`` beside it has the truth of
+`tools.datasets.mover_scenes`; in one without nothing moves by itself, and only its parts count.
 """
 
 from pathlib import Path
@@ -13,9 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from blur2view.arrays import Array
-from blur2view.movers.inputs import PLACE_PX
 from blur2view.movers.parts import described
-from blur2view.movers.probability import moving_probability
+from blur2view.movers.probability import SCALE, SHIFT, moving_probability
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
@@ -24,36 +24,40 @@ from tools.metrics import auc
 
 MOVES, STANDS = 0.5, 0.1
 """Shares of a part, from which on it moves, and below which it does not; others are left out."""
-RIDGE = 1e-3
+EVERY = 11
+"""Of neighbouring places, which are alike, one in so many counts."""
 
 
-def parts_in(path: Path, network: SmearNetwork) -> tuple[Array, Array]:
-    """Return the features (N, 2) of the parts of a photograph, and the shares (N,) of each that move."""
+def read(path: Path, network: SmearNetwork) -> tuple[Array, Array]:
+    """Return the highest log-odds and the moving share (N, 2) of a photograph's parts.
+
+    Then, where that is known, the log-odds of places and whether they move (M, 2).
+    """
     image = read_image(path)
     found = estimate(image, network=network)
     rng = np.random.default_rng(0) if found.blur.kind.of_camera else None
-    moving = moving_probability(image, found.grid, found.geometry.F, rng=rng)
-    part, features = described(moving.moving, moving.departure)
-    moves = np.zeros(part.shape, np.float32)
+    seen = moving_probability(image, found.grid, found.geometry.F, found.camera, rng)
+    part, highest = described(seen.odds, ~seen.smooth)
+    moves, known = np.zeros(part.shape, np.float32), np.zeros(part.shape, bool)
     if (truth := path.with_suffix(".npz")).exists():
         with np.load(truth) as stored:
             static, valid = stored["static"], stored["valid"]
-        rows, columns = (min(a, b) for a, b in zip(part.shape, static.shape, strict=True))
-        moves[:rows, :columns] = (~static & valid)[:rows, :columns]
-    area = np.bincount(part.ravel(), minlength=len(features) + 1)[1:]
-    return features, np.bincount(part.ravel(), moves.ravel(), len(features) + 1)[1:] / np.maximum(area, 1)
+        place = tuple(slice(min(sides)) for sides in zip(part.shape, static.shape, strict=True))
+        moves[place], known[place] = (~static & valid)[place], valid[place]
+    known &= ~seen.smooth
+    share = np.bincount(part.ravel(), moves.ravel(), len(highest) + 1) / np.bincount(part.ravel())
+    places = np.stack([seen.odds[known], moves[known]], axis=1)[::EVERY].astype(float)
+    return np.stack([highest, share[1:]], axis=1), places
 
 
-def fitted(features: Array, moves: NDArray[np.bool_]) -> Array:
-    """Return constant and weights of a logistic regression in which both answers count the same."""
-    inputs = np.c_[np.ones(len(features)), features]
-    weight = np.where(moves, 1 / moves.sum(), 1 / (~moves).sum())
+def fitted(odds: Array, moves: NDArray[np.bool_], weight: Array) -> Array:
+    """Return constant and slope of a weighted logistic regression."""
 
     def loss(coefficients: Array) -> float:
-        margin = np.where(moves, 1, -1) * (inputs @ coefficients)
-        return float((weight * np.logaddexp(0, -margin)).sum() + RIDGE * (coefficients[1:] ** 2).sum())
+        margin = np.where(moves, 1, -1) * (coefficients[0] + coefficients[1] * odds)
+        return float((weight * np.logaddexp(0, -margin)).sum() / weight.sum())
 
-    return np.asarray(minimize(loss, np.zeros(inputs.shape[1])).x)
+    return np.asarray(minimize(loss, np.array([SHIFT, SCALE])).x)
 
 
 def main(folders: list[Existing]) -> None:
@@ -66,15 +70,15 @@ def main(folders: list[Existing]) -> None:
         for path in sorted(folder.iterdir())
         if path.suffix in (".png", ".jpg") and not path.stem.endswith(("_open", "_close", ".truth"))
     ]
-    found = [parts_in(path, network) for path in names]
-    features, share = (np.concatenate(each) for each in zip(*found, strict=True))
-    known = (share > MOVES) | (share < STANDS)
-    features, moves = features[known], share[known] > MOVES
-    coefficients = fitted(features, moves)
-    score = features @ coefficients[1:]
-    print(f"{moves.sum()} parts that move and {(~moves).sum()} that do not, of {len(names)} photographs")
-    print("CONSTANT, PEAK, DEPARTURE =", ", ".join(f"{value:.2f}" for value in coefficients))
-    print(f"area under the curve {auc(score[~moves], score[moves]):.3f}; places of {PLACE_PX} px")
+    found = zip(*(read(path, network) for path in names), strict=True)
+    (highest, share), (odds, moves) = (np.concatenate(each).T for each in found)
+    print("SHIFT, SCALE =", fitted(odds, moves > MOVES, np.ones(len(odds))).round(2))
+    certain = (share > MOVES) | (share < STANDS)
+    highest, part = highest[certain], share[certain] > MOVES
+    print(f"{part.sum()} parts that move and {(~part).sum()} that do not, of {len(names)} photographs")
+    alike = np.where(part, 1 / part.sum(), 1 / (~part).sum())
+    print("CONSTANT, PEAK =", fitted(highest, part, alike).round(2))
+    print(f"area under the curve {auc(highest[~part], highest[part]):.3f}")
 
 
 if __name__ == "__main__":
