@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 
 LEAST_PIECES = 25
 """Places of the smallest piece that outlines leave of a part."""
-GUIDE_PLACES, GUIDE_EPS = 4, 0.03
+GUIDE_PLACES, GUIDE_EPS = 2, 0.03
 """Radius of the windows in which outlines follow the picture, places; contrast of what is an edge, levels."""
 
 
@@ -54,7 +54,7 @@ def to_pixels(places: Floats, image: AnyArray, place_px: int = PLACE_PX) -> Floa
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
     grey = np.asarray(grey / np.float32(white), np.float32)
-    along = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES * place_px, GUIDE_EPS, scale=1 / place_px)
+    along = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
     return np.asarray(np.clip(along, 0, 1), np.float32)
 
 
