@@ -10,6 +10,7 @@ from PIL import Image
 
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.movers.alike import alike_mean
 from blur2view.movers.parts import parts_of
 from blur2view.movers.probability import Moving, factor_of, moving_probability, reduced
 from blur2view.networks.smear_network import SmearNetwork
@@ -66,7 +67,8 @@ def test_mover_is_found_where_it_is_and_described(smears: NDArray[np.float32]) -
     assert overlap(mask) > 0.5
     region = mask.regions[0]
     np.testing.assert_allclose(region.centroid, (447.5, 239.5), atol=16)
-    assert region.area_px == (mask.labels == MotionLabel.MOVING).sum() and region.probability > 0.5
+    assert region.area_px == (mask.labels == MotionLabel.MOVING).sum()
+    assert region.probability > 3 * mask.probability[mask.labels != MotionLabel.MOVING].mean()
     assert mask.probability[240, 448] > 0.6 > 0.2 > mask.probability[60, 60]
 
 
@@ -164,15 +166,31 @@ def test_smears_without_rays_of_a_distorted_camera_do_no_harm() -> None:
     assert np.isfinite(segment(result, photo(with_mover())).probability).all()
 
 
-def test_a_part_is_judged_by_its_peak_and_by_how_far_its_smears_depart() -> None:
-    moving, departure = np.zeros((80, 80), np.float32), np.full((80, 80), 0.1)
-    moving[:20, :20] = moving[40:60, :20] = moving[:20, 40:60] = moving[60:66, 60:66] = 0.6
-    moving[5, 5] = moving[62, 62] = 0.95
-    departure[:20, :20] = departure[:20, 40:60] = departure[60:66, 60:66] = 3.0
-    part = parts_of(moving, departure)
-    assert part[10, 10] > 0.9 > part[10, 50] > 0.5 > part[50, 10] > 0  # sure; unsure; neither
-    assert part[63, 63] == 0 == part[30, 30]  # too small, and none at all
+def test_a_part_is_judged_by_its_peak_and_reaches_halfway_down_to_the_median() -> None:
+    odds, known = np.full((80, 80), -10, np.float32), np.ones((80, 80), bool)
+    odds[:20, :20] = odds[40:60, :20] = odds[:20, 40:60] = odds[60:66, 60:66] = -2
+    odds[20:40, :20] = -6
+    odds[5, 5] = odds[62, 62] = 4
+    odds[45, 5] = 0
+    odds[70:, :] = 9
+    known[70:, :] = False
+    part = parts_of(odds, known)
+    assert part[10, 10] > 0.8 > part[50, 10] > 0.5 > part[10, 50] > 0  # sure; unsure; unlikely
+    assert part[63, 63] == part[30, 10] == part[30, 30] == part[75, 5] == 0  # small, low, none, and smooth
     assert (part[:20, :20] == part[0, 0]).all()
+
+
+def test_places_of_a_like_colour_nearby_have_a_say() -> None:
+    colour = np.zeros((60, 80, 3), np.float32)
+    colour[:, 40:] = 0.5
+    values, known = np.zeros((60, 80), np.float32), np.ones((60, 80), bool)
+    values[20:30, 30:50] = 1
+    values[:, :3], known[:, :3] = 100, False
+    mean = alike_mean(values, colour, known)
+    assert np.abs(mean[:, :38].max(axis=1) - mean[:, 42:].max(axis=1)).max() < 0.1
+    assert mean[25, 35] > 2 * mean[25, 10] > 0 and mean[:, 3:].max() < 1
+    values[:, 40:] = -1
+    np.testing.assert_allclose(alike_mean(values, colour, known)[:, :38], mean[:, :38], atol=0.02)
 
 
 def test_smears_of_a_large_photograph_are_averaged_and_parts_stay_where_they_are() -> None:
@@ -187,10 +205,10 @@ def test_smears_of_a_large_photograph_are_averaged_and_parts_stay_where_they_are
     part[248:252] = 0.9  # of pixels 1984 to 2015, which the last row of cells shows
     zeros = np.zeros_like(part)
     moving = Moving(
+        odds=zeros,
         moving=zeros,
         read=zeros,
         part=part,
-        departure=zeros.astype(float),
         smooth=zeros > 0,
         place_px=8,
         camera_px=0.0,
@@ -200,17 +218,17 @@ def test_smears_of_a_large_photograph_are_averaged_and_parts_stay_where_they_are
     assert share[-1] == pytest.approx(1) and share[:-1] == pytest.approx(0)
 
 
-def test_pixels_move_that_probably_do_in_parts_that_move() -> None:
+def test_outlines_of_parts_that_move_follow_the_picture() -> None:
     part = np.zeros((20, 20), np.float32)
-    part[2:12, 2:12], part[15:, 15:] = 0.9, 0.4
-    probability = np.full((80, 80), 0.1, np.float32)
-    probability[8:48, 8:48] = probability[60:, 60:] = 0.8
+    part[2:12, 2:12], part[14:, 14:] = 0.9, 0.4
+    image = np.zeros((80, 80, 3), np.uint8)
+    image[8:50, 8:50] = image[56:, 56:] = 200
     expected = np.zeros((80, 80), bool)
-    expected[8:48, 8:48] = True
-    np.testing.assert_array_equal(moving_parts(probability, part, 0.5), expected)
-    expected[60:, 60:] = True
-    np.testing.assert_array_equal(moving_parts(probability, part, 0.3), expected)
-    assert not moving_parts(probability, part, 0.95).any()
+    expected[8:50, 8:50] = True
+    assert (moving_parts(part, image, 0.5) != expected).mean() < 0.02
+    expected[56:, 56:] = True
+    assert (moving_parts(part, image, 0.3) != expected).mean() < 0.02
+    assert not moving_parts(part, image, 0.95).any()
 
 
 def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() -> None:
