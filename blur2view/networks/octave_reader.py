@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from blur2view.errors import ModelError
 from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
 from blur2view.networks.model_file import INPUTS, OnnxNetwork
-from blur2view.networks.spectra import STEP, WINDOW, polar_cepstra, power_spectra, windows_of
+from blur2view.networks.spectra import STEP, WINDOW, in_batches, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
 from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, lengths_px, read_smears, with_unseen
 
@@ -33,6 +33,8 @@ SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
 MAY_BE_SHORT, LEAST_TOLD = 0.1, 0.04
 """Probability of shorter smears, in the mean over all cells that can tell, from which on it is read all the
 same; and the share of the cells that must tell their blur."""
+ROWS = 4
+"""Of cells, whose likelihoods are read at a time: a core's cache holds them."""
 PIXELS = [0, 1, 2, 4]
 """Values of a cell that are pixels."""
 
@@ -79,7 +81,13 @@ class OctaveReader:
                 break
         read = joint[-1]
         kinds = softmax(read.kinds)
-        cells = refine_on_cepstrum(read_smears(read.smears), spectra, self.threads)
+        cells = np.empty((*kinds.shape[:2], 4), np.float32)
+
+        def decode(rows: slice) -> None:
+            cells[rows] = read_smears(read.smears[rows])
+
+        in_batches(decode, len(cells), self.threads, ROWS)
+        cells = refine_on_cepstrum(cells, spectra, self.threads)
         cells = with_unseen(cells, kinds[..., CANNOT_TELL])
         values = np.concatenate([cells, read_radii(read.radii)[..., None], kinds], -1)
         values[..., PIXELS] *= 2**k
@@ -148,8 +156,7 @@ def joined(fine: Floats, coarse: Floats) -> Floats:
     A length, or a radius, of the smaller copy is twice as long here, one octave up the axis; what is shorter
     or longer than an octave can read has one logit for all such lengths.
     """
-    bins = coarse.shape[-1] + PER_OCTAVE
-    own = np.minimum(np.arange(bins), fine.shape[-1] - 1)
-    smaller = np.maximum(np.arange(bins) - PER_OCTAVE, 0)
-    joint: Floats = fine[..., own] + coarse[..., smaller]
-    return joint
+    same = [(0, 0)] * (fine.ndim - 1)
+    own = np.pad(fine, [*same, (0, coarse.shape[-1] + PER_OCTAVE - fine.shape[-1])], mode="edge")
+    own += np.pad(coarse, [*same, (PER_OCTAVE, 0)], mode="edge")
+    return own

@@ -53,8 +53,8 @@ CEPSTRA_BATCH = 120
 """Spectra whose cepstra are sampled at a time; matrices of 40 take 1.25 times as long."""
 
 
-def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: int = BATCH) -> None:
-    """Call `work` with slices of so many of `count` windows, in any order, on some threads."""
+def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: int) -> None:
+    """Call `work` with slices of so many of `count` things, in any order, on some threads."""
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, [slice(first, first + batch) for first in range(0, count, batch)]))
 
@@ -102,7 +102,7 @@ def power_spectra(windows: Floats, threads: int = 1) -> Floats:
             found[:, 1:half, column] = own[:, 1:-1:2, column] + own[:, 2:-1:2, column]
             found[:, half + 1 :, column] = found[:, half - 1 : 0 : -1, column]
 
-    in_batches(transform, h * w, threads)
+    in_batches(transform, h * w, threads, BATCH)
     return power.reshape(h, w, *power.shape[1:])
 
 
