@@ -207,8 +207,8 @@ def polar_samples(
     angles = np.pi / DIRECTIONS * np.asarray(directions)
     sigma = np.tile(0.6 + 0.04 * lags, len(angles))
     place = np.arange(-WINDOW // 2, WINDOW // 2)[:, None]
-    x, y = (place - np.outer(f(angles), lags).ravel() for f in (np.cos, np.sin))
-    x, y = (np.exp(-(apart**2) / (2 * sigma**2)) for apart in (x, y))
+    middles = (np.outer(f(angles), lags).ravel() for f in (np.cos, np.sin))
+    x, y = (np.exp(-((place - middle) ** 2) / (2 * sigma**2)) for middle in middles)
     wave = np.exp(2j * np.pi * np.outer(np.arange(-FREQUENCIES, FREQUENCIES + 1), place) / WINDOW)
 
     def transformed(x: Array, y: Array) -> Array:
