@@ -223,14 +223,15 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     return image[..., 0] if image.shape[2:] == (1,) else image
 
 
-def floats_of(image: AnyArray) -> Floats:
-    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1]."""
+def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
+    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1], brightened."""
     if image.dtype == np.uint8:  # looked up: a third of the time
-        values = np.asarray(cv2.LUT(np.ascontiguousarray(image), _LEVELS), np.float32)
+        values = np.asarray(cv2.LUT(np.ascontiguousarray(image), brightened(_LEVELS, gain)), np.float32)
     else:
         values = np.ascontiguousarray(image, np.float32)
-    if image.dtype == np.uint16:
-        values = values / np.float32(65535)
+        if image.dtype == np.uint16:
+            values = values / np.float32(65535)
+        values = brightened(values, gain)
     return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
 
 
@@ -256,7 +257,7 @@ def _shown(image: AnyArray, gain: float, times: int) -> NDArray[np.uint8]:
     for rows in _strips(height):
         strip = image[rows]
         if not as_it_is:
-            rgb = brightened(floats_of(strip), gain)
+            rgb = floats_of(strip, gain)
             strip = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
         own = shown[rows.start // times : -(-rows.stop // times)]
         own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
@@ -268,7 +269,7 @@ def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
     height, width = image.shape[:2]
     grey = np.empty((height, width), np.float32)
     for rows in _strips(height):
-        rgb: AnyArray = brightened(floats_of(image[rows]), gain)
+        rgb: AnyArray = floats_of(image[rows], gain)
         if width % STEP:  # odd columns are rounded otherwise
             rgb = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
         grey[rows] = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)[:, :width]
