@@ -77,8 +77,7 @@ def open_manifest(
     None if nothing is written down. ``path`` is that of the manifest, ``others`` what else the call writes;
     what is done is also looked up in the manifests in its folder and in further ``folders``.
     """
-    network = network_of(options.model, options.provider, options.digest)
-    network.tiles_at_once = usable_cores()  # here alone
+    network_of(options.model, options.provider, options.digest)  # which is named first if it is none
     if options.csv is not None:
         check_file(options.csv, "table", options.inputs.paths, option="--csv")
         refuse_shared(options, options.csv, (path, *others), "--csv")

@@ -40,6 +40,8 @@ CEPSTRUM_RANGE_PX = 3.0, 40.0
 """Distances from the origin over which the deviation of a cepstrum is taken."""
 MARGIN = 2
 """Rows before lag 0 that a cubic interpolation needs."""
+BATCH = 40
+"""Windows at a time."""
 PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
 
@@ -131,7 +133,7 @@ def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Fl
         cells = rows[part], columns[part]
         peaks[cells] = -values_at(half_cepstra(power[cells]), prior.smear[cells][:, None] * steps)
 
-    in_batches(sample, len(rows), threads)
+    in_batches(sample, len(rows), threads, BATCH)
     noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
     summed = over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None]
@@ -253,9 +255,10 @@ def filters() -> tuple[Floats, ...]:
 
 def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
     """Return the values of halves of cepstra (n, 50, 96) at lags x + iy, (n, m), each its own; 0 outside."""
-    lags = np.where(lags.imag < 0, -lags, lags)  # a cepstrum is even
-    inside = lags.imag < WINDOW // 2 - 1  # or it would be read off the cepstrum below
-    x = np.where(inside, lags.real + WINDOW // 2, -WINDOW)
-    y = lags.imag + MARGIN + cepstra.shape[1] * np.arange(len(cepstra), dtype=np.float32)[:, None]
+    y = np.abs(lags.imag)
+    inside = y < WINDOW // 2 - 1  # or it would be read off the cepstrum below
+    x = np.where(lags.imag < 0, -lags.real, lags.real) + WINDOW // 2  # a cepstrum is even
+    x[~inside] = -WINDOW
+    y += MARGIN + cepstra.shape[1] * np.arange(len(cepstra), dtype=np.float32)[:, None]
     values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
     return np.asarray(values, np.float32)

@@ -5,6 +5,7 @@ It reads the photograph's octaves, each half the size of the one before, joined 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from blur2view.errors import ModelError
 from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
 from blur2view.networks.model_file import INPUTS, OnnxNetwork
-from blur2view.networks.spectra import STEP, WINDOW, polar_cepstra, power_spectra, windows_of
+from blur2view.networks.spectra import STEP, WINDOW, in_batches, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
 from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, lengths_px, read_smears, with_unseen
 
@@ -33,6 +34,8 @@ SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
 MAY_BE_SHORT, LEAST_TOLD = 0.1, 0.04
 """Probability of shorter smears, in the mean over all cells that can tell, from which on it is read all the
 same; and the share of the cells that must tell their blur."""
+ROWS = 4
+"""Of cells, whose likelihoods are read at a time: a core's cache holds them."""
 PIXELS = [0, 1, 2, 4]
 """Values of a cell that are pixels."""
 
@@ -59,27 +62,34 @@ class OctaveReader:
         self.network, self.features = network, features
         self.threads = network.execution.threads
 
-    def read(self, grey: Floats, levels: int, apart: int) -> Floats:
-        """Return what is read of a picture (H, W) whose sides are multiples of the largest cells'.
+    def read(self, pictures: Iterator[tuple[int, Floats]], apart: int) -> Floats:
+        """Return what is read of the `octaves` of a picture (H, W) whose sides are multiples of large cells'.
 
         (h, w, 10): double angle and both deviations of smears, radius out of focus, probabilities of the
         kinds of blur.
 
-        Its octaves are read, the smallest first, their logits joined, smears read off them and refined. Cells
-        are ``apart`` pixels wide, 32 times a power of two: finer octaves have no more windows, and are read
-        only while smears may be too short for those that were.
+        Octaves are read, the smallest first, their logits joined, smears read off them and refined. Cells are
+        ``apart`` pixels wide, 32 times a power of two: finer octaves have no more windows, and are read only
+        while smears may be too short for those that were.
         """
-        spectra, joint = list[Floats](), list[Octave]()
-        for k, picture in reversed(list(enumerate(octaves(grey, levels)))):
+        spectra, read = list[Floats](), None
+        for k, picture in pictures:
             windows = windows_of(picture, max(STEP, apart >> k))
             spectra.insert(0, power_spectra(windows, self.threads))
             shown = picture if apart >> k <= STEP else thinned(windows)
-            joint.append(self.read_octave(shown, spectra[0], joint[-1] if joint else None))
-            if k and STEP << k <= apart and not_short(joint[-1]):
+            del picture, windows  # a large photograph's
+            read = self.read_octave(shown, spectra[0], read)
+            if k and STEP << k <= apart and not_short(read):
                 break
-        read = joint[-1]
+        assert read is not None
         kinds = softmax(read.kinds)
-        cells = refine_on_cepstrum(read_smears(read.smears), spectra, self.threads)
+        cells = np.empty((*kinds.shape[:2], 4), np.float32)
+
+        def decode(rows: slice) -> None:
+            cells[rows] = read_smears(read.smears[rows])
+
+        in_batches(decode, len(cells), self.threads, ROWS)
+        cells = refine_on_cepstrum(cells, spectra, self.threads)
         cells = with_unseen(cells, kinds[..., CANNOT_TELL])
         values = np.concatenate([cells, read_radii(read.radii)[..., None], kinds], -1)
         values[..., PIXELS] *= 2**k
@@ -132,14 +142,19 @@ def octave_count(shape: tuple[int, ...], levels: int = LEVELS) -> int:
     return min(levels, 1 + int(np.log2(max(min(shape[:2]) / SMALLEST_PX, 1))))
 
 
-def octaves(grey: Floats, count: int) -> list[Floats]:
-    """Return a picture (H, W) and its smaller copies, 2 x 2 pixels averaged, the smallest last."""
+def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:
+    """Yield copies of a picture (H, W), 2 x 2 pixels averaged, and it itself, with their number: 0 is it.
+
+    The smallest comes first; what was given is not kept.
+    """
     levels = [grey]
+    del grey
     for _ in range(count - 1):
         height, width = levels[-1].shape
         half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
         levels.append(np.asarray(half, np.float32))
-    return levels
+    while levels:
+        yield len(levels) - 1, levels.pop()
 
 
 def joined(fine: Floats, coarse: Floats) -> Floats:
@@ -148,8 +163,7 @@ def joined(fine: Floats, coarse: Floats) -> Floats:
     A length, or a radius, of the smaller copy is twice as long here, one octave up the axis; what is shorter
     or longer than an octave can read has one logit for all such lengths.
     """
-    bins = coarse.shape[-1] + PER_OCTAVE
-    own = np.minimum(np.arange(bins), fine.shape[-1] - 1)
-    smaller = np.maximum(np.arange(bins) - PER_OCTAVE, 0)
-    joint: Floats = fine[..., own] + coarse[..., smaller]
-    return joint
+    same = [(0, 0)] * (fine.ndim - 1)
+    own = np.pad(fine, [*same, (0, coarse.shape[-1] + PER_OCTAVE - fine.shape[-1])], mode="edge")
+    own += np.pad(coarse, [*same, (PER_OCTAVE, 0)], mode="edge")
+    return own

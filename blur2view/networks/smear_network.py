@@ -5,9 +5,9 @@ octaves that its smears need; or all windows, in overlapping tiles.
 """
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
+from itertools import product
 
 import cv2
 import numpy as np
@@ -19,9 +19,8 @@ from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ModelError
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
-from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count
+from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count, octaves
 from blur2view.networks.spectra import STEP
-from blur2view.networks.tiles import Tile, tiles_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.noise import WINDOW_PX
@@ -47,6 +46,7 @@ LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
 _STRIP_ROWS = 256  # converted at a time
+_LEVELS = np.arange(256, dtype=np.float32) / np.float32(255)
 
 
 class SmearNetwork:
@@ -84,9 +84,6 @@ class SmearNetwork:
         network = OnnxNetwork(self.path, self.execution)
         self.info = read_info(network)
         self._reader = OctaveReader(network, self.info.features)
-        self.tiles_at_once = 1  # the result is the same; each takes the memory of one
-        self.on_tile: Callable[[int, int], object] = lambda done, count: None
-        """Called after each tile of a photograph with the number of tiles done and of all."""
 
     def __repr__(self) -> str:
         return f"<SmearNetwork {self.info.model_id} of {self.path.name}, a cell every {STEP} px>"
@@ -146,33 +143,45 @@ class SmearNetwork:
         Of all windows, a large photograph's are read in tiles, which are blended; what is flat all over is
         not read.
         """
-        shown, grey = shown_and_grey(image, self.info.brightness, apart // STEP)
-        flat = _flat(shown)
-        height, width = grey.shape
+        height, width = image.shape[:2]
         whole = apart > STEP or height * width <= self.max_pixels
-        tile_px = max(height, width) if whole else self.tile_px
-        levels = octave_count((min(height, width, tile_px),), levels)
+        levels = octave_count((min(height, width, max(height, width) if whole else self.tile_px),), levels)
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
-        height, width, tile_px = (max(side, LEAST_PX << levels - 1) for side in (height, width, tile_px))
-        tiles = tiles_of((height, width), step, tile_px, self.overlap_px, apart)
-        grey = tiles[0].of(grey) if len(tiles) == 1 else grey  # memory holds the larger one alone
-        rows, columns = (cells.stop for cells in tiles[-1].cells)
-        values = np.zeros((rows, columns, 5 + len(KINDS)), np.float32)
-        weight = np.zeros((rows, columns, 1), np.float32)
+        sides = [-(-max(side, LEAST_PX << levels - 1) // step) * step // apart for side in (height, width)]
+        tile, overlap = max(sides) if whole else -(-self.tile_px // apart), self.overlap_px // apart
+        down, across = (spans(side, step // apart, tile, overlap) for side in sides)
+        values = np.zeros((*sides, 5 + len(KINDS)), np.float32)
+        weight, flat = np.zeros((*sides, 1), np.float32), np.ones(sides, bool)
+        gain = gain_of(image, self.info.brightness)
+        for cells in product(down, across):
+            part = image[tuple(slice(apart * one.start, apart * one.stop) for one in cells)]
+            shape = tuple(one.stop - one.start for one in cells)
+            own = np.outer(*(_weights(count, overlap) for count in shape))[..., None]
+            seen = _flat(_shown(part, gain, apart // STEP))
+            flat[cells][: seen.shape[0], : seen.shape[1]] = seen
+            weight[cells] += own
+            if not seen.all():
+                pictures = octaves(_grey(part, gain, (apart * shape[0], apart * shape[1])), levels)
+                values[cells] += self._reader.read(pictures, apart) * own
+        return np.asarray(values / weight, np.float32), flat[: -(-height // apart), : -(-width // apart)]
 
-        def read(tile: Tile) -> Floats | None:
-            return None if flat[tile.cells].all() else self._reader.read(tile.of(grey), levels, apart)
 
-        pool = ThreadPoolExecutor(self.tiles_at_once)
-        try:
-            for done, (tile, found) in enumerate(zip(tiles, pool.map(read, tiles), strict=True), 1):
-                weight[tile.cells] += tile.weight[..., None]
-                if found is not None:
-                    values[tile.cells] += found * tile.weight[..., None]
-                self.on_tile(done, len(tiles))
-        finally:
-            pool.shutdown(cancel_futures=True)  # Ctrl-C waits for the tiles in hand, not for all
-        return np.asarray(values / weight, np.float32), flat
+def spans(side: int, step: int, tile: int, overlap: int) -> list[slice]:
+    """Return slices of equal size that cover a side, a multiple of step, and overlap; all in cells.
+
+    Starts are multiples of step, so that the network's grid is the same in every tile; so is the size, which
+    is rounded up.
+    """
+    tile = min(-(-tile // step) * step, side)
+    advance = max((tile - overlap) // step * step, step)
+    starts = np.linspace(0, (side - tile) // step, 1 + -(-(side - tile) // advance)).astype(int) * step
+    return [slice(start, start + tile) for start in starts.tolist()]
+
+
+def _weights(count: int, overlap: int) -> Floats:
+    """Return weights of the cells of a tile, twice as large with every cell from its border: exact."""
+    place = np.arange(count, dtype=np.float32)
+    return np.asarray(np.exp2(np.minimum(np.minimum(place, place[::-1]), overlap)))
 
 
 def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
@@ -214,39 +223,60 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     return image[..., 0] if image.shape[2:] == (1,) else image
 
 
-def floats_of(image: AnyArray) -> Floats:
-    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1]."""
-    values = np.ascontiguousarray(image, np.float32)
-    if np.issubdtype(image.dtype, np.integer):
-        values = values / np.float32(np.iinfo(image.dtype).max)
+def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
+    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1], brightened."""
+    if image.dtype == np.uint8:  # looked up: a third of the time
+        values = np.asarray(cv2.LUT(np.ascontiguousarray(image), brightened(_LEVELS, gain)), np.float32)
+    else:
+        values = np.ascontiguousarray(image, np.float32)
+        if image.dtype == np.uint16:
+            values = values / np.float32(65535)
+        values = brightened(values, gain)
     return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
 
 
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def shown_and_grey(image: AnyArray, brightness: float, times: int) -> tuple[NDArray[np.uint8], Floats]:
-    """Return a photograph, as of `photograph_of`, so bright: as RGB (h, w, 3) of 8 bits, and its luma (H, W).
-
-    The former is so many ``times`` smaller, a power of two up to 256. A strip of rows at a time, so that
-    memory does not hold all of it as RGB.
-    """
-    gain = gain_of(image, brightness)
-    height, width = image.shape[:2]
-    as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
-    small = -(-height // times), -(-width // times)
-    shown = image if as_it_is and times == 1 else np.empty((*small, 3), np.uint8)
-    grey = np.empty((height, width), np.float32)
+def _strips(height: int) -> Iterator[slice]:
+    """Yield the rows that are converted at a time: memory does not hold all of a picture as RGB floats."""
     for first in range(0, height, _STRIP_ROWS):
-        rows = slice(first, min(first + _STRIP_ROWS, height))
-        rgb = brightened(floats_of(image[rows]), gain)
-        even = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
-        grey[rows] = cv2.cvtColor(even, cv2.COLOR_RGB2GRAY)[:, :width]  # odd columns are rounded otherwise
-        if shown is not image:
-            strip = image[rows] if as_it_is else cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
-            own = shown[first // times : -(-rows.stop // times)]
-            own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
-    return shown, grey
+        yield slice(first, min(first + _STRIP_ROWS, height))
+
+
+def _shown(image: AnyArray, gain: float, times: int) -> NDArray[np.uint8]:
+    """Return a photograph, as of `photograph_of`, so bright, as RGB (h, w, 3) of 8 bits.
+
+    It is so many ``times`` smaller, a power of two up to 256.
+    """
+    as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
+    if as_it_is and times == 1:
+        return image
+    height, width = image.shape[:2]
+    shown = np.empty((-(-height // times), -(-width // times), 3), np.uint8)
+    for rows in _strips(height):
+        strip = image[rows]
+        if not as_it_is:
+            rgb = floats_of(strip, gain)
+            strip = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
+        own = shown[rows.start // times : -(-rows.stop // times)]
+        own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
+    return shown
+
+
+def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
+    """Return the luma of a photograph so bright; to this shape it continues mirrored, right and below."""
+    height, width = image.shape[:2]
+    grey = np.empty((height, width), np.float32)
+    for rows in _strips(height):
+        rgb: AnyArray = floats_of(image[rows], gain)
+        if width % STEP:  # odd columns are rounded otherwise
+            rgb = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
+        grey[rows] = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)[:, :width]
+    if shape == (height, width):
+        return grey
+    missing = 0, shape[0] - height, 0, shape[1] - width
+    return np.asarray(cv2.copyMakeBorder(grey, *missing, cv2.BORDER_REFLECT_101), np.float32)
 
 
 def _flat(shown: AnyArray) -> NDArray[np.bool_]:

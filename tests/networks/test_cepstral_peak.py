@@ -28,9 +28,10 @@ def blurred(length_px: float, angle_deg: float, seed: int = 0) -> Floats:
     return np.asarray(np.clip(grey, 0, 1), np.float32)
 
 
-def refined(cells: Floats, pictures: list[Floats]) -> Floats:
-    """Return smears refined on pictures."""
-    return refine_on_cepstrum(cells, [power_spectra(windows_of(picture)) for picture in pictures])
+def refined(cells: Floats, picture: Floats, count: int = 1) -> Floats:
+    """Return smears refined on so many octaves of a picture."""
+    spectra = [power_spectra(windows_of(one)) for _, one in octaves(picture, count)]
+    return refine_on_cepstrum(cells, spectra[::-1])
 
 
 def unit(angle_deg: float) -> NDArray[np.float64]:
@@ -60,7 +61,7 @@ def errors(cells: Floats, length_px: float, angle_deg: float) -> tuple[float, fl
 def test_smears_are_moved_to_the_peak(length_px: float, angle_deg: float, count: int) -> None:
     given = cells_of(1.1 * length_px, angle_deg + 5, sigma_px=0.15 * length_px)
     copy = given.copy()
-    moved = refined(given, octaves(blurred(length_px, angle_deg), count))
+    moved = refined(given, blurred(length_px, angle_deg), count)
     np.testing.assert_array_equal(given, copy)
     before, after = errors(given, length_px, angle_deg), errors(moved, length_px, angle_deg)
     assert before[0] > 0.09 and before[1] > 4.9
@@ -78,7 +79,7 @@ def test_stated_deviations_hold_the_errors() -> None:
         length, angle = rng.uniform(15, 27), rng.uniform(-90, 90)
         scale, turn = np.exp(rng.normal(0, 0.1)), rng.normal(0, 5)
         given = cells_of(length * scale, angle + turn, sigma_px=0.13 * length)
-        moved = refined(given, octaves(blurred(length, angle, seed), 1))[4, 4]
+        moved = refined(given, blurred(length, angle, seed))[4, 4]
         ratio, error_deg = errors(moved[None, None], length, angle)
         turns.append(np.deg2rad(error_deg) / moved[3])
         scales.append(ratio * length / moved[2])
@@ -90,7 +91,7 @@ def test_stated_deviations_hold_the_errors() -> None:
 
 def test_the_second_peak_at_twice_the_smear_confirms_nothing() -> None:
     given = cells_of(40, 30, sigma_px=20, sigma_deg=5)
-    right, twice = (refined(given, octaves(blurred(px, 30), 2)) for px in (40, 20))
+    right, twice = (refined(given, blurred(px, 30), 2) for px in (40, 20))
     assert np.median(right[..., 2]) < 0.2 * 20
     assert np.median(twice[..., 2]) > 0.8 * 20
 
@@ -98,15 +99,15 @@ def test_the_second_peak_at_twice_the_smear_confirms_nothing() -> None:
 def test_an_unsure_cell_beside_sure_ones_stays() -> None:
     given = cells_of(42, 34)
     given[4, 4, 2] = 60.0
-    moved = refined(given, octaves(blurred(40, 30), 2))
+    moved = refined(given, blurred(40, 30), 2)
     np.testing.assert_array_equal(moved[4, 4], given[4, 4])
     assert moved[4, 5, 2] < 0.5 * given[4, 5, 2]
 
 
 def test_short_and_unsure_smears_stay() -> None:
-    pictures = octaves(blurred(20, 30), 1)
+    picture = blurred(20, 30)
     for given in (cells_of(9, 35), cells_of(22, 35, sigma_px=15), cells_of(0, 0)):
-        np.testing.assert_array_equal(refined(given, pictures), given)
+        np.testing.assert_array_equal(refined(given, picture), given)
 
 
 @pytest.mark.parametrize("spread", [0.0, 1.0])
@@ -116,7 +117,7 @@ def test_without_a_peak_the_network_is_believed(spread: float) -> None:
         np.random.default_rng(0).uniform(0.5 - spread / 2, 0.5 + spread / 2, (SIDE, SIDE)).astype(np.float32)
     )
     given = cells_of(20, 30, sigma_px=2.0, sigma_deg=4.0)
-    moved = refined(given, octaves(noise, 1))
+    moved = refined(given, noise)
     ratio, angle_deg = errors(moved, 20, 30)
     assert np.isfinite(moved).all() and ratio < 0.1 and angle_deg < 4
     assert np.median(moved[..., 2]) > 0.5 * 2.0
@@ -124,8 +125,8 @@ def test_without_a_peak_the_network_is_believed(spread: float) -> None:
 
 def test_a_quarter_turn_turns_the_answer() -> None:
     picture, given = blurred(20, 30), cells_of(21, 34)
-    moved = refined(given, octaves(picture, 1))
+    moved = refined(given, picture)
     turned = np.ascontiguousarray(np.rot90(picture))  # against the clock; x towards y is with it
-    answer = refined(cells_of(21, 34 - 90), octaves(turned, 1))
+    answer = refined(cells_of(21, 34 - 90), turned)
     expected = np.rot90(moved) * np.array([-1, -1, 1, 1])  # a double angle turns by 180 degrees
     np.testing.assert_allclose(answer[3:-3, 3:-3], expected[3:-3, 3:-3], atol=0.05)

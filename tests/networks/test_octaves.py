@@ -18,8 +18,9 @@ def test_count_follows_from_the_shorter_side(shape: tuple[int, ...], count: int)
 
 def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> None:
     grey = np.random.default_rng(0).random((64, 96), dtype=np.float32)
-    levels = octaves(grey, 3)
-    assert [level.shape for level in levels] == [(64, 96), (32, 48), (16, 24)]
+    numbers, pictures = zip(*octaves(grey, 3), strict=True)
+    levels = pictures[::-1]
+    assert numbers == (2, 1, 0) and [one.shape for one in levels] == [(64, 96), (32, 48), (16, 24)]
     assert levels[0] is grey
     for fine, coarse in zip(levels[:-1], levels[1:], strict=True):
         blocks = fine.reshape(coarse.shape[0], 2, coarse.shape[1], 2)

@@ -1,6 +1,5 @@
 """The smear network: what it computes, on whole photographs and on tiles, and what it refuses."""
 
-import time
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 from blur2view.errors import ModelError
 from blur2view.networks import smear_network
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, Detail, SmearNetwork, rgb_of
-from blur2view.networks.tiles import tiles_of
 from blur2view.smears.field import to_double_angle
 from tests.support.colour_code import colour_code, colour_code_network, noise
 from tools.metrics import direction_error_deg
@@ -61,40 +59,6 @@ def test_whole_gridare_centred_as_the_convention_says(tiny_model: Path) -> None:
     assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
 
 
-def test_tiles_at_once_change_no_byte(blurring_model: Path) -> None:
-    network, image = tiled(blurring_model), colour_code(turning_field(300, 420), 1.0)
-    alone = network.predict(image).at_pixels()
-    seen: list[tuple[int, int]] = []
-    network.tiles_at_once = 3
-    network.on_tile = lambda done, count: seen.append((done, count))
-    together = network.predict(image).at_pixels()
-    assert together.displacement.tobytes() == alone.displacement.tobytes()
-    assert together.sigma_px.tobytes() == alone.sigma_px.tobytes()
-    assert len(seen) > 3 and seen == [(k, len(seen)) for k in range(1, len(seen) + 1)]
-
-
-def test_interrupt_waits_for_the_tiles_in_hand_alone(
-    tiny_model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    network, begun = tiled(tiny_model, 64, 16), list[float]()
-    read = network._reader.read
-
-    def slowly(*arguments: Any) -> Any:
-        begun.append(0.05 if begun else 0)  # so that no tile but one more begins meanwhile
-        time.sleep(begun[-1])
-        return read(*arguments)
-
-    def interrupted(done: int, count: int) -> None:
-        assert count >= 20
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(network._reader, "read", slowly)
-    network.on_tile = interrupted
-    with pytest.raises(KeyboardInterrupt):
-        network.predict(colour_code(turning_field(300, 300), 1.0))
-    assert len(begun) < 10
-
-
 def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
     image = colour_code(turning_field(320, 1280), 1.0)
     networks = SmearNetwork(blurring_model), tiled(blurring_model, 512, 128)
@@ -104,16 +68,6 @@ def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None
     seam = np.isin(np.arange(40), [12, 15, 24, 27])
     assert error[:, ~seam].max() < 1e-3
     assert 0 < error[:, seam].max() < 0.2  # their weight is nearly zero there
-
-
-@pytest.mark.parametrize("size", [64, 128, 200, 256, 449, 1000])
-def test_weights_of_tiles_are_positive_and_sum_to_one(size: int) -> None:
-    tiles = tiles_of((size, 64), 64, 100, 64, 4)  # rounded up to whole windows
-    total = np.zeros((-(-size // 64) * 16, 16))
-    for tile in tiles:
-        assert len(tile.weight) == min(32, len(total)) and (tile.weight > 0).all()
-        total[tile.cells] += tile.weight
-    np.testing.assert_allclose(total, 1, atol=1e-6)
 
 
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
@@ -132,7 +86,7 @@ def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: p
     monkeypatch.setattr(network._reader, "read", read)
     found = network.predict(image, levels=1).cells
     tiles = read.call_count
-    monkeypatch.setattr(smear_network, "_flat", lambda image: np.zeros((4, 16), bool))
+    monkeypatch.setattr(smear_network, "_flat", lambda shown: np.zeros((4, 4), bool))
     everywhere = network.predict(image, levels=1).cells
     assert (tiles, read.call_count - tiles) == (3, 7)
     seen = found[..., 2] != UNSEEN_SIGMA_PX

@@ -28,12 +28,14 @@ def test_rounding_is_that_of_float16() -> None:
 @pytest.mark.parametrize("cepstrum", [0, 1])
 def test_polar_samples_are_means_of_the_tapered_cepstrum_over_gaussians(cepstrum: int) -> None:
     rng, direction = np.random.default_rng(1), 5
-    half = rng.normal(size=(2 * FREQUENCIES + 1, FREQUENCIES + 1))
-    found = half.ravel() @ polar_samples(cepstrum, range(direction, direction + 1))
-    rows, columns = np.arange(-FREQUENCIES, FREQUENCIES + 1)[:, None], np.arange(FREQUENCIES + 1)
+    rows, columns = np.mgrid[-FREQUENCIES : FREQUENCIES + 1, : FREQUENCIES + 1]
     radius = np.hypot(rows, columns)
+    kept = (radius <= FREQUENCIES) & ((columns > 1) | (abs(rows) > 1))
+    half = rng.normal(size=radius.shape) * kept
+    found = half.ravel() @ polar_samples(
+        cepstrum, columns.ravel(), rows.ravel(), range(direction, direction + 1)
+    )
     taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    taper[(radius > FREQUENCIES) | ((columns <= 1) & (abs(rows) <= 1))] = 0
     spectrum = np.zeros((WINDOW, WINDOW))
     spectrum[rows, columns] = half * taper
     spectrum[-rows, -columns] += (half * taper) * (columns > 0)
