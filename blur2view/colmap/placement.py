@@ -8,7 +8,7 @@ hardly harms, are the trajectory, and smears measure what fraction of it an expo
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,18 +23,11 @@ from blur2view.colmap.project import frame_of, image_names
 from blur2view.colmap.schema import read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import consecutive_runs
-from blur2view.exposure.trajectory import ExposedFrame, Trajectory, common_fraction, exposure_motion, widened
+from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
 
-MOST_SCALED = 10.0  # times shorter than a given exposure has them: then smears are not used
-NONE: Array = np.zeros((0, 2))
-BIAS = 0.1  # by which smears of a photograph may all be too long or too short, of their length
-FIRST_GUESS, ROUNDS, LONGEST = 0.5, 5, 1.0  # of exposure over frame interval
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
-
-
-Runs = list[tuple[list[int], Trajectory]]  # of frames that follow one another
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,33 +103,19 @@ def place_views(
     linked = _read_linked(Path(database), reconstruction, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-    poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
     numbers = {name: str(number) for number, name in enumerate(names or ())}
-    named = [numbers.get(one.photograph.name, one.photograph.name) for one in linked]
-    runs = [(run, Trajectory(poses=poses[run])) for run in consecutive_runs(named)]
-    read = [_frame(reconstruction, one) for one in linked]
-    frames, used = _with_velocities(read, runs, fraction)
-    if fraction is not None:
-        frames = _scaled(frames, fraction)
-    spreads, shares, bends = _weights(frames, runs, used)
-    guessed = fraction is None and used >= LONGEST
-    if guessed:  # unless the trajectory says how most frames turn while the shutter is open
-        guessed = not np.median(shares[[index for run, _ in runs for index in run], 0]) > 0
-    if guessed:
-        frames, used = _with_velocities(frames, runs, FIRST_GUESS)
-        spreads, shares, bends = _weights(frames, runs, used)
-    placed: list[str] = []
-    left: list[str] = []
-    for one, frame, spread, share, bend in zip(linked, frames, spreads, shares, bends, strict=True):
-        if frame.velocity is not None:
-            frame = replace(frame, velocity=share * frame.velocity)
-        motion = exposure_motion(frame, used, spread)
-        (left if motion is None else placed).append(one.photograph.name)
-        if motion is not None:
-            _add_views(reconstruction, one, motion, bend)
-    return Placement(
-        model=reconstruction, fraction=used, measured=not guessed, placed=tuple(placed), left=tuple(left)
+    runs = consecutive_runs([numbers.get(one.photograph.name, one.photograph.name) for one in linked])
+    poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
+    frames = [_frame(reconstruction, one) for one in linked]
+    ends, used, measured = exposures(frames, Trajectory.of_runs(runs, poses), fraction)
+    known = np.isfinite(ends[:, 0, 0])
+    for index in np.flatnonzero(known):
+        _add_views(reconstruction, linked[index], ends[index])
+    placed, left = (
+        tuple(one.photograph.name for one, is_known in zip(linked, known, strict=True) if is_known == which)
+        for which in (True, False)
     )
+    return Placement(model=reconstruction, fraction=used, measured=measured, placed=placed, left=left)
 
 
 def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> list[_Linked]:
@@ -174,56 +153,8 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
     return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
 
 
-def _with_velocities(
-    frames: list[ExposedFrame], runs: Runs, fraction: float | None
-) -> tuple[list[ExposedFrame], float]:
-    """Return frames with their mean velocity while the shutter is open, and for how long that is.
-
-    The exposure, if it is not known, is that for which its smears and the velocity agree; NaN without any.
-    """
-    used = FIRST_GUESS if fraction is None else fraction
-    for _ in range(ROUNDS):
-        for run, trajectory in runs:
-            for index, velocity in zip(run, trajectory.velocities(used), strict=True):
-                frames[index] = replace(frames[index], velocity=velocity)
-        if fraction is not None or not np.isfinite(measured := common_fraction(frames)):
-            return frames, float("nan") if fraction is None else fraction
-        used = float(np.clip(measured, 1e-3, LONGEST))
-    return frames, used
-
-
-def _weights(frames: list[ExposedFrame], runs: Runs, fraction: float) -> tuple[Array, Array, Array]:
-    """Return standard deviations of velocities, the shares of these to expect, and bends, (N, 6) each.
-
-    A bend is how far the middle of both ends is from where the camera is at mid exposure.
-    """
-    spreads, shares, bends = np.ones((len(frames), 6)), np.ones((len(frames), 6)), np.zeros((len(frames), 6))
-    for run, trajectory in runs if np.isfinite(fraction) else ():
-        own = [frames[index] for index in run]
-        spreads[run] = widened(own, fraction, trajectory.spreads(fraction))
-        shares[run] = trajectory.shares(fraction, spreads[run])
-        bends[run] = shares[run] * trajectory.ends(fraction).mean(axis=1)
-    return spreads, shares, bends
-
-
-def _scaled(frames: list[ExposedFrame], fraction: float) -> list[ExposedFrame]:
-    """Return frames with smears as long as those of a known exposure, as far as their number shows it.
-
-    Smears of less than `MOST_SCALED` of it measure nothing and are left out.
-    """
-    known = np.abs([frame.fraction for frame in frames if np.isfinite(frame.fraction)])
-    if len(known) and np.median(known) * MOST_SCALED <= fraction:
-        return [replace(one, rays=NONE, displacement=NONE, inverse_depth=NONE[:, 0]) for one in frames]
-    if not len(known):
-        return frames
-    logs = np.log(fraction / known)
-    sigma = 1.5 * float(np.median(np.abs(logs - np.median(logs)))) / len(known) ** 0.5
-    scale = np.exp(np.median(logs) * BIAS**2 / (BIAS**2 + sigma**2))
-    return [replace(frame, displacement=scale * frame.displacement) for frame in frames]
-
-
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
-    """Return the smears of the features whose 3D point lies in front of the camera; no velocity yet."""
+    """Return the smears of the features whose 3D point lies in front of the camera."""
     points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
     seen = [i for i in map(int, one.matched) if points[i].has_point3D()]
     pose = one.photograph.cam_from_world().matrix()
@@ -233,15 +164,12 @@ def _frame(model: Any, one: _Linked) -> ExposedFrame:
     first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
-        rays=0.5 * (first + last)[good],
-        displacement=(last - first)[good],
-        inverse_depth=1 / depth[good],
-        velocity=None,
+        rays=0.5 * (first + last)[good], displacement=(last - first)[good], inverse_depth=1 / depth[good]
     )
 
 
-def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
-    """Add both images half of the motion before and after the photograph, bent, and what they observe.
+def _add_views(model: Any, one: _Linked, ends: Array) -> None:
+    """Add both images where the camera is (2, 6), in that of the photograph, and what they observe.
 
     Each is alone in its frame; the rig, which may have more cameras, is that of the photograph. A view
     observes the photograph's 3D points that project within `MAX_ERROR_PX`.
@@ -249,16 +177,15 @@ def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
     import pycolmap
 
     photograph = one.photograph
-    for view, sign in zip(one.views, (-1, 1), strict=True):
+    for view, end in zip(one.views, ends, strict=True):
         if model.exists_frame(view.frame_id):  # the model is older than the project's frames
             view.frame_id = 1 + max(model.frames)
         frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
         frame.add_data_id(view.data_id)
         model.add_frame(frame)
         model.add_image(view)
-        R = rotation_matrix(sign * 0.5 * motion[:3] + bend[:3])
-        half = rigid3d(R, sign * 0.5 * motion[3:] - bend[3:])
-        pose = half * photograph.cam_from_world()
+        R = rotation_matrix(end[:3])
+        pose = rigid3d(R, -R @ end[3:]) * photograph.cam_from_world()
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)
         image, points = model.images[view.image_id], photograph.points2D

@@ -13,15 +13,14 @@ from blur2view.input_files import read_regular
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 
-def read_content(path: Path, *, beside: bool = False) -> bytes:
+def read_content(path: Path) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    ``beside`` is as of `read_frame`. ImageError if it cannot be read, EndOfVideo if the video announces more
-    frames than it has.
+    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
-        return bytes(cv2.imencode(".bmp", read_frame(*frame, beside=beside))[1])
+        return bytes(cv2.imencode(".bmp", read_frame(*frame))[1])
     if is_video(path):
         frame_numbers(path)  # which says what is wrong, if anything is
         raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")

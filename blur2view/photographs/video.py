@@ -3,7 +3,6 @@
 import math
 import os
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,9 @@ ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}
 
 
 class EndOfVideo(ImageError):
-    """A frame is announced by its video, and not in it; nothing that a user must mend."""
+    """A frame is announced by its video, and not in it: ``whole`` says that none of that number ever was."""
+
+    whole = True
 
 
 def is_video(path: Path) -> bool:
@@ -87,20 +88,12 @@ def frame_numbers(
     return numbers
 
 
-def read_frame(video: Path, number: int, *, beside: bool = False) -> NDArray[np.uint8]:
+def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
     """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
 
-    ImageError if the video cannot be opened, ends too early or announces no such frame; EndOfVideo if it ends
-    within a second of where it says, or the frame before could not be read either. With ``beside`` another
-    one is compared with it: that a video is cut off is said once, where the frame itself is asked for.
+    ImageError if the video cannot be opened or announces no such frame, EndOfVideo if it ends before.
     """
-    reader = _reader(video)
-    broken = reader.broken
-    try:
-        return reader.read(number)
-    except ImageError:
-        reader.broken = broken if beside else reader.broken
-        raise
+    return _reader(video).read(number)
 
 
 def read_video(
@@ -132,9 +125,12 @@ def read_video(
     reader = _Reader(video)
 
     def frames() -> Iterator[NDArray[np.float32]]:
-        with suppress(EndOfVideo):
+        try:
             for number in numbers:
                 yield np.ascontiguousarray(reader.read(number)[..., ::-1], np.float32) / np.float32(255)
+        except EndOfVideo as end:
+            if not end.whole:
+                raise
 
     return frames()
 
@@ -149,7 +145,7 @@ class _Reader:
     """A video, read forwards: to seek is not exact with every codec. The last frames are kept."""
 
     def __init__(self, video: Path) -> None:
-        self.video, self.broken = video, False
+        self.video = video
         self._begin()
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
 
@@ -190,12 +186,11 @@ class _Reader:
         rate = float(self.capture.get(cv2.CAP_PROP_FPS))
         tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
         tail = TAIL_AVI if self.video.suffix.lower() == ".avi" else tail
-        if self.broken or announced - self.position <= tail:
-            raise EndOfVideo(f"{self.video}: has {self.position} frames")
-        self.broken = True
-        raise ImageError(
+        end = EndOfVideo(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
+        end.whole = announced - self.position <= tail
+        raise end
 
 
 @lru_cache(maxsize=1)
