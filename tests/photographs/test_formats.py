@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from PIL import Image, TiffImagePlugin
+from PIL import Image
 
 from blur2view.camera.exif import read_exif
 from blur2view.errors import ImageError
@@ -60,7 +60,6 @@ def test_heic_is_read(tmp_path: Path) -> None:
     [
         ("a.heic", "pillow_heif", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic"),
         ("a.cr2", "rawpy", b"II*\0\x10\0\0\0CR\x02\0"),
-        ("a.jpg", "rawpy", b"FUJIFILMCCD-RAW 0201"),
     ],
 )
 def test_without_the_extra_the_error_names_it(
@@ -72,8 +71,8 @@ def test_without_the_extra_the_error_names_it(
         read_image(tmp_path / name)
 
 
-@pytest.mark.parametrize(("kind", "count"), [("gif", 3), ("webp", 2), ("png", 2), ("tiff", 2)])
-def test_animation_and_pages_are_refused(tmp_path: Path, kind: str, count: int) -> None:
+@pytest.mark.parametrize(("kind", "count"), [("gif", 3), ("webp", 2), ("png", 2)])
+def test_an_animation_is_refused(tmp_path: Path, kind: str, count: int) -> None:
     frames = [Image.fromarray(GREY + 20 * index) for index in range(count)]
     path = tmp_path / f"a.{kind}"
     frames[0].save(path, save_all=True, append_images=frames[1:])
@@ -83,12 +82,10 @@ def test_animation_and_pages_are_refused(tmp_path: Path, kind: str, count: int) 
     assert read_image(path).shape == (40, 60, 3)
 
 
-def test_tiff_with_a_smaller_copy_is_one_picture(tmp_path: Path) -> None:
-    with TiffImagePlugin.AppendingTiffWriter(tmp_path / "a.tif", True) as writer:
-        Image.fromarray(GREY).save(writer, "TIFF")
-        writer.newFrame()
-        Image.fromarray(GREY[::2, ::2]).save(writer, "TIFF", tiffinfo={254: 1})
-    assert read_image(tmp_path / "a.tif").shape == (40, 60, 3)
+def test_the_first_page_of_a_tiff_is_read(tmp_path: Path) -> None:
+    pages = [Image.fromarray(GREY + 20 * index) for index in range(2)]
+    pages[0].save(tmp_path / "a.tif", save_all=True, append_images=pages[1:])
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), GREY / np.float32(255))
 
 
 def test_frame_is_read_by_its_path_in_any_order(tmp_path: Path) -> None:
