@@ -202,19 +202,15 @@ def refuse_existing(path: Path) -> None:
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
 
-def holds_views_alone(path: Path) -> bool:
-    """Return whether a database of ours holds nothing but views, each matched with the other of its pair."""
+def written_photographs(path: Path) -> set[str] | None:
+    """Return the photographs of a database of ours that holds nothing but their views; None of another."""
     try:
         with open_read_only(path) as database:
-            return database.execute(NO_VIEWS).fetchone() is None
+            if database.execute(NO_VIEWS).fetchone() is None:
+                return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
     except DatabaseError:
-        return False
-
-
-def stored_photographs(path: Path) -> set[str]:
-    """Return the names of the photographs whose views a database of ours holds."""
-    with open_read_only(path) as database:
-        return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
+        pass
+    return None
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:

@@ -1,7 +1,7 @@
 """A user's COLMAP project: the images, keypoints and matches in its database."""
 
 import sqlite3
-from collections.abc import Callable, Collection, Container, Iterator, Sequence
+from collections.abc import Callable, Collection, Container, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
@@ -49,13 +49,9 @@ def longest_suffix(names: Container[str], photograph: Path) -> str | None:
 
     So "/data/left/a.jpg" is "left/a.jpg" of a database that has it, else "a.jpg".
     """
-    return next((name for name in suffixes(photograph) if name in names), None)
-
-
-def suffixes(photograph: Path) -> Iterator[str]:
-    """Yield the names by which a project may know a photograph, the longest first."""
     parts = photograph.absolute().parts
-    return ("/".join(parts[start:]) for start in range(1, len(parts)))
+    suffixes = ("/".join(parts[start:]) for start in range(1, len(parts)))
+    return next((name for name in suffixes if name in names), None)
 
 
 def storable(name: str) -> bool:
@@ -89,13 +85,16 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
 
 def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collection[int]) -> bool:
     """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
-    tables = ["keypoints WHERE image_id"] + (["frame_data WHERE data_id"] if has_frames(database) else [])
-    wanted = [(table, view) for table in tables for view in views]
     pairs = [pair_id(one, other) for one, other in combinations([image_id, *views], 2)]
-    wanted += [
-        (f"{table} WHERE pair_id", pair) for table in ("matches", "two_view_geometries") for pair in pairs
-    ]
-    return all(database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone() for table, key in wanted)
+    wanted = {"keypoints WHERE image_id": views}
+    wanted |= {"matches WHERE pair_id": pairs, "two_view_geometries WHERE pair_id": pairs}
+    wanted |= {"frame_data WHERE data_id": views} if has_frames(database) else {}
+    found = (
+        database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone()
+        for table, keys in wanted.items()
+        for key in keys
+    )
+    return all(found)
 
 
 def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], tuple[Array, Array]]:

@@ -1,10 +1,9 @@
 """What a COLMAP database is made of, as SQLite sees it: columns, numbers, blobs, rows of views.
 
-All of it is that of pycolmap 4.2. pycolmap makes new databases, and the rows of keypoints, matches and
-geometries (`blur2view.colmap.database`). SQLite puts them into a user's database and reads that, because
+All of it is that of pycolmap 4.2, which makes new databases, and rows of keypoints, matches and geometries
+(`blur2view.colmap.database`). SQLite puts them into a user's database and reads that, because
 ``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables and columns, turns on
-write-ahead logging, and stamps its own version even on a newer file, none of it in a transaction with what
-comes after.
+write-ahead logging, and stamps its own version even on a newer file, in no transaction with what comes after.
 
 What the rows rely on
 ---------------------
@@ -27,6 +26,9 @@ from numpy.typing import NDArray
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
+RIG_OF_CAMERA = f"""
+SELECT rig_id FROM rigs WHERE ref_sensor_id = ? AND ref_sensor_type = {CAMERA_SENSOR}
+UNION ALL SELECT rig_id FROM rig_sensors WHERE sensor_id = ? AND sensor_type = {CAMERA_SENSOR}"""
 # Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
@@ -90,13 +92,8 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
 
 def rig_of(database: Connection, camera_id: int) -> int | None:
     """Return the id of the rig that a camera belongs to, None if there is none."""
-    sensor = (camera_id, CAMERA_SENSOR)
-    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
-        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
-        row = database.execute(sql, sensor).fetchone()
-        if row is not None:
-            return int(row[0])
-    return None
+    row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
+    return None if row is None else int(row[0])
 
 
 def put_image(

@@ -125,9 +125,9 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
                 raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
             apart = planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2
             inverted = tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0
-            if max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,))) > 8 and (apart or inverted):
-                # neither decoder reads these right
-                raise ImageError(f"{path}: is a rare TIFF, in separate planes or inverted; save it as PNG")
+            bits = max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)))
+            if bits == 12 or bits > 8 and (apart or inverted):  # neither decoder reads these right
+                raise ImageError(f"{path}: is a rare TIFF (12 bits, planes apart, inverted); save it as PNG")
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = planes > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)

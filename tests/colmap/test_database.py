@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.colmap.database import colmap_camera_of, stored_photographs, write_database
+from blur2view.colmap.database import colmap_camera_of, write_database, written_photographs
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -137,7 +137,7 @@ def test_the_log_of_a_killed_mapper_does_not_damage_a_new_database(tmp_path: Pat
     old = path.read_bytes(), log.read_bytes()
     names = [f"b_{k}.jpg" for k in range(5)]
     write_database(path, [make_views(name) for name in names], replace=True)
-    assert check_database(path) == [] and stored_photographs(path) == set(names)
+    assert check_database(path) == [] and written_photographs(path) == set(names)
     path.unlink()
     log.write_bytes(old[1])  # of a database that a user has removed alone
     with pytest.raises(DatabaseError, match="new.db-wal: is of a database that is gone; remove it"):
@@ -154,7 +154,7 @@ def test_a_database_in_use_is_not_replaced(tmp_path: Path) -> None:
         with pytest.raises(DatabaseError, match="another program uses it"):
             write_database(path, [make_views("b.jpg")], replace=True)
         other.stdin.close()
-    assert stored_photographs(path) == {"a.jpg"}
+    assert written_photographs(path) == {"a.jpg"}
 
 
 def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -38,12 +38,12 @@ SMEAR_PX = [float(np.median(np.linalg.norm(smears, axis=1))) for smears in SMEAR
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of photographs and models: of photographs and views, of views alone, of neither."""
+    """Return a folder of photographs and models: of photographs and views, of photographs alone."""
     folder = tmp_path_factory.mktemp("video")
     (folder / "images").mkdir()
     for name in NAMES:
         (folder / "images" / name).touch()
-    ends = {"model": range(9), "views": [0, 2, 3, 5, 6, 8], "sharp": [1, 4, 7]}
+    ends = {"model": range(9), "sharp": [1, 4, 7]}
     WALK.write(POINTS, folder / "video.db", {folder / name: of for name, of in ends.items()})
     return folder
 
@@ -98,16 +98,6 @@ def test_velocities_over_the_exposure_draw_the_true_smears(video: Path) -> None:
         moved = -(linear + np.cross(angular, camera)) * content["exposure_time"]
         drawn = opengl_pixels(content, camera + moved / 2) - opengl_pixels(content, camera - moved / 2)
         assert np.median(np.linalg.norm(drawn - smears, axis=1)) < 0.02 * smear_px
-
-
-def test_views_alone_have_the_pose_halfway(video: Path) -> None:
-    whole, alone = (content_of(video / name) for name in ("model", "views"))
-    for frame, other in zip(whole["frames"], alone["frames"], strict=True):
-        assert frame["transform_matrix_start"] == other["transform_matrix_start"]
-        ends = [np.array(frame[f"transform_matrix_{when}"]) for when in ("start", "end")]
-        halfway = np.array(other["transform_matrix"])
-        np.testing.assert_allclose(halfway, (ends[0] + ends[1]) / 2, atol=2e-4)
-        np.testing.assert_allclose(halfway[:3, :3] @ halfway[:3, :3].T, np.eye(3), atol=1e-12)
 
 
 def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None:
