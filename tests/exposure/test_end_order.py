@@ -75,7 +75,7 @@ def test_pose_without_translation_orders_as_its_rotation_whatever_F_beside_it_sa
         assert (swapped == (scene.swapped if rotation is scene.R else ~scene.swapped)).mean() > 0.98
         ends = ExposureViews(
             name="a", size=scene.image_size, points_open=scene.ends[:, 0], points_close=scene.ends[:, 1],
-            sigma_px=matches.sigma_px, geometry=open_geometry, camera=camera,
+            sampson_px=matches.sampson_px, geometry=open_geometry, camera=camera,
         )  # fmt: skip
         assert share_in_front(ends) == 0 and other_translation(ends) is None
 

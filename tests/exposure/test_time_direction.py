@@ -85,7 +85,7 @@ def views(scene: Clip, sign: int = 1) -> ExposureViews:
         size=SIZE,
         points_open=first,
         points_close=last,
-        sigma_px=np.full(len(first), 0.5),
+        sampson_px=np.full(len(first), 0.25),
         geometry=geometry,
         camera=CAMERA,
     )

@@ -114,5 +114,5 @@ def test_refuses_points_that_do_not_align_and_impossible_confidences(result: Est
     with pytest.raises(ValueError, match="expected points"):
         ExposureViews(
             name="a.jpg", size=(640, 480), points_open=views.points_open[1:], points_close=views.points_close,
-            sigma_px=views.sigma_px, geometry=views.geometry, camera=None,
+            sampson_px=views.sampson_px, geometry=views.geometry, camera=None,
         )  # fmt: skip
