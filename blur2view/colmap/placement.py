@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
+from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import read_model, seen_points
 from blur2view.colmap.project import frame_of, image_names
 from blur2view.colmap.schema import read_keypoints, read_matches
 from blur2view.errors import DatabaseError
-from blur2view.exposure.time_direction import consecutive_runs
+from blur2view.exposure.time_direction import frame_times
 from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
@@ -80,9 +80,9 @@ def place_views(
     model : path-like
         Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
     names : sequence of str, optional
-        Photographs of one video in order, none left out: those that are not registered or have no views are
-        passed over, and what they part does not follow one another. Default: those whose names differ by
-        one in their number follow one another.
+        Photographs of one video in order, parted where their numbers say that some were left out
+        (`frame_times`); those that are not registered or have no views are passed over. Default: those of
+        the model by name.
     fraction : float, optional
         Exposure time over frame interval, if it is known; default: measured from the smears.
 
@@ -100,14 +100,19 @@ def place_views(
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     reconstruction = read_model(Path(model))
-    linked = _read_linked(Path(database), reconstruction, names)
+    registered = {image.name: image for image in reconstruction.images.values() if image.has_pose}
+    if names is None:
+        names = sorted(name for name in registered if not name.endswith((OPEN, CLOSE)))
+    times = dict(zip(names, frame_times(names), strict=True))
+    linked = _read_linked(Path(database), registered, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-    numbers = {name: str(number) for number, name in enumerate(names or ())}
-    runs = consecutive_runs([numbers.get(one.photograph.name, one.photograph.name) for one in linked])
-    poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
+    trajectory = Trajectory(
+        times=np.array([times[one.photograph.name] for one in linked], float),
+        poses=np.stack([one.photograph.cam_from_world().matrix() for one in linked]),
+    )
     frames = [_frame(reconstruction, one) for one in linked]
-    ends, used, measured = exposures(frames, Trajectory.of_runs(runs, poses), fraction)
+    ends, used, measured = exposures(frames, trajectory, fraction)
     known = np.isfinite(ends[:, 0, 0])
     for index in np.flatnonzero(known):
         _add_views(reconstruction, linked[index], ends[index])
@@ -118,14 +123,9 @@ def place_views(
     return Placement(model=reconstruction, fraction=used, measured=measured, placed=placed, left=left)
 
 
-def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> list[_Linked]:
+def _read_linked(database: Path, registered: Mapping[str, Any], names: Sequence[str]) -> list[_Linked]:
     """Return the registered photographs that have both views in the database and none in the model."""
-    registered = {image.name: image for image in model.images.values() if image.has_pose}
-    wanted = [
-        name
-        for name in (sorted(registered) if names is None else names)
-        if name in registered and name + OPEN not in registered
-    ]
+    wanted = [name for name in names if name in registered and name + OPEN not in registered]
     with open_read_only(database) as opened:
         ids = image_names(opened)
         others = [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]
@@ -185,7 +185,7 @@ def _add_views(model: Any, one: _Linked, ends: Array) -> None:
         model.add_frame(frame)
         model.add_image(view)
         R = rotation_matrix(end[:3])
-        pose = rigid3d(R, -R @ end[3:]) * photograph.cam_from_world()
+        pose = pycolmap.Rigid3d(np.column_stack([R, -R @ end[3:]])) * photograph.cam_from_world()
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)
         image, points = model.images[view.image_id], photograph.points2D

@@ -14,7 +14,7 @@ with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby, pairwise
+from itertools import accumulate, groupby, pairwise
 from posixpath import dirname
 
 import cv2
@@ -38,6 +38,7 @@ MAX_EXPOSURES_APART = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6)
 ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
 CHEIRALITY_WEIGHT = 0.1  # of the share of points in front of both cameras: decides where orders are equal
 MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
+APART = 100  # frames; of those so far apart nothing is concluded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,22 +200,20 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
     return [run for run in runs if len(run) > 1]
 
 
-def with_gaps(names: Sequence[str]) -> list[str]:
-    """Return the names of frames in order, an empty one where their numbers step otherwise than most do.
+def frame_times(names: Sequence[str]) -> list[int]:
+    """Return when frames in order were taken, `APART` where numbers step otherwise than most do.
 
     So frames of a video of which some were left out are not taken for neighbours, nor are those of two
     folders. Names that differ in more than their number follow one another as they stand.
     """
-    folders = [list(group) for _, group in groupby(names, dirname)]
-    if len(folders) > 1:
-        return [*with_gaps(folders[0]), *chain.from_iterable(["", *with_gaps(one)] for one in folders[1:])]
-    numbered = [_number(name) for name in names]
-    if len({frame for frame, _ in numbered}) != 1 or len(names) < 2:
-        return list(names)
-    steps = [second - first for (_, first), (_, second) in pairwise(numbered)]
-    usual = max(sorted(set(steps)), key=steps.count)
-    gaps = [[name] if step == usual else ["", name] for name, step in zip(names[1:], steps, strict=True)]
-    return [names[0], *chain.from_iterable(gaps)]
+    steps: list[int] = []
+    for _, folder in groupby(names, dirname):
+        numbered = [_number(name) for name in folder]
+        own = [second - first for (_, first), (_, second) in pairwise(numbered)]
+        usual = max(sorted(set(own)), key=own.count, default=0)
+        alike = len({frame for frame, _ in numbered}) == 1
+        steps += [APART, *(APART if alike and step != usual else 1 for step in own)]
+    return list(accumulate(steps))
 
 
 def _number(name: str) -> tuple[str, int]:

@@ -10,10 +10,9 @@ alone: smears err by more than a short exposure's parallax. ``python -m tools.ev
 what comes of it.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -60,20 +59,11 @@ class ExposedFrame:
 class Trajectory:
     """Poses cam_from_world (N, 3, 4) of frames at times (N,), in frames, as a spline about each of them.
 
-    Of frames without a neighbour within `REACH`, or with a time of NaN, nothing is known.
+    Of frames without a neighbour within `REACH` nothing is known.
     """
 
     times: Array
     poses: Array
-
-    @classmethod
-    def of_runs(cls, runs: Iterable[Sequence[int]], poses: Array) -> Self:
-        """Return that of runs of frames, by their indices, which follow one another; runs lie far apart."""
-        times, begin = np.full(len(poses), np.nan), 0
-        for run in runs:
-            times[list(run)] = begin + np.arange(len(run))
-            begin += len(run) + REACH
-        return cls(times=times, poses=poses)
 
     def ends(self, fraction: float) -> Array:
         """Return where the camera is (N, 2, 6) as exposures of this fraction of an interval begin and end.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
@@ -10,14 +11,15 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.time_direction import (
+    APART,
     NeighbourMotion,
     agreement_of,
     consecutive_runs,
     directed,
+    frame_times,
     neighbour_motion,
     rotation_agreement,
     rotation_between,
-    with_gaps,
     with_time_direction,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
@@ -276,10 +278,13 @@ def test_a_given_order_is_one_run() -> None:
 
 def test_frames_that_are_left_out_leave_a_gap() -> None:
     every_tenth = [f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)]
-    found = with_gaps(every_tenth)
-    assert [name for name in found if name] == every_tenth
-    assert [k for k, name in enumerate(found) if not name] == [3, 6]  # after 20 and after 50
-    for names in (["a.jpg", "b.jpg", "c.jpg"], ["f_1.jpg"], []):
-        assert with_gaps(names) == names
     cameras = [f"{side}/{k}.jpg" for side in "lr" for k in (1, 2, 4, 5, 6)]
-    assert [k for k, name in enumerate(with_gaps(cameras)) if not name] == [2, 6, 9]
+    for names, parts in (
+        (every_tenth, [3, 2, 2]),
+        (cameras, [2, 3, 2, 3]),
+        (["b.jpg", "a.jpg", "f_1.jpg"], [3]),
+    ):
+        times = frame_times(names)
+        assert [len(list(part)) for _, part in groupby(times, lambda time: (time + 50) // APART)] == parts
+        assert all(later - time in (1, APART) for time, later in pairwise(times))
+    assert frame_times([]) == []

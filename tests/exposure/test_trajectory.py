@@ -29,7 +29,7 @@ def steady(count: int) -> Trajectory:
         poses.append(np.column_stack([R, t]))
         step = rotation_matrix(PER_FRAME[:3])
         R, t = step @ R, step @ t + PER_FRAME[3:]
-    return Trajectory.of_runs([range(count)], np.stack(poses))
+    return Trajectory(times=np.arange(count, dtype=float), poses=np.stack(poses))
 
 
 def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[Trajectory, Array]:
@@ -46,7 +46,9 @@ def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[Trajector
         R = last[:, :3] @ first[:, :3].T
         turn, move = rotation_vector(R), last[:, 3] - R @ first[:, 3]
         true.append(np.concatenate([turn, move - 0.5 * np.cross(turn, move)]))
-    return Trajectory.of_runs([range(count)], np.array([pose(k) for k in range(count)])), np.array(true)
+    return Trajectory(
+        times=np.arange(count, dtype=float), poses=np.array([pose(k) for k in range(count)])
+    ), np.array(true)
 
 
 def test_flow_is_the_motion_of_points_in_space() -> None:
@@ -77,7 +79,7 @@ def test_the_fraction_and_the_motion_are_those_of_exact_smears_though_some_are_o
 
 def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() -> None:
     frames = [frame(np.random.default_rng(5), PER_FRAME, count=3)] * 9
-    path = replace(steady(9), times=np.array([*range(8), np.nan]))
+    path = replace(steady(9), times=np.array([*range(8), 99.0]))
     ends, _, _ = exposures(frames, path, 0.4)
     np.testing.assert_allclose(motions_between(ends)[:8], np.tile(0.4 * PER_FRAME, (8, 1)), atol=3e-4)
     assert np.isnan(ends[8]).all()
@@ -106,12 +108,13 @@ def test_a_slow_swing_is_followed_where_a_straight_line_is_not() -> None:
     assert spread[0] == pytest.approx(3 * spread[9])  # beyond the last frame it is less sure
 
 
-def test_runs_and_what_is_in_none_know_nothing_of_each_other() -> None:
-    path, runs = steady(30), [range(4), range(5, 6), range(7, 30)]
-    parted = Trajectory.of_runs(runs, path.poses)
-    found = parted.ends(OPEN_FOR)
-    assert np.isnan(found[4:7]).all() and np.isfinite(np.delete(found, [4, 5, 6], axis=0)).all()
-    alone = Trajectory.of_runs([range(4)], path.poses[:4])
+def test_frames_far_apart_in_time_know_nothing_of_each_other() -> None:
+    path, times = steady(30), np.arange(30.0)
+    times[4:] += 100
+    times[5:] += 100
+    found = replace(path, times=times).ends(OPEN_FOR)
+    assert np.isnan(found[4]).all() and np.isfinite(np.delete(found, 4, axis=0)).all()
+    alone = Trajectory(times=times[:4], poses=path.poses[:4])
     np.testing.assert_array_equal(found[:4], alone.ends(OPEN_FOR))
 
 
