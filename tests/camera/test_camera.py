@@ -65,14 +65,6 @@ def test_rays_are_pycolmaps_half_a_pixel_on(text: str) -> None:
     np.testing.assert_allclose(ideal[:2].T, rays, atol=1e-12)
 
 
-def test_a_focal_length_puts_the_principal_point_at_the_centre() -> None:
-    camera = Camera.from_focal(525, SIZE)
-    np.testing.assert_array_equal(camera.K, [[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]])
-    same = Camera.from_string(CAMERAS[0])
-    np.testing.assert_array_equal(camera.K, same.K)
-    assert camera.params == same.params and camera.known and not camera.distorted
-
-
 @pytest.mark.parametrize("text", CAMERAS)
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 def test_a_resized_picture_has_the_same_rays(text: str, scale: float) -> None:
@@ -119,12 +111,6 @@ def test_a_focal_length_must_be_possible(focal: float) -> None:
             make()
 
 
-@pytest.mark.parametrize("K", [np.eye(4), np.full((3, 3), np.nan), -np.eye(3), np.eye(3) + np.eye(3, k=1)])
-def test_what_is_no_calibration_matrix_is_refused(K: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="K must be"):
-        Camera(K=K, width=640, height=480)
-
-
 def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -> None:
     before = database.read_bytes()
     assert camera_of_database(str(database), 1).params[3] == 0.05
@@ -165,15 +151,6 @@ def test_resolution_of_the_sensor_has_its_unit_and_size(tmp_path: Path, unit: in
     plane = {"FocalPlaneXResolution": 100 * mm, "FocalPlaneResolutionUnit": unit, "ExifImageWidth": 1280}
     halved = read_exif(photograph(tmp_path / "plane.jpg", FocalLength=50.0, **plane))
     assert halved.focal_px == pytest.approx(2500)  # 50 mm at 100 px/mm, resized to half
-
-
-@pytest.mark.parametrize(
-    "tags",
-    [{"ExposureTime": 0.0, "FocalLengthIn35mmFilm": 0}, {"FocalLength": 4e6, "FocalPlaneXResolution": 4e6}],
-)
-def test_useless_exif_says_nothing(tmp_path: Path, tags: dict[str, float]) -> None:
-    assert read_exif(photograph(tmp_path / "a.jpg", **tags)) == ExifValues()
-    assert read_exif(tmp_path / "missing.jpg") == ExifValues()
 
 
 def test_intrinsics_choose_the_camera(database: Path) -> None:

@@ -1,4 +1,4 @@
-"""What is COLMAP's and what is not, and that no row of the user's is lost where a check missed something."""
+"""Odd rows of a user's database, and pipes beside it."""
 
 import os
 import sqlite3
@@ -13,12 +13,8 @@ from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.link import plan_links
 from blur2view.colmap.project import ProjectImage
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
-from tests.colmap.test_link import link
 from tests.support.colmap_projects import ProjectOptions, make_project
 from tests.support.malformed_projects import SQL_FAULTS
-
-# Refused before any work; other faults end the transaction.
-NOT_COLMAPS = ["own table of another", "trigger"]
 
 
 def faulty(path: Path, fault: str) -> Path:
@@ -29,28 +25,11 @@ def faulty(path: Path, fault: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", NOT_COLMAPS)
-def test_what_no_colmap_makes_is_refused_in_one_line(tmp_path: Path, kind: str) -> None:
-    path = faulty(tmp_path / "project.db", SQL_FAULTS[kind])
-    before = path.read_bytes()
-    with pytest.raises(DatabaseError, match=rf"^{path}: [^\n]*$"):
-        plan_links(path, [Path("a_001.jpg"), Path("a_002.jpg")])
-    assert path.read_bytes() == before and os.listdir(tmp_path) == ["project.db"]
-
-
 def test_an_image_of_the_users_that_is_called_as_a_view_is_kept(tmp_path: Path) -> None:
     path = faulty(tmp_path / "project.db", SQL_FAULTS["view of our name"])
     first, other = plan_links(path, [Path("a_001.jpg"), Path("a_002.jpg")])
     assert "holds an image a_001.jpg#open that blur2view did not write" in str(first)
     assert isinstance(other, ProjectImage)
-
-
-def test_rows_that_a_schema_replaces_are_rolled_back(tmp_path: Path) -> None:
-    path = faulty(tmp_path / "project.db", SQL_FAULTS["replacing keypoints"])
-    before = path.read_bytes()
-    with pytest.raises(DatabaseError, match="would lose rows of yours"):
-        link(path, "a_001.jpg", backup=True)
-    assert path.read_bytes() == before and os.listdir(tmp_path) == ["project.db"]
 
 
 @pytest.mark.parametrize("suffix", ["-journal", "-wal", "-shm"])

@@ -164,22 +164,3 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ValueError, match="different names"):
         write_database(tmp_path / "new.db", [make_views(), make_views()])
-
-
-@pytest.mark.parametrize(
-    ("harm", "finding"),
-    [
-        ("UPDATE keypoints SET rows = 31 WHERE image_id = 1", "keypoints of image 1"),
-        ("DELETE FROM frame_data WHERE data_id = 2", "no frame"),
-        ("UPDATE rigs SET ref_sensor_id = 5", "rig 1 of its frame has no camera 1"),
-        ("UPDATE matches SET data = x'', rows = 0", "inliers that are no matches"),
-        ("UPDATE matches SET rows = 2, data = zeroblob(16)", "occurs twice"),
-        ("UPDATE two_view_geometries SET qvec = zeroblob(32)", "qvec"),
-        ("INSERT INTO keypoints VALUES (77, 0, 2, NULL)", "foreign key"),
-    ],
-)  # fmt: skip
-def test_the_check_finds_what_is_wrong(tmp_path: Path, harm: str, finding: str) -> None:
-    path = tmp_path / "new.db"
-    write_database(path, [make_views()])
-    run_sql(path, "PRAGMA foreign_keys = OFF", harm)
-    assert any(finding in line for line in check_database(path))

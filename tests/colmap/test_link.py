@@ -1,6 +1,5 @@
 """Views added to a project of the user: what is written, and that nothing of the user's changes."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -137,30 +136,19 @@ def names_of(path: Path) -> dict[str, int]:
         return image_names(database)
 
 
-ANEW = (
-    "CREATE TEMP TABLE kept AS SELECT * FROM keypoints WHERE image_id = 2",
-    "DELETE FROM images WHERE image_id = 2",
-    "INSERT INTO images(image_id, name, camera_id) VALUES (60, 'a_001.jpg', 1)",
-    "INSERT INTO keypoints SELECT 60, rows, cols, data FROM kept",
-)
-
-
 @pytest.mark.parametrize(
-    "edits",
+    "edit",
     [
-        ["DELETE FROM images WHERE name = 'a_001.jpg#close'"],
-        ANEW,
-        ["UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2"],
-        ["UPDATE cameras SET params = zeroblob(length(params))"],
-        ["UPDATE cameras SET prior_focal_length = 1 - prior_focal_length"],
-        ["DELETE FROM frame_data WHERE data_id > 3"],
-        ["DELETE FROM matches WHERE pair_id > 2147483647 * 4"],
+        "UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2",
+        "UPDATE cameras SET params = zeroblob(length(params))",
+        "DELETE FROM frame_data WHERE data_id > 3",
+        "DELETE FROM matches WHERE pair_id > 2147483647 * 4",
     ],
 )
-def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edits: Sequence[str]) -> None:
+def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edit: str) -> None:
     link(path, "a_001.jpg")
     assert is_kept(path)
-    run_sql(path, *edits)
+    run_sql(path, edit)
     before = user_rows(path)
     assert "add --replace" in str(only_plan(path))
     link(path, "a_001.jpg", replace=True)

@@ -1,6 +1,5 @@
 """transforms.json read back as its readers do, against pycolmap and the truth of a made-up video."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.cli import commands as cli
 from blur2view.colmap.models import read_model
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
@@ -151,33 +149,3 @@ def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None
         content_of(video / "model", dialect="mip")
     with pytest.raises(ValueError, match="positive time"):
         content_of(video / "model", exposure_s=float("nan"))
-
-
-def call(*arguments: object) -> int:
-    return cli.main(["to-transforms", *map(str, arguments)])
-
-
-def test_command_writes_the_file_with_paths_from_its_folder_and_replaces_no_other(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    target, images = tmp_path / "scene" / "transforms.json", ("--images", video / "images")
-    for _ in range(2):
-        assert call(video / "model", *images, "-o", target) == 0
-        assert capsys.readouterr().out == f"{target}: wrote 3 frames\n"
-    for name, frame in zip(NAMES, json.loads(target.read_text())["frames"], strict=True):
-        assert (target.parent / frame["file_path"]).samefile(video / "images" / name)
-    foreign = tmp_path / "foreign.json"
-    foreign.write_text("{}")
-    for words, complaint in (
-        ([video / "model", "--images", tmp_path, "-o", tmp_path / "a.json"],
-         "no such photograph (3 of 3 are missing); name their folder"),
-        ([video / "model", "-o", foreign], "is no file of an earlier call"),
-        ([video / "sharp", "-o", tmp_path / "new" / "a.json"], "no photograph has both its views"),
-    ):  # fmt: skip
-        assert call(*words) == 1
-        (line,) = capsys.readouterr().err.splitlines()
-        assert complaint in line
-    assert {path.name for path in tmp_path.iterdir()} == {"foreign.json", "scene"}
-    assert foreign.read_text() == "{}"
-    with pytest.raises(SystemExit, match="2"):
-        call(video / "model", "--exposure", "0")

@@ -80,13 +80,6 @@ def test_pose_without_translation_orders_as_its_rotation_whatever_F_beside_it_sa
         assert share_in_front(ends) == 0 and other_translation(ends) is None
 
 
-def test_rotation_orders_by_its_homography() -> None:
-    scene = make_scene(np.random.default_rng(2), count=400, rotation_share=np.inf)
-    matches, geometry = found_in(disturb(scene, np.random.default_rng(2), noise_px=0.2))
-    assert geometry.F is None and geometry.H is not None
-    assert right_share(swapped_in(scene, geometry, matches), scene) > 0.98
-
-
 def test_orders_the_ends_of_a_distorted_camera() -> None:
     rng = np.random.default_rng(4)
     scene = make_scene(rng, count=600, length_px=20)

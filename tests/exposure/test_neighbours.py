@@ -64,17 +64,6 @@ def test_blank_and_unrelated_pictures_have_no_matches() -> None:
         assert points1.shape == points2.shape == (0, 2)
 
 
-def test_matches_without_a_common_geometry_are_dropped() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.uniform(0, 300, (40, 2))
-    kept, _ = verified(points, rng.uniform(0, 300, (40, 2)))
-    assert len(kept) < 20
-    moved = points + SHIFT + 0.1 * rng.normal(size=points.shape)
-    moved[:10] = rng.uniform(0, 300, (10, 2))
-    kept, _ = verified(points, moved)
-    assert 28 <= len(kept) <= 36
-
-
 def test_matches_of_three_places_for_which_opencv_fails_are_dropped() -> None:
     rng = np.random.default_rng(8)
     places = 200 * rng.random((3, 2))
@@ -119,13 +108,6 @@ def test_database_gives_verified_matches_in_our_pixels_in_either_order(tmp_path:
     np.testing.assert_array_equal(again_b, b)
     assert len(matcher(0, 2)[0]) == 0 and len(matcher(0, 0)[0]) == 0
     assert database_names(path) == ["b.jpg", "a.jpg"]
-
-
-def test_unverified_matches_serve_where_there_are_no_others_but_for_impossible_ones(tmp_path: Path) -> None:
-    for name, rows, count in (("a", [[0, 1], [2, 3], [4, 0]], 3), ("b", [[0, 1], [4, 4], [5, 0]], 1)):
-        path = tmp_path / f"{name}.db"
-        write_database(path, rows=rows, inliers=None)
-        assert len(database_matcher(path, ["a.jpg", "b.jpg"])(0, 1)[0]) == count
 
 
 @pytest.mark.parametrize(

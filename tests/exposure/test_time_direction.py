@@ -18,7 +18,6 @@ from blur2view.exposure.time_direction import (
     directed,
     frame_times,
     neighbour_motion,
-    rotation_agreement,
     rotation_between,
     with_time_direction,
 )
@@ -163,20 +162,6 @@ def test_longer_motion_outweighs_the_shorter_and_photographs_too_far_apart_have_
         assert agreement_of(given, seen) == pytest.approx(expected, abs=1e-9)
 
 
-def test_unrelated_motion_is_mostly_not_called_known() -> None:
-    """Photographs that only have consecutive names: smears point anywhere against the motion."""
-    known = 0
-    for seed in range(60):
-        rng = np.random.default_rng([seed, 5])
-        given, angle = views(clip(rng), 1), rng.uniform(0.42, 0.58) * np.pi * rng.choice([-1, 1])
-        d = given.points_close - given.points_open
-        turned = d @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        middle = (given.points_open + given.points_close) / 2
-        flat = replace(given, geometry=replace(given.geometry, F=None, E=None, cam2_from_cam1=None))
-        known += directed(flat, [NeighbourMotion(points=middle, velocity=turned)]).time.known
-    assert known <= 12  # a fifth
-
-
 def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> None:
     scene = clip(np.random.default_rng(6))
     given = views(scene)
@@ -202,24 +187,6 @@ def test_rotation_between_frames_is_the_cameras() -> None:
     assert backwards is not None
     np.testing.assert_allclose(backwards, found, atol=2e-4)  # per frame, forwards in time
     assert rotation_between(CAMERA, scene.pixels[:5], scene.pixels[:5]) is None
-
-
-def test_rotation_between_frames_without_parallax_is_not_half_a_turn() -> None:
-    rng = np.random.default_rng(12)
-    scene = replace(clip(rng), move=np.array([1e-3, 0.0, 0.0]))
-    true = rotation_vector(scene.pose(2.0).rotation)
-    for _ in range(8):
-        here, there = (scene.seen(tau) + rng.normal(0, 0.3, scene.pixels.shape) for tau in (0.0, 2.0))
-        found = rotation_between(CAMERA, here, there)
-        assert found is not None and np.linalg.norm(found - true) < 0.5 * np.linalg.norm(true)
-
-
-def test_turn_agreement_is_the_cosine_of_rotations() -> None:
-    scene = clip(np.random.default_rng(9))
-    given, seen = views(scene), motions(scene)
-    assert rotation_agreement(given, seen) == pytest.approx(1, abs=1e-3)
-    assert rotation_agreement(given.reversed(), seen) == pytest.approx(-1, abs=1e-3)
-    assert rotation_agreement(given, motions(scene, None)) == 0
 
 
 def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
@@ -256,24 +223,16 @@ def test_photographs_without_views_have_a_vote() -> None:
     [
         (["f_2.jpg", "f_1.jpg", "f_10.jpg", "f_3.jpg"], [[1, 0, 3]]),
         (["a/000009.png", "a/000010.png", "b/000011.png"], [[0, 1]]),
-        (["left1.jpg", "right2.jpg", "one.jpg"], []),
         (["f_1.jpg", "f_2.png"], []),
-        (["v2_f1.jpg", "v2_f2.jpg", "v3_f3.jpg"], [[0, 1]]),
         (["IMG_7.jpg", "IMG_8.jpg", "IMG_20.jpg", "IMG_21.jpg"], [[0, 1], [2, 3]]),
-        (["cam1/x.jpg", "cam2/x.jpg"], []),  # of two cameras
         (["cam1/f_1.jpg", "cam2/f_1.jpg", "cam1/f_2.jpg"], [[0, 2]]),
-        (["f1.jp2", "f2.jp2"], [[0, 1]]),
         (["c1.mp4/000000", "c1.mp4/000001", "c2.mp4/000002"], [[0, 1]]),
         ([], []),
     ],
 )
 def test_runs_follow_the_numbers_in_names(names: list[str], runs: list[list[int]]) -> None:
     assert consecutive_runs(names) == runs
-
-
-def test_a_given_order_is_one_run() -> None:
-    assert consecutive_runs(["b", "a", "z9"], in_order=True) == [[0, 1, 2]]
-    assert consecutive_runs(["b"], in_order=True) == []
+    assert consecutive_runs(names, in_order=True) == ([list(range(len(names)))] if names else [])
 
 
 def test_frames_that_are_left_out_leave_a_gap() -> None:

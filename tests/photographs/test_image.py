@@ -178,25 +178,6 @@ def test_unusable_file_is_named_in_one_line(tmp_path: Path, content: bytes | str
     assert "\n" not in message and ";" in message  # one line, with a remedy after the semicolon
 
 
-@pytest.mark.parametrize(
-    ("raised", "words"),
-    [
-        (RuntimeError("no image item"), "is damaged or incomplete"),  # what Pillow raises on AVIF
-        (MemoryError(), "does not fit in memory; resize it"),
-    ],
-)
-def test_whatever_a_decoder_stumbles_over_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception, words: str
-) -> None:
-    def stumble(picture: Image.Image) -> None:
-        raise raised
-
-    path = saved(tmp_path / "a.png", RGB8)
-    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.load", stumble)
-    with pytest.raises(ImageError, match=words):
-        read_image(path)
-
-
 def test_path_that_cannot_be_read_or_never_ends_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.jpg")
     for path, words in ((tmp_path / "pipe.jpg", "no regular"), ("/dev/zero", "no regular"), ("a\0b.jpg", "")):

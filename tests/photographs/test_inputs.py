@@ -109,17 +109,6 @@ def test_list_that_may_never_end_or_is_too_large_is_refused(
             listed("-", stdin=io.BytesIO(separator.join("abcd").encode()))
 
 
-def test_list_that_is_missing_or_empty_is_one_error(tmp_path: Path) -> None:
-    (tmp_path / "empty.txt").write_text("\n\n")
-    with pytest.raises(ImageError, match=r"absent\.txt: the list cannot be read \(No such file"):
-        listed(f"@{tmp_path / 'absent.txt'}")
-    with pytest.raises(ImageError, match=r"empty\.txt: names no photograph"):
-        listed(f"@{tmp_path / 'empty.txt'}")
-    for nothing in (b"", b"# nothing\n"):
-        with pytest.raises(ImageError, match="standard input: names no photograph"):
-            listed("-", stdin=io.BytesIO(nothing))
-
-
 @pytest.mark.parametrize(
     ("frames", "numbers"),
     [
@@ -163,12 +152,6 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
     found = listed(tmp_path / "text.mp4", "a.jpg")
     assert "cannot be opened as a video" in found.refused[tmp_path / "text.mp4"]
     assert found.paths == [tmp_path / "text.mp4", Path("a.jpg")] and not found.one_video
-
-
-@pytest.mark.parametrize("wrong", [{"every": 0}, {"first": -1}, {"last": -0.5}])
-def test_impossible_frames_are_errors(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="expected every >= 1"):
-        frame_numbers(Path("a.mp4"), **wrong)  # type: ignore[arg-type]
 
 
 def test_what_the_system_cannot_look_at_is_refused_and_not_the_others(

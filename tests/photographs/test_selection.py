@@ -45,17 +45,6 @@ def test_the_only_photograph_of_a_view_is_kept_however_blurred() -> None:
     assert lost == {0, 1}
 
 
-def test_neighbours_are_of_one_video_or_folder() -> None:
-    view = pictures(0, 1)[0]
-    assert sharpest_of_each([2.0, 1.0, 3.0, 4.0], ["a", "a", "b", "b"], 3, lambda one: view) == {1, 2}
-
-
 def test_what_shows_no_texture_is_kept_only_where_nothing_else_is() -> None:
     dark = np.zeros((72, 96))
     assert sharpest_of_each([None, 3.0, None, None], ["a"] * 4, 2, lambda one: dark) == {1, 2}
-
-
-def test_views_are_looked_at_in_order() -> None:
-    asked: list[int] = []
-    sharpest_of_each([3.0, 1.0, 2.0, 0.5], ["a"] * 4, 2, lambda one: asked.append(one))
-    assert asked == [0, 1, 2, 3]  # a video is read forwards
