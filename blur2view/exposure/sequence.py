@@ -110,7 +110,7 @@ def estimate_frames(
         got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"
         raise ValueError(f"expected the frames of a video, got {got}; one photograph goes to estimate(image)")
     common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
-    one_of = partial(estimate, network=network or SmearNetwork(), **common)
+    one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
     found = _in_series(frames, one_of, camera) if ordered else (one_of(rgb_of(frame)) for frame in frames)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))
 

@@ -80,9 +80,7 @@ class ExposureViews:
     def names(self) -> tuple[str, str]:
         """Return the names of both images: the photograph's with "#open" and "#close" appended.
 
-        No file has these names. They sort beside their photograph and yield its name when cut at the last
-        "#", which COLMAP's text formats take for a comment only where a line begins with it. A photograph
-        that itself ends in "#open" would collide; writers refuse an image of such a name that is not theirs.
+        No file has these names; COLMAP's text formats take "#" for a comment only at the beginning of a line.
         """
         return self.name + OPEN, self.name + CLOSE
 
@@ -104,8 +102,7 @@ def views_of(name: str, estimate: Estimate, swapped: NDArray[np.bool_] | None = 
     name : str
         Of the photograph, as the database is to name it.
     estimate : Estimate
-        Also one without F: then the order of the ends is arbitrary. With F every smear's order is decided by
-        F and by cheirality (`end_order`), and ``geometry.swapped`` is that order.
+        Also one without F: then the order of the ends is arbitrary; else it is that of `end_order`.
     swapped : ndarray of bool, shape (N,), optional
         Smears whose ends[:, 1] are open, where that is known.
 
@@ -148,13 +145,11 @@ def keypoint_views(
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Each by half of its smear: so a track that holds the feature holds both ends of its smear, and the virtual
-    views join a reconstruction through the photograph's own matches.
+    Each by half of its smear: so a track that holds the feature holds both ends of its smear.
     Usable are those whose smear is known well enough. What lies beyond the picture stays where it is and is
     not usable; what is not finite is put at 0. Nor is usable what lies on pixels (H, W) that are
     ``excluded``, as they move by themselves. ``options`` are those of the estimate: what counts as an inlier.
     """
-    options = options or EstimatorOptions()
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
     within = np.isfinite(keypoints) & (keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)
@@ -175,7 +170,7 @@ def keypoint_views(
     fits = usable  # without F all are taken to follow H
     if geometry.F is not None:
         errors = serrmin(geometry.F, order.camera.undistorted(ends))
-        fits = usable & (errors < options.tolerance_px(length, sampson) ** 2)
+        fits = usable & (errors < (options or EstimatorOptions()).tolerance_px(length, sampson) ** 2)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     return ExposureViews(
         name=name,
@@ -192,18 +187,17 @@ def keypoint_views(
 
 def share_in_front(views: ExposureViews) -> float:
     """Return the share of the inliers in front of both cameras (cheirality); 0 without a translation."""
-    geometry, camera, pose = views.geometry, views.camera, views.geometry.cam2_from_cam1
-    if pose is None or not pose.translation.any() or camera is None or not geometry.inlier_mask.any():
+    inliers, camera, pose = views.geometry.inlier_mask, views.camera, views.geometry.cam2_from_cam1
+    if pose is None or not pose.translation.any() or camera is None or not inliers.any():
         return 0.0
-    rays = (camera.rays(points[geometry.inlier_mask]) for points in (views.points_open, views.points_close))
+    rays = (camera.rays(points[inliers]) for points in (views.points_open, views.points_close))
     return float(before_both(pose, *rays).mean())
 
 
 def other_translation(views: ExposureViews) -> ExposureViews | None:
     """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
 
-    None without F, and where the pose is a rotation alone. Both have the same F and E, which fix the
-    translation but for its sign.
+    None without F, which fixes the translation but for its sign, and where the pose is a rotation alone.
     """
     geometry = views.geometry
     if geometry.F is None:
