@@ -28,14 +28,9 @@ def read_content(path: Path) -> bytes:
         return read_regular(path)
     except FileNotFoundError:
         remedy = "check the path"
-        if set(path.name) & set("*?["):
-            remedy = "no name fits this pattern, or it stands in quotes"
-        if str(path).startswith("~"):
-            remedy = "write ~ without quotes"
-        names = [name for name in re.split(r"[,;\s]+", str(path)) if name]
-        if len(names) > 1 and all(map(os.path.exists, names)):
-            remedy = f"name each by itself: {' '.join(names)}"
-        elif near := _near(path):
+        if set(path.name) & set("*?[") or str(path).startswith("~"):
+            remedy = "write patterns and ~ without quotes; no name fits"
+        if near := _near(path):
             remedy = f"did you mean {near}?"
         if path.is_symlink():
             remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"

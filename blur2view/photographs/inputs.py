@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
@@ -100,9 +101,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
     """Yield words, those of lists in place of the lists."""
     for word in words:
         if word == STANDARD_INPUT:
-            yield from _lines(
-                "standard input", lambda: b"" if stdin is None else read_stream(stdin, MAX_LIST_BYTES)
-            )
+            yield from _lines("standard input", partial(read_stream, stdin or BytesIO(), MAX_LIST_BYTES))
         elif word.startswith(LIST):
             path = Path(word[1:])
             if not path.name:
@@ -120,8 +119,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
 def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
 
-    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name. A line that
-    begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
+    A line that begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
     """
     try:
         content = read()
@@ -136,9 +134,8 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
     lines = text.split("\0") if "\0" in text else text.splitlines()
     if len(lines) > MAX_LINES:
-        raise ImageError(
-            f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
-        )
+        most = f"name at most {MAX_LINES} photographs in one call"
+        raise ImageError(f"{source}: has {len(lines)} lines; {most}")
     names = [one for one in lines if one.strip()]
     if "\0" not in text:
         names = [one if os.path.lexists(one) else one.strip() for one in names]

@@ -19,8 +19,8 @@ SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 KEPT = 3  # frames: one and both beside it
 # Containers round the number of frames: what is missing of the last second, or of the last quarter of less
-# than four, was never there. AVI counts them; at most the last two stand for frames that hide in others.
-TAIL_S, TAIL_SHARE, TAIL_AVI = 1.0, 0.25, 2
+# than four, was never there.
+TAIL_S, TAIL_SHARE = 1.0, 0.25
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000
 # By the degrees clockwise by which OpenCV turns frames upright.
@@ -52,9 +52,7 @@ def frame_of(path: Path) -> tuple[Path, int] | None:
 
 def rows_towards(video: Path) -> tuple[int, int]:
     """Return the direction in upright frames in which the sensor's rows follow each other."""
-    capture = _opened(video)
-    turned = round(capture.get(cv2.CAP_PROP_ORIENTATION_META))
-    capture.release()
+    turned = round(_opened(video).get(cv2.CAP_PROP_ORIENTATION_META))
     return ROWS_TOWARDS.get(turned % 360, (0, 1))
 
 
@@ -70,7 +68,6 @@ def frame_numbers(
         raise ValueError(f"expected every >= 1 and no negative frame, got {every}, {first} and {last}")
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
-    capture.release()
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
     if not 0 < rate < math.inf and any(isinstance(number, float) for number in (first, last)):
@@ -105,10 +102,8 @@ def read_video(
     ----------
     path : path-like
         The file; all that OpenCV's FFmpeg reads.
-    every : int
-        Take one frame in as many.
-    first, last : int or float
-        The first frame and the last, which is included: an integer is a number from 0, a float seconds.
+    every, first, last : int or float
+        As of `frame_numbers`: one frame in as many, from the first to the last.
 
     Returns
     -------
@@ -142,22 +137,18 @@ def frame_time(video: Path, number: int) -> float | None:
 
 
 class _Reader:
-    """A video, read forwards: to seek is not exact with every codec. The last frames are kept."""
+    """A video, read forwards, as seeking is not exact with every codec; the last frames are kept."""
 
     def __init__(self, video: Path) -> None:
-        self.video = video
-        self._begin()
+        self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
-
-    def _begin(self) -> None:
-        self.capture, self.position, self.ended = _opened(self.video), 0, False
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame."""
         if number in self.recent:
             return self.recent[number][0]
         if number < self.position:
-            self._begin()
+            self.capture, self.position, self.ended = _opened(self.video), 0, False
         while self.position <= number:
             if self.ended or not self.capture.grab():
                 self.ended = True  # behind damage there may be more frames, but of which number?
@@ -185,7 +176,6 @@ class _Reader:
             raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
         rate = float(self.capture.get(cv2.CAP_PROP_FPS))
         tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
-        tail = TAIL_AVI if self.video.suffix.lower() == ".avi" else tail
         end = EndOfVideo(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
@@ -208,7 +198,6 @@ def _opened(video: Path) -> Any:
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
     width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if width * height > MAX_FRAME_PIXELS:
-        capture.release()
         most = MAX_FRAME_PIXELS // 1_000_000
         raise ImageError(f"{video}: has frames of {width}x{height} pixels; resize it to {most} megapixels")
     return capture
