@@ -46,9 +46,8 @@ def write_database(
 ) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. Without F and H nothing is matched: the ends' order would mean
-    nothing. The table ``blur2view_views`` says of each whether its time direction is known. With ``replace``
-    a file of this name is replaced, once the new one is whole.
+    Photographs with equal cameras share one. Without F and H nothing is matched. The table
+    ``blur2view_views`` says whether time directions are known. With ``replace`` an earlier file is replaced.
     DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name.
     """
     names, path = [views.name for views in photographs], Path(path)
@@ -103,8 +102,8 @@ def put_views(
 ) -> None:
     """Write both images of photographs, of cameras with these ids, and their pairs, in place of earlier ones.
 
-    Of a photograph of a project also its pairs with both, and the table ``blur2view_views`` says what of it
-    they are made from. pycolmap makes keypoints, matches and geometries in a file of its own.
+    Of a photograph of a project also its pairs with both. pycolmap makes keypoints, matches and geometries in
+    a file of its own.
     """
     import pycolmap
 
@@ -159,9 +158,8 @@ def _pairs(
 ) -> dict[tuple[int, int], TwoViewGeometry]:
     """Return the geometries by pairs of images, with the inliers that COLMAP may make points from.
 
-    Without a project that is none unless the translation is known. A mapper takes the inliers and looks at no
-    configuration: those of a pure rotation become points at the reprojection error of noise, at a depth that
-    nothing shows.
+    Without a project that is none unless the translation is known: a mapper looks at no configuration, and
+    would make points of a pure rotation, at a depth that nothing shows.
     """
     whole = views.geometry
     if photograph is None:

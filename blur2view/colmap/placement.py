@@ -1,8 +1,8 @@
 """Virtual views put into a reconstruction of their photographs, with the motion that the trajectory explains.
 
-A mapper places each view by itself, from smears that err together: on a rendered video with the network's
-smears 22 of 28 views, the rotation during the exposure off by 88 %. Here the photographs' poses, which blur
-hardly harms, are the trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
+A mapper places each view by itself, from smears that err together: on a rendered video 22 of 28 views, the
+rotation during the exposure off by 88 %. Here the photographs' poses, which blur hardly harms, are the
+trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
 """
 
 import os
@@ -128,11 +128,9 @@ def _read_linked(database: Path, registered: Mapping[str, Any], names: Sequence[
     wanted = [name for name in names if name in registered and name + OPEN not in registered]
     with open_read_only(database) as opened:
         ids = image_names(opened)
-        others = [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]
-        if others:
-            raise DatabaseError(
-                f"{database}: {others[0]} has another id in the model; name the database that is the model's"
-            )
+        if others := [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]:
+            why = "has another id in the model; name the database that is the model's"
+            raise DatabaseError(f"{database}: {others[0]} {why}")
         with_views = [name for name in wanted if {name + OPEN, name + CLOSE} <= ids.keys()]
         return [_read_one(opened, ids, registered[name]) for name in with_views]
 
@@ -177,6 +175,7 @@ def _add_views(model: Any, one: _Linked, ends: Array) -> None:
     import pycolmap
 
     photograph = one.photograph
+    seen = [index for index in map(int, one.matched) if photograph.points2D[index].has_point3D()]
     for view, end in zip(one.views, ends, strict=True):
         if model.exists_frame(view.frame_id):  # the model is older than the project's frames
             view.frame_id = 1 + max(model.frames)
@@ -188,12 +187,10 @@ def _add_views(model: Any, one: _Linked, ends: Array) -> None:
         pose = pycolmap.Rigid3d(np.column_stack([R, -R @ end[3:]])) * photograph.cam_from_world()
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)
-        image, points = model.images[view.image_id], photograph.points2D
-        for index in map(int, one.matched):
-            if points[index].has_point3D():
-                number = points[index].point3D_id
-                projected = image.project_point(model.points3D[number].xyz)
-                if projected is None:
-                    continue
-                if np.linalg.norm(projected - image.points2D[index].xy) < MAX_ERROR_PX:
-                    model.add_observation(number, pycolmap.TrackElement(view.image_id, index))
+        image = model.images[view.image_id]
+        for index in seen:
+            number = photograph.points2D[index].point3D_id
+            projected = image.project_point(model.points3D[number].xyz)
+            missed = None if projected is None else np.linalg.norm(projected - image.points2D[index].xy)
+            if missed is not None and missed < MAX_ERROR_PX:
+                model.add_observation(number, pycolmap.TrackElement(view.image_id, index))

@@ -83,10 +83,9 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
     """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
     rows, cols, data = row or (0, 2, None)
     blob = b"" if data is None else data
-    if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
-        raise ValueError(f"{what} are of another type; run COLMAP's extraction and matching again")
-    if cols not in (2, 4, 6) or rows < 0 or len(blob) != 4 * rows * cols:
-        raise ValueError(f"{what}: {len(blob)} bytes for {rows} rows of {cols}; run COLMAP again")
+    whole = isinstance(blob, bytes) and isinstance(rows, int) and rows >= 0 and str(cols) in ("2", "4", "6")
+    if not whole or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
     return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 
 
@@ -116,7 +115,6 @@ def put_image(
 def put_row(database: Connection, table: str, **row: object) -> int:
     """Write a row, in place of one of its key; return its id."""
     sql = f"INSERT OR REPLACE INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
-    number = database.execute(sql, tuple(row.values())).lastrowid
-    if number is None:
+    if (number := database.execute(sql, tuple(row.values())).lastrowid) is None:
         raise RuntimeError(f"SQLite gave no id to a row of {table}")
     return number
