@@ -83,8 +83,8 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
     """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
     rows, cols, data = row or (0, 2, None)
     blob = b"" if data is None else data
-    whole = isinstance(blob, bytes) and isinstance(rows, int) and rows >= 0 and str(cols) in ("2", "4", "6")
-    if not whole or len(blob) != 4 * rows * cols:
+    whole = isinstance(blob, bytes) and isinstance(rows, int) and isinstance(cols, int)
+    if not whole or rows < 0 or cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
         raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
     return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 

@@ -111,13 +111,6 @@ def test_a_focal_length_must_be_possible(focal: float) -> None:
             make()
 
 
-def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -> None:
-    before = database.read_bytes()
-    assert camera_of_database(str(database), 1).params[3] == 0.05
-    assert camera_of_database(database, None, "/data/walks/b.jpg").params[3] == 0.1
-    assert database.read_bytes() == before
-
-
 @pytest.mark.parametrize(
     ("edit", "camera_id", "image", "words"),
     [

@@ -10,11 +10,8 @@ import pytest
 
 from blur2view.colmap import connection
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.link import plan_links
-from blur2view.colmap.project import ProjectImage
 from blur2view.errors import Blur2ViewError, CameraError, DatabaseError
 from tests.support.colmap_projects import ProjectOptions, make_project
-from tests.support.malformed_projects import SQL_FAULTS
 
 
 def faulty(path: Path, fault: str) -> Path:
@@ -23,13 +20,6 @@ def faulty(path: Path, fault: str) -> Path:
         database.executescript(fault)
         database.commit()
     return path
-
-
-def test_an_image_of_the_users_that_is_called_as_a_view_is_kept(tmp_path: Path) -> None:
-    path = faulty(tmp_path / "project.db", SQL_FAULTS["view of our name"])
-    first, other = plan_links(path, [Path("a_001.jpg"), Path("a_002.jpg")])
-    assert "holds an image a_001.jpg#open that blur2view did not write" in str(first)
-    assert isinstance(other, ProjectImage)
 
 
 @pytest.mark.parametrize("suffix", ["-journal", "-wal", "-shm"])

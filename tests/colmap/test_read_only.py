@@ -102,22 +102,6 @@ def test_every_reader_leaves_file_and_folder_as_they_were(path: Path, state: Cal
     assert (more is not None) == (state is killed_with_log)
 
 
-def test_a_database_that_another_program_writes_to_is_read_as_it_was(path: Path) -> None:
-    program = (
-        "import sqlite3, sys; database = sqlite3.connect(sys.argv[1], isolation_level=None);"
-        "database.execute('BEGIN IMMEDIATE'); database.execute('DELETE FROM images');"
-        "print('ready', flush=True); sys.stdin.read()"
-    )
-    command = [sys.executable, "-c", program, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None and other.stdout.readline() == b"ready\n"
-        before = contents(path)
-        for name, reads in READERS.items():
-            assert reads(path), name
-            assert contents(path) == before, name
-        other.communicate(b"")
-
-
 def test_a_change_while_reading_is_noticed(path: Path) -> None:
     words = "changed while it was read.*another program"
     with pytest.raises(Blur2ViewError, match=words), open_read_only(path) as database:

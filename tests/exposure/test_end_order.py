@@ -110,12 +110,3 @@ def test_other_translation_twice_is_where_it_began() -> None:
     moved = (once.points_open != given.points_open).any(axis=1)
     np.testing.assert_array_equal(once.geometry.swapped, given.geometry.swapped ^ moved)
     assert other_translation(replace(given, geometry=replace(given.geometry, F=None, E=None))) is None
-
-
-def test_points_lie_before_the_camera_for_one_sign_of_the_translation() -> None:
-    given = views(clip(np.random.default_rng(3)))
-    pose = given.geometry.cam2_from_cam1
-    assert pose is not None and share_in_front(given) == 1
-    behind = RigidTransform(rotation=pose.rotation, translation=-pose.translation)
-    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=behind))) == 0
-    assert share_in_front(replace(given, geometry=replace(given.geometry, cam2_from_cam1=None))) == 0

@@ -1,16 +1,12 @@
 """Matches between photographs: a picture shifted by a known amount, and databases that pycolmap wrote."""
 
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from blur2view.arrays import Array
 from blur2view.colmap.project import database_matcher, database_names
-from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import Features, features_of, match_features, photograph_matcher, verified
 
 SHIFT = np.array([12.0, -5.0])
@@ -108,18 +104,3 @@ def test_database_gives_verified_matches_in_our_pixels_in_either_order(tmp_path:
     np.testing.assert_array_equal(again_b, b)
     assert len(matcher(0, 2)[0]) == 0 and len(matcher(0, 0)[0]) == 0
     assert database_names(path) == ["b.jpg", "a.jpg"]
-
-
-@pytest.mark.parametrize(
-    "damage",
-    ["UPDATE keypoints SET data = x'0011'", "UPDATE matches SET data = x'001122'", "DROP TABLE matches"],
-)
-def test_a_damaged_database_is_named(tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "project.db"
-    write_database(path, rows=[[0, 1]], inliers=None)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(damage)
-    before = path.read_bytes()
-    with pytest.raises(DatabaseError, match="project.db"):
-        database_matcher(path, ["a.jpg", "b.jpg"])(0, 1)
-    assert path.read_bytes() == before

@@ -143,15 +143,3 @@ def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_the
         assert caught.value.whole == whole
     with pytest.raises(ImageError, match=f"none of number {announced}"):
         read_frame(clip, announced)
-
-
-def test_no_frame_is_read_behind_damage(monkeypatch: pytest.MonkeyPatch) -> None:
-    grabbed = iter([True, True, False, True, True])  # the decoder goes on behind it; nobody knows where
-    damaged = SimpleNamespace(
-        grab=lambda: next(grabbed), get=lambda name: 10.0, retrieve=lambda: (True, GREY)
-    )
-    monkeypatch.setattr(video, "_opened", lambda path: damaged)
-    read_frame(Path("damaged.mkv"), 1)
-    for number in (2, 3):
-        with pytest.raises(ImageError, match="ends after 2 of 10"):
-            read_frame(Path("damaged.mkv"), number)

@@ -152,19 +152,3 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
     found = listed(tmp_path / "text.mp4", "a.jpg")
     assert "cannot be opened as a video" in found.refused[tmp_path / "text.mp4"]
     assert found.paths == [tmp_path / "text.mp4", Path("a.jpg")] and not found.one_video
-
-
-def test_what_the_system_cannot_look_at_is_refused_and_not_the_others(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    long = "n" * 5000 + ".mp4"
-    found = listed(long, folder / "c.NEF", "d" * 5000)
-    assert found.paths == [Path(long), folder / "c.NEF", Path("d" * 5000)] and len(found.refused) == 2
-    assert "cannot be read (File name too long); check the path" in found.refused[Path(long)]
-
-    def denied(path: Path) -> None:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(Path, "iterdir", denied)
-    (reason,) = listed(folder).refused.values()
-    assert "cannot be read (Permission denied)" in reason
