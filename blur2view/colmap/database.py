@@ -16,7 +16,7 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.project import ProjectImage, has_frames, own_views
-from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, put_image, put_row
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, VIEWS_TABLE, put_image, put_row
 from blur2view.errors import DatabaseError
 from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.half_exposure import half_geometry
@@ -78,20 +78,18 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
     cameras: list[Any] = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "new.db"
+        stored = [colmap_camera_of(views.camera, views.size) for views in photographs]
         with pycolmap.Database.open(path) as opened:
-            for views in photographs:
-                camera = colmap_camera_of(views.camera, views.size)
+            for camera in stored:
                 if camera not in cameras:
+                    opened.write_camera(camera)
                     cameras.append(camera)
-                    rig = pycolmap.Rig()
-                    rig.add_ref_sensor(
-                        pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
-                    )
-                    opened.write_rig(rig)
+        ids = [1 + cameras.index(camera) for camera in stored]
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
             database.executescript(f"BEGIN; {VIEWS_TABLE}")
-            ids = (1 + cameras.index(colmap_camera_of(one.camera, one.size)) for one in photographs)
+            for number in range(1, len(cameras) + 1):
+                put_row(database, "rigs", ref_sensor_id=number, ref_sensor_type=CAMERA_SENSOR)
             put_views(database, [(one, number, None) for one, number in zip(photographs, ids, strict=True)])
             database.execute("COMMIT")
         return path.read_bytes()
@@ -135,21 +133,18 @@ def _put_images(
     """Write the images of both views and what is known of them; return their ids."""
     own = {} if photograph is None else own_views(database, photograph.name)
     with_frame = photograph is None or has_frames(database)
+    known = {
+        "photograph": views.name,
+        "config": views.geometry.config.name,
+        "time_known": int(views.time.known),
+        "time_confidence": views.time.confidence,
+        "source": None if photograph is None else photograph.digest,
+    }
     ids = []
     for role, name in zip(("open", "close"), views.names, strict=True):
         image_id = own[role][0] if role in own else None
         ids.append(put_image(database, name, camera_id, image_id, with_frame=with_frame))
-        put_row(
-            database,
-            "blur2view_views",
-            image_id=ids[-1],
-            photograph=views.name,
-            role=role,
-            config=views.geometry.config.name,
-            time_known=int(views.time.known),
-            time_confidence=views.time.confidence,
-            source=None if photograph is None else photograph.digest,
-        )
+        put_row(database, "blur2view_views", image_id=ids[-1], role=role, **known)
     return ids[0], ids[1]
 
 
@@ -178,12 +173,10 @@ def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
     Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
     distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
     """
-    if camera is not None and camera.known:
-        model, params = camera.model, camera.params
-    elif camera is not None:
-        model, params = "SIMPLE_RADIAL", (camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0)
-    else:
-        model, params = "SIMPLE_RADIAL", (GUESSED_FOCAL * max(size), size[0] / 2, size[1] / 2, 0.0)
+    stated = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size)
+    model, params = stated.model, stated.params
+    if camera is None or not camera.known:
+        model, params = "SIMPLE_RADIAL", (stated.focal_px, *to_colmap(stated.K[:2, 2]).tolist(), 0.0)
     stored = colmap_camera(model, *size, params)
     stored.has_prior_focal_length = camera is not None
     return stored
