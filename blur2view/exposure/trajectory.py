@@ -4,10 +4,9 @@ Where a reconstruction holds the photographs of a video, two things are known be
 every feature is, which makes its smear linear in the camera's rotation and translation; and how the camera
 moves from frame to frame, of which the exposure is a fraction, the same in every frame. So the smears measure
 that fraction, and where this frame's rotation departs from it. Both are weighed. A cubic spline through the
-poses says what the camera did between them, as surely as it predicts a pose from the others; smears say by
-how much that is too sure, as of a shake that is faster than the frames. Positions are those of the spline
-alone: smears err by more than a short exposure's parallax. ``python -m tools.evaluation.placed`` measures
-what comes of it.
+poses says what the camera did between them; smears of all frames say how sure that is. Positions are those of
+the spline alone: smears err by more than a short exposure's parallax. ``python -m tools.evaluation.placed``
+measures what comes of it.
 """
 
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import TINY, Array
@@ -25,9 +25,8 @@ INDEPENDENT_SMEARS = 4  # at most: with more, smears are called surer than tools
 MIN_SMEARS = 8  # smears; with fewer a frame's own rotation is not estimated
 STEPS = 15  # of reweighting: from a trajectory that is far off it takes ten
 REACH = 3  # frames before and after through which the spline about a frame goes
-SUREST = 0.01  # of the size of rotations, their least standard deviation
 BEYOND = 3.0  # times less sure where one side has no frame
-FACTORS: Array = np.geomspace(0.25, 1024, 13)  # by which a trajectory may be less sure than it seems
+FACTORS: Array = np.geomspace(0.03, 64, 15)  # standard deviation of a trajectory's rotations, of their size
 FREEDOM = 4  # degrees, of Student's t: some frames are outliers
 FIRST_GUESS, ROUNDS, LONGEST = 0.5, 5, 1.0  # of exposure over frame interval
 LEAST_SHARE = 0.1  # of the length that a given exposure has: shorter smears measure nothing
@@ -76,30 +75,10 @@ class Trajectory:
                 found[frame] = _through(times, places, [-fraction / 2, fraction / 2])
         return found
 
-    def spreads(self, fraction: float) -> Array:
-        """Return standard deviations (N,) of the rotations between both `ends`, radians about each axis.
-
-        From how far each pose is from a spline through the others, of twice the step. Half the step lowers
-        that as a cubic does, by the square of what it lowers a straight line's by: a sixteenth where the path
-        is smooth, nothing where it changes faster than frames follow one another. If no five poses are in a
-        row, the size of the rotations.
-        """
-        missed: list[Array] = []
-        bends: tuple[list[Array], list[Array]] = [], []
-        for times, places in self._windows:
-            by_time = dict(zip(times.tolist(), places[:, :3], strict=True))
-            for bend, step in zip(bends, (1, 2), strict=True):
-                if {-step, step} <= by_time.keys():
-                    bend.append(0.5 * (by_time[-step] + by_time[step]))
-            if {-1, 1} <= by_time.keys() and len(times) > 3:
-                missed.append(_through(times[times != 0], places[times != 0, :3], [0.0])[0])
-        size = _size(motions_between(self.ends(fraction))[:, :3])
-        if not missed or not bends[1]:
-            return np.full(len(self.poses), size)
-        decay = np.clip(_size(np.array(bends[0])) / (_size(np.array(bends[1])) + TINY), 0.25, 1.0) ** 2
-        within = np.array([len(times) > 0 and times[0] < 0 < times[-1] for times, _ in self._windows])
-        spread = fraction * _size(np.array(missed)) * decay * 2**0.5 * (2 - fraction)
-        return np.asarray(np.where(within, 1.0, BEYOND) * max(spread, SUREST * size))
+    @property
+    def one_sided(self) -> NDArray[np.bool_]:
+        """Return of which frames (N,) only the past or only the future is known, or neither."""
+        return np.array([len(times) == 0 or not times[0] < 0 < times[-1] for times, _ in self._windows])
 
     @cached_property
     def _windows(self) -> list[tuple[Array, Array]]:
@@ -181,9 +160,11 @@ def _placed(frames: Sequence[ExposedFrame], trajectory: Trajectory, fraction: fl
     """
     ends = trajectory.ends(fraction)
     motions = motions_between(ends)
-    spreads = trajectory.spreads(fraction)
-    spreads = spreads * _excess(frames, motions, spreads)
-    shares = np.clip(1 - (spreads / (_size(motions[:, :3]) + TINY)) ** 2, 0, 1)
+    doubts = np.where(trajectory.one_sided, BEYOND, 1.0)
+    turned = motions[np.isfinite(motions[:, 0]), :3]
+    spreads = doubts * (np.sqrt(np.median((turned**2).mean(axis=1))) if len(turned) else 1.0)
+    doubt = _doubt(frames, motions, spreads)
+    spreads, shares = doubt * spreads, np.clip(1 - (doubt * doubts) ** 2, 0, 1)
     motions[:, :3] *= shares[:, None]
     for frame, own, motion, spread, share in zip(frames, ends, motions, spreads, shares, strict=True):
         turn, _, sense = _turn(frame, motion, 1 / (spread + TINY) ** 2)
@@ -222,8 +203,8 @@ def _turn(frame: ExposedFrame, motion: Array, precision: float) -> tuple[Array, 
     return turn, np.einsum("idn,jdn,n->ij", rows, rows, weight), sense
 
 
-def _excess(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> float:
-    """Return how many times less sure a trajectory's rotations are than they seem, as smears show.
+def _doubt(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> float:
+    """Return the part of their spreads (N,) by which a trajectory's rotations are off, as smears show.
 
     A shake faster than the frames looks like a slow one in their poses: only smears show that it is not. The
     factor of largest likelihood (Student's t with `FREEDOM`, for what smears alone say of each frame's
@@ -237,7 +218,7 @@ def _excess(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> f
             own.append(np.linalg.pinv(information, hermitian=True))
             path.append(spread**2)
     if not apart:
-        return 1.0
+        return float(FACTORS[0])
     d, C, variance = np.array(apart), np.array(own), np.array(path)[:, None, None]
     likely = []
     for factor in FACTORS:
@@ -251,9 +232,3 @@ def _excess(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> f
 def _through(times: Array, places: Array, wanted: Sequence[float]) -> Array:
     """Return values (len(wanted), C) of a spline through places (N, C), cubic where there are four."""
     return np.asarray(make_interp_spline(times, places, k=min(3, len(times) - 1))(wanted))
-
-
-def _size(vectors: Array) -> float:
-    """Return the robust root mean square of a coordinate of vectors (N, 3), 0 of none that are known."""
-    squared = (vectors[np.isfinite(vectors).all(axis=1)] ** 2).mean(axis=1)
-    return float(np.sqrt(np.median(squared))) if len(squared) else 0.0

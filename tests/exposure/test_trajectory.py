@@ -92,7 +92,6 @@ def test_motions_of_a_steady_camera_are_its_share_of_those_per_frame() -> None:
     found, ends = motions_between(path.ends(OPEN_FOR)), path.ends(OPEN_FOR)
     np.testing.assert_allclose(found[:, :3], np.tile(OPEN_FOR * PER_FRAME[:3], (9, 1)), atol=1e-12)
     np.testing.assert_allclose(found[:, 3:], np.tile(OPEN_FOR * PER_FRAME[3:], (9, 1)), atol=2e-4)
-    assert path.spreads(OPEN_FOR).max() < 0.05 * np.linalg.norm(found[0, :3])
     np.testing.assert_allclose(ends.mean(axis=1), 0, atol=1e-4)  # it does not bend
 
 
@@ -103,9 +102,7 @@ def test_a_slow_swing_is_followed_where_a_straight_line_is_not() -> None:
     poses = slow.poses
     turns = [0.5 * rotation_vector(poses[k + 1, :, :3] @ poses[k - 1, :, :3].T) for k in range(3, 21)]
     assert off.mean() < 0.2 * np.abs(OPEN_FOR * np.array(turns) - true[inner, :3]).mean()
-    spread = slow.spreads(OPEN_FOR)
-    assert off.max() < 4 * spread[inner].max() and spread[inner].max() < 0.3 * np.abs(true).max()
-    assert spread[0] == pytest.approx(3 * spread[9])  # beyond the last frame it is less sure
+    assert slow.one_sided.tolist() == [True, *[False] * 22, True]
 
 
 def test_frames_far_apart_in_time_know_nothing_of_each_other() -> None:
