@@ -13,6 +13,7 @@ import pytest
 from blur2view.camera.camera import Camera
 from blur2view.colmap.database import colmap_camera_of, write_database, written_photographs
 from blur2view.colmap.mapping import triangulate_exposure
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
@@ -164,3 +165,17 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(ValueError, match="different names"):
         write_database(tmp_path / "new.db", [make_views(), make_views()])
+
+
+def test_numbers_are_those_of_pycolmap(tmp_path: Path) -> None:
+    pycolmap.Database.open(tmp_path / "theirs.db").close()
+    assert run_sql(tmp_path / "theirs.db", "PRAGMA user_version")[0][0] <= NEWEST_KNOWN
+    theirs = pycolmap.TwoViewGeometryConfiguration.__members__
+    assert [int(theirs[config]) for config in Configuration] == list(range(len(Configuration)))
+    assert pycolmap.SensorType.CAMERA.value == CAMERA_SENSOR
+    for ids in ((3, 17), (1, MAX_IMAGES - 1)):
+        assert pycolmap.pair_id_to_image_pair(pair_id(*ids)) == ids
+        assert pair_id(*ids[::-1]) == pair_id(*ids)
+    for wrong in ((3, 3), (-1, 3), (3, MAX_IMAGES)):
+        with pytest.raises(ValueError, match="must differ"):
+            pair_id(*wrong)

@@ -113,7 +113,6 @@ def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None
     ("kind", "params", "expected"),
     [
         ("SIMPLE_RADIAL", [50, 48, 32, 0.1], {"fl_x": 50, "fl_y": 50, "k1": 0.1, "k2": 0, "p1": 0, "p2": 0}),
-        ("OPENCV", [50, 51, 48, 32, 0.1, 0.2, 0.3, 0.4], {"fl_x": 50, "fl_y": 51, "k1": 0.1, "p2": 0.4}),
         ("SIMPLE_FISHEYE", [50, 48, 32], {"is_fisheye": True, "fl_x": 50, "fl_y": 50, "k1": 0, "k4": 0}),
         ("OPENCV_FISHEYE", [50, 51, 48, 32, 0.1, 0.2, 0.3, 0.4], {"is_fisheye": True, "k4": 0.4}),
     ],

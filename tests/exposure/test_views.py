@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from blur2view import estimate_two_view
-from blur2view.exposure.views import ExposureViews, views_of
+from blur2view.exposure.views import views_of
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
-from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.blur import Blur, BlurKind
 from tests.support.grids import grid_of
@@ -92,15 +91,3 @@ def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
 def test_there_are_no_views_of_ends_that_a_shutter_has_moved(result: Estimate) -> None:
     with pytest.raises(ValueError, match="without a shutter"):
         views_of("a.jpg", replace(result, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
-
-
-def test_refuses_points_that_do_not_align_and_impossible_confidences(result: Estimate) -> None:
-    for confidence in (-0.1, 1.1, float("nan")):
-        with pytest.raises(ValueError, match="confidence"):
-            TimeDirection(known=True, confidence=confidence)
-    views = views_of("a.jpg", result)
-    with pytest.raises(ValueError, match="expected points"):
-        ExposureViews(
-            name="a.jpg", size=(640, 480), points_open=views.points_open[1:], points_close=views.points_close,
-            sampson_px=views.sampson_px, geometry=views.geometry, camera=None,
-        )  # fmt: skip

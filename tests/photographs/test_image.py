@@ -1,7 +1,6 @@
 """Reading photographs: every storage the issue names, and every way to be unusable."""
 
 import io
-import os
 from pathlib import Path
 from typing import Any
 
@@ -176,10 +175,3 @@ def test_unusable_file_is_named_in_one_line(tmp_path: Path, content: bytes | str
     message = str(caught.value)
     assert str(path) in message and words in message
     assert "\n" not in message and ";" in message  # one line, with a remedy after the semicolon
-
-
-def test_path_that_cannot_be_read_or_never_ends_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.jpg")
-    for path, words in ((tmp_path / "pipe.jpg", "no regular"), ("/dev/zero", "no regular"), ("a\0b.jpg", "")):
-        with pytest.raises(ImageError, match=f"cannot be read .*{words}"):
-            read_image(path)

@@ -11,7 +11,7 @@ import pytest
 from blur2view.cli.outputs import png
 from blur2view.errors import ImageError
 from blur2view.photographs.inputs import Inputs, list_photographs
-from blur2view.photographs.video import frame_numbers, frame_of, read_frame
+from blur2view.photographs.video import frame_numbers
 from tests.support.many_photographs import write_video
 
 
@@ -128,18 +128,6 @@ def test_video_stands_for_its_frames_named_after_their_numbers(
     assert found.paths == [video / f"{number:06d}" for number in numbers]
     assert list(found.names.values()) == [Path("clip", f"{number:06d}") for number in numbers]
     assert found.one_video
-
-
-def test_frames_larger_than_any_cameras_are_refused_undecoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    video = write_video(tmp_path / "clip.mp4", 2)
-    monkeypatch.setattr("blur2view.photographs.video.MAX_FRAME_PIXELS", 100)
-    (reason,) = listed(video).refused.values()
-    assert "has frames of" in reason and "resize it to" in reason
-    with pytest.raises(ImageError, match="has frames of"):
-        read_frame(video, 0)
-    assert frame_of(video / ("9" * 18)) and not frame_of(video / ("9" * 5000))
 
 
 def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> None:
