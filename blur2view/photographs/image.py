@@ -35,9 +35,9 @@ RAW_SUFFIXES = frozenset(
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 SQLITE = b"SQLite format 3\0"
 LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
+LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
-LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
@@ -79,10 +79,8 @@ def read_image(
         be used. The message is one line that names the path and the remedy.
     """
     pixels = read_pixels(path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
-    if pixels.dtype == np.float32:
-        return pixels
     with within_memory(Path(path)):
-        return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+        return pixels if pixels.dtype == np.float32 else _scaled(pixels)
 
 
 def read_pixels(
@@ -104,9 +102,13 @@ def read_pixels(
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored, max_memory_gib))
         if values.shape[2] in (2, 4):
-            white = np.float32(np.iinfo(values.dtype).max)
-            values = over_backdrop(np.divide(values, white, dtype=np.float32))
+            values = over_backdrop(_scaled(values))
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
+
+
+def _scaled(pixels: AnyArray) -> NDArray[np.float32]:
+    """Return pixels of 8 or 16 bits in [0, 1]."""
+    return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> Pixels:

@@ -68,12 +68,11 @@ def list_photographs(
 ) -> Inputs:
     """Return the photographs that words name.
 
-    Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below) by
-    their suffixes, without results of blur2view; videos, of which ``frames`` returns the numbers of the
-    frames that are taken; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
-    Blank lines of a list are passed over, and those that begin with # and name no file. What a list names and
-    is not there is looked for in the list's folder. ImageError if a list cannot be read, names nothing, or is
-    larger than one of photographs can be.
+    Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below),
+    without results of blur2view; videos, of which ``frames`` returns the numbers of the frames that are
+    taken; ``@LIST``, a file with one such word per line, ``-``, the same from standard input. What a list
+    names and is not there is looked for in the list's folder. ImageError if a list cannot be read, names
+    nothing, or is larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
@@ -148,15 +147,12 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
     """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
     try:
-        numbers = frames(video)
+        paths = [frame_path(video, number) for number in frames(video)]
+        found.names.update({path: Path(video.stem, path.name) for path in paths})
     except ImageError as error:
-        found.paths.append(video)
+        paths = [video]
         found.refused[video] = str(error)
-        return
-    for number in numbers:
-        path = frame_path(video, number)
-        found.paths.append(path)
-        found.names[path] = Path(video.stem, path.name)
+    found.paths.extend(paths)
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:

@@ -76,13 +76,10 @@ def frame_numbers(
         number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)
     )
-    numbers = range(begin, min(end, count - 1) + 1, every)
-    if not numbers:
-        start = f"{first:g} s" if isinstance(first, float) else first
-        raise ImageError(
-            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {start} to {end}"
-        )
-    return numbers
+    if numbers := range(begin, min(end, count - 1) + 1, every):
+        return numbers
+    start, time_s = f"{first:g} s" if isinstance(first, float) else first, count / max(rate, 1)
+    raise ImageError(f"{video}: has {count} frames in {time_s:.1f} s, none from {start} to {end}")
 
 
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
@@ -116,8 +113,7 @@ def read_video(
         If the video cannot be read, or ends too early; of numbers that are none of it.
     """
     video = Path(path)
-    numbers = frame_numbers(video, every=every, first=first, last=last)
-    reader = _Reader(video)
+    numbers, reader = frame_numbers(video, every=every, first=first, last=last), _Reader(video)
 
     def frames() -> Iterator[NDArray[np.float32]]:
         try:
@@ -175,10 +171,10 @@ class _Reader:
         if number >= announced:
             raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
         rate = float(self.capture.get(cv2.CAP_PROP_FPS))
-        tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
         end = EndOfVideo(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
+        tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
         end.whole = announced - self.position <= tail
         raise end
 
