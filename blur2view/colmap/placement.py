@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
@@ -62,7 +61,7 @@ class _Linked:
 
     photograph: Any  # pycolmap.Image of the model
     views: tuple[Any, Any]  # pycolmap.Image at open and close, of no model
-    matched: NDArray[np.int64]  # indices of features that have both ends
+    seen: list[int]  # indices of features that have both ends and a 3D point
 
 
 def place_views(
@@ -147,18 +146,17 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
         views.append(view)
     first, last = views
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
-    count = min(image.num_points2D() for image in (photograph, first, last))
-    return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
+    count, points = min(image.num_points2D() for image in (photograph, first, last)), photograph.points2D
+    seen = [index for index in map(int, matched) if index < count and points[index].has_point3D()]
+    return _Linked(photograph=photograph, views=(first, last), seen=seen)
 
 
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
     """Return the smears of the features whose 3D point lies in front of the camera."""
-    points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
-    seen = [i for i in map(int, one.matched) if points[i].has_point3D()]
-    pose = one.photograph.cam_from_world().matrix()
-    world = seen_points(model, one.photograph, seen)
+    camera, pose = model.cameras[one.photograph.camera_id], one.photograph.cam_from_world().matrix()
+    world = seen_points(model, one.photograph, one.seen)
     depth = world @ pose[2, :3] + pose[2, 3]
-    pixels = np.array([[view.points2D[i].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
+    pixels = np.array([[view.points2D[i].xy for i in one.seen] for view in one.views]).reshape(2, -1, 2)
     first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
@@ -175,7 +173,6 @@ def _add_views(model: Any, one: _Linked, ends: Array) -> None:
     import pycolmap
 
     photograph = one.photograph
-    seen = [index for index in map(int, one.matched) if photograph.points2D[index].has_point3D()]
     for view, end in zip(one.views, ends, strict=True):
         if model.exists_frame(view.frame_id):  # the model is older than the project's frames
             view.frame_id = 1 + max(model.frames)
@@ -188,7 +185,7 @@ def _add_views(model: Any, one: _Linked, ends: Array) -> None:
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)
         image = model.images[view.image_id]
-        for index in seen:
+        for index in one.seen:
             number = photograph.points2D[index].point3D_id
             projected = image.project_point(model.points3D[number].xyz)
             missed = None if projected is None else np.linalg.norm(projected - image.points2D[index].xy)
