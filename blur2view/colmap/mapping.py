@@ -18,10 +18,15 @@ The exposures of a fresh database, each by itself: a model of two images of each
 
 One exposure with the pose that was estimated, only its points triangulated::
 
+    import blur2view
+
     model = blur2view.triangulate_exposure("new.db", "a.jpg")
 
 The views of a linked project, which join a model of its photographs and leave it as it is; or both anew, one
 by one or at once::
+
+    import pycolmap
+    import blur2view
 
     options = blur2view.mapper_options(linked=True, keep_photographs=True)
     pycolmap.incremental_mapping("project.db", "frames", "joined", options, input_path="model/0")
