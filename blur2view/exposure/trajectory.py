@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import TINY, Array
@@ -70,18 +69,14 @@ class Trajectory:
         A rotation vector and the centre, both in the camera of mid exposure. NaN where unknown.
         """
         found = np.full((len(self.poses), 2, 6), np.nan)
-        for frame, (times, places) in enumerate(self._windows):
-            if len(times) > 1:
-                found[frame] = _through(times, places, [-fraction / 2, fraction / 2])
+        for frame, (times, places) in enumerate(self.windows):
+            if len(times) > 1:  # cubic where there are four
+                spline = make_interp_spline(times, places, k=min(3, len(times) - 1))
+                found[frame] = spline([-fraction / 2, fraction / 2])
         return found
 
-    @property
-    def one_sided(self) -> NDArray[np.bool_]:
-        """Return of which frames (N,) only the past or only the future is known, or neither."""
-        return np.array([len(times) == 0 or not times[0] < 0 < times[-1] for times, _ in self._windows])
-
     @cached_property
-    def _windows(self) -> list[tuple[Array, Array]]:
+    def windows(self) -> list[tuple[Array, Array]]:
         """Return times about each frame, and where the camera is there, in its own, as of `ends`: (M, 6)."""
         windows: list[tuple[Array, Array]] = []
         for time, own in zip(self.times, self.poses, strict=True):
@@ -160,7 +155,7 @@ def _placed(frames: Sequence[ExposedFrame], trajectory: Trajectory, fraction: fl
     """
     ends = trajectory.ends(fraction)
     motions = motions_between(ends)
-    doubts = np.where(trajectory.one_sided, BEYOND, 1.0)
+    doubts = np.array([1.0 if times[0] < 0 < times[-1] else BEYOND for times, _ in trajectory.windows])
     turned = motions[np.isfinite(motions[:, 0]), :3]
     spreads = doubts * (np.sqrt(np.median((turned**2).mean(axis=1))) if len(turned) else 1.0)
     doubt = _doubt(frames, motions, spreads)
@@ -227,8 +222,3 @@ def _doubt(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> fl
         spread_log = np.linalg.slogdet(covariance)[1]
         likely.append(-0.5 * (spread_log + (FREEDOM + 3) * np.log1p(far / FREEDOM)).sum())
     return float(FACTORS[int(np.argmax(likely))])
-
-
-def _through(times: Array, places: Array, wanted: Sequence[float]) -> Array:
-    """Return values (len(wanted), C) of a spline through places (N, C), cubic where there are four."""
-    return np.asarray(make_interp_spline(times, places, k=min(3, len(times) - 1))(wanted))
