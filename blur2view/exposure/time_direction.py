@@ -70,13 +70,12 @@ def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | 
     Of both rotations of E the smaller. The other is about 180 degrees away, which no two frames are; where
     there is little parallax, cheirality does not decide between them.
     """
-    rays1, rays2 = camera.rays(points1), camera.rays(points2)
-    seen = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
-    if seen.sum() < MIN_MATCHES:
+    rays = np.stack([camera.rays(points1), camera.rays(points2)])
+    rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
+    if rays.shape[1] < MIN_MATCHES:
         return None
-    rays1, rays2 = rays1[seen], rays2[seen]
     bound = MAX_ERROR_PX / camera.focal_px
-    E = cv2.findEssentialMat(rays1, rays2, np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)[0]
+    E = cv2.findEssentialMat(rays[0], rays[1], np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)[0]
     if E is None or E.shape != (3, 3):
         return None
     return decompose_essential(np.asarray(E, float))[0].rotation_vector
@@ -180,13 +179,8 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []
     numbered = sorted((*_number(name), index) for index, name in enumerate(names))
-    runs: list[list[int]] = [[]]
-    last: tuple[str, int] | None = None
-    for frame, number, index in numbered:
-        if (frame, number - 1) != last:
-            runs.append([])
-        runs[-1].append(index)
-        last = (frame, number)
+    of_run = ((frame, number - rank, index) for rank, (frame, number, index) in enumerate(numbered))
+    runs = [[index for *_, index in run] for _, run in groupby(of_run, lambda one: one[:2])]
     return [run for run in runs if len(run) > 1]
 
 

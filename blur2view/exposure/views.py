@@ -152,7 +152,7 @@ def keypoint_views(
     """
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
-    within = np.isfinite(keypoints) & (keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)
+    within = (keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)  # False of NaN
     inside: NDArray[np.bool_] = np.all(within, axis=1)
     points = np.where(inside[:, None], keypoints, 0.0)
     smears = grid.at(points)

@@ -34,7 +34,6 @@ RAW_SUFFIXES = frozenset(
 )
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 SQLITE = b"SQLite format 3\0"
-LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
 LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
@@ -116,7 +115,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     try:
         if path.suffix.lower() in RAW_SUFFIXES:
             return _develop(path, encoded, as_stored, max_memory_gib)
-        if encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS):
+        if encoded[4:8] == b"ftyp" and any(brand in encoded[8:64] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
