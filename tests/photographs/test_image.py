@@ -42,12 +42,7 @@ def test_16_bits_are_kept(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize(
     ("mode", "name", "shown"),
-    [
-        ("CMYK", "a.jpg", (200, 100, 50)),
-        ("YCbCr", "a.jpg", (200, 100, 50)),
-        ("P", "a.png", (204, 102, 51)),
-        ("1", "a.png", (0, 0, 0)),
-    ],
+    [("CMYK", "a.jpg", (200, 100, 50)), ("P", "a.png", (204, 102, 51)), ("1", "a.png", (0, 0, 0))],
 )
 def test_other_colour_models_become_rgb(tmp_path: Path, mode: str, name: str, shown: tuple[int, ...]) -> None:
     flat = Image.new("RGB", (32, 32), (200, 100, 50)).convert(mode, dither=Image.Dither.NONE)
@@ -154,11 +149,9 @@ def bitmap(side: int) -> bytes:
         (b"", "empty"),
         (b"a recipe for soup, not a photograph", "not a readable image"),
         (encoded(Image.new("RGB", (1, 1)), "PNG"), "1x1 pixels"),
-        (encoded(Image.new("RGB", (20000, 1)), "PNG"), "20000x1 pixels"),
         (bitmap(40_000), "too many pixels; resize"),
         (bitmap(13_300), "13300x13300 pixels; resize"),
         (encoded(Image.fromarray(np.ones((20, 20), np.float32)), "TIFF"), "floating-point"),
-        (cv2.imencode(".tif", np.ones((20, 20, 3), np.float32))[1].tobytes(), ""),
         (encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"), "32-bit"),
         ("folder", "is a folder; name a photograph in it"),
         (None, "no such file"),

@@ -66,10 +66,9 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
         (b"#a.jpg\0b.jpg\0", ["#a.jpg", "b.jpg"]),  # of find -print0, which writes no comments
         (b"#1.jpg\n# 2.jpg\n", ["#1.jpg"]),  # a file that is there
         (b"  b.jpg \na .jpg \n", ["b.jpg", "a .jpg "]),  # the second is there
-        (b"a.jpg\0b.jpg\0\n", ["a.jpg", "b.jpg"]),
         (b"\xef\xbb\xbffirst.jpg\nsec\xffond.jpg\n", ["first.jpg", os.fsdecode(b"sec\xffond.jpg")]),
     ],
-    ids=["comments", "nulls", "like a comment", "spaces", "null and line break", "any bytes"],
+    ids=["comments", "nulls", "like a comment", "spaces", "any bytes"],
 )
 def test_names_of_a_list_are_its_lines_but_blanks_and_comments(
     here: Path, content: bytes, names: list[str]
