@@ -135,8 +135,7 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
     Returns
     -------
     pycolmap.Reconstruction
-        Of two images: the open one at the origin, the close one at cam2_from_cam1 with a translation of unit
-        length, and a point for every inlier whose rays meet before both cameras.
+        Of two images, the open one at the origin, the close one at cam2_from_cam1, and their points.
 
     Raises
     ------
@@ -157,14 +156,14 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
             images = [opened.read_image(ids[view]) for view in names]
             camera = opened.read_camera(images[0].camera_id)
             geometry = opened.read_two_view_geometry(*(ids[view] for view in names))
-        if geometry.cam2_from_cam1 is None:
+        if (motion := geometry.cam2_from_cam1) is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
-        if not geometry.cam2_from_cam1.translation.any():
+        if not motion.translation.any():
             raise DatabaseError(f"{database}: the translation of {name} is undecided: nothing to triangulate")
         model, options = pycolmap.Reconstruction(), mapper_options()
         options.image_names = names
         model.add_camera_with_trivial_rig(camera)
-        for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
+        for image, pose in zip(images, (pycolmap.Rigid3d(), motion), strict=True):
             view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
             model.add_image_with_trivial_frame(view, pose)
         return pycolmap.triangulate_points(model, copy, folder, folder, True, options, False)
