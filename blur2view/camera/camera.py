@@ -21,7 +21,6 @@ from blur2view.camera.colmap_camera import (
 from blur2view.errors import CameraError
 
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
-OPENCV_ORDERS = (0, 4, 5, 8, 12, 14)
 OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
 
 
@@ -82,9 +81,8 @@ class Camera:
         if not np.issubdtype(type(focal_px), np.number) or not possible_focal(focal_px):
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px!r}")
         width, height = _sides(image_size)
-        centre = np.array([(width - 1) / 2, (height - 1) / 2])
-        K = np.array([[focal_px, 0, centre[0]], [0, focal_px, centre[1]], [0, 0, 1]])
-        params = (float(focal_px), *to_colmap(centre).tolist())
+        K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
+        params = (float(focal_px), width / 2, height / 2)
         return cls(K=K, width=width, height=height, model="SIMPLE_PINHOLE", params=params, source=source)
 
     @classmethod
@@ -106,17 +104,13 @@ class Camera:
         ValueError, CameraError
             If the values are not as above; if no such camera can be.
         """
-        K = np.asarray(K, float)
-        given = np.zeros(0) if dist is None else np.asarray(dist, float).ravel()
-        if len(given) not in OPENCV_ORDERS or given[8:].any():
-            raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {given.tolist()}")
+        given = [] if dist is None else np.asarray(dist, float).ravel().tolist()
+        if len(given) not in (0, 4, 5, 8, 12, 14) or any(given[8:]):
+            raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {given}")
         width, height = _sides(size)
-        pinhole = cls(K=K, width=width, height=height, source="opencv")  # which checks K
-        coefficients = np.zeros(8)
-        coefficients[: len(given[:8])] = given[:8]
-        count = 8 if coefficients[4:].any() else 4 if coefficients.any() else 0
-        numbers = np.diag(pinhole.K)[:2], to_colmap(K[:2, 2]), coefficients[:count]
-        params = tuple(np.concatenate(numbers).tolist())
+        pinhole = cls(K=K, width=width, height=height)  # which checks K
+        count = 8 if any(given[4:]) else 4 if any(given) else 0
+        params = (*pinhole.params, *[*given, *[0.0] * 8][:count])
         return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], width, height, params), "opencv")
 
     @classmethod
@@ -132,14 +126,9 @@ class Camera:
         """Return a pycolmap.Camera as ours; K is that of its undistorted picture."""
         K = np.array(camera.calibration_matrix(), float)
         K[:2, 2] = from_colmap(K[:2, 2])
-        return cls(
-            K=K,
-            width=camera.width,
-            height=camera.height,
-            model=camera.model_name,
-            params=tuple(np.asarray(camera.params, float).tolist()),
-            source=source,
-        )
+        params = tuple(np.asarray(camera.params, float).tolist())
+        size = {"width": camera.width, "height": camera.height}
+        return cls(K=K, **size, model=camera.model_name, params=params, source=source)
 
     @property
     def known(self) -> bool:
@@ -190,7 +179,7 @@ class Camera:
                 f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
                 f"{width}x{height}:{hint} Give the camera of this picture"
             )
-        resized = colmap_camera(self.model, self.width, self.height, self.params)
+        resized = colmap_camera(self.model, self.width, self.height, self.params)  # not the cached one
         resized.rescale(width, height)
         camera = Camera.from_colmap(resized, f"{self.source}, scaled by {scale:.4g}")
         return replace(camera, log_focal_sigma=self.log_focal_sigma)

@@ -1,10 +1,9 @@
 """COLMAP's conventions in one place: its pixels, its camera models, F and H of its pixels.
 
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there. Every number that goes to or
-comes from COLMAP passes through this module; nothing else in the package adds or takes a half. Camera models
-are those that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane: another of COLMAP's
-works without a line here; `colmap.schema` names those that need no pycolmap, `colmap.transforms` those that
-readers of transforms.json know.
+comes from COLMAP passes through this module. Camera models are those that pycolmap knows, all but
+EQUIRECTANGULAR, which has no rays in a plane: another of COLMAP's works without a line here;
+`colmap.transforms` names those that readers of transforms.json know.
 """
 
 from typing import Any
@@ -56,14 +55,12 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     """Return the pycolmap.Camera; CameraError if the model is unknown or a parameter cannot be."""
     import pycolmap  # 0.7 s, so only where a camera has more than a focal length
 
-    def names(model: str) -> str:
-        return str(pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1).params_info)
-
     known = [name for name in pycolmap.CameraModelId.__members__ if name != "INVALID"]
-    if model not in known:
+    made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
+    if made is None:
         why = f"unknown model {model}; COLMAP's are {', '.join(known)}"
-    elif len(params) != len(names(model).split(",")):
-        why = f"{model} has the parameters {names(model)}, got {len(params)} values"
+    elif len(params) != len(made.params):
+        why = f"{model} has the parameters {made.params_info}, got {len(params)} values"
     elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
         why = f"needs a positive width and height below {MAX_SIDE} pixels"
     elif not (np.abs(params) <= FOCAL_PX[1]).all() or model == "EQUIRECTANGULAR":
@@ -95,13 +92,6 @@ def homography_to_colmap(H: Array) -> Array:
     return shifted / np.linalg.norm(shifted)
 
 
-def rigid3d(rotation: Array, translation: Array) -> Any:
-    """Return the pycolmap.Rigid3d of a rotation matrix (3, 3) and a translation (3,)."""
-    import pycolmap
-
-    return pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), translation)
-
-
 def colmap_two_view_geometry(
     config: str,
     inliers: NDArray[np.int_],
@@ -125,5 +115,5 @@ def colmap_two_view_geometry(
         F=None if F is None else fundamental_to_colmap(F),
         E=E,
         H=None if H is None else homography_to_colmap(H),
-        cam2_from_cam1=None if pose is None else rigid3d(*pose),
+        cam2_from_cam1=None if pose is None else pycolmap.Rigid3d(pycolmap.Rotation3d(pose[0]), pose[1]),
     )

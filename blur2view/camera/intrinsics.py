@@ -41,8 +41,7 @@ class Intrinsics:
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
         """Return the camera of one photograph; ``image_size`` is its width and height, upright.
 
-        Without instructions EXIF's focal length, if there is one, is a hint (`EXIF_LOG_FOCAL`): it is good to
-        a few per cent, cropping voids it, and lenses distort. "exif" takes it for true.
+        Without instructions EXIF's focal length, if there is one, is a hint; "exif" takes it for true.
 
         CameraError if EXIF is asked for and has none, a database cannot be used, or the size does not fit.
         """

@@ -12,7 +12,6 @@ from blur2view.cli.arguments.values import share
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
 from blur2view.errors import DatabaseError, ImageError, OutputError
-from blur2view.exposure.time_direction import with_gaps
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.output_files import write_files, writing
 from blur2view.photographs.inputs import list_photographs
@@ -64,7 +63,7 @@ class PlaceOptions(Options):
         names = frame_names(self.photographs)
         model = find_model(self.model)
         refuse_foreign(self.output)
-        placement = place_views(self.database, model.folder, with_gaps(names), self.fraction)
+        placement = place_views(self.database, model.folder, names, self.fraction)
         count = plural(len(placement.placed) + len(placement.left), "frame")
         about = f"{self.database}: of {count} with views in {self.model}"
         if not math.isfinite(placement.fraction):

@@ -17,7 +17,7 @@ from blur2view.cli.views import document_of, named_jobs, summary, with_time
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import BESIDE
-from blur2view.colmap.database import holds_views_alone, refuse_existing, stored_photographs, write_database
+from blur2view.colmap.database import refuse_existing, write_database, written_photographs
 from blur2view.colmap.link import write_links
 from blur2view.colmap.project import ProjectImage
 from blur2view.errors import CameraError, OutputError
@@ -197,10 +197,12 @@ class ToColmapOptions(PhotographOptions):
 
         None if no database of views alone is replaced; DatabaseError of another one that is there.
         """
-        ours = not self.link and self.db.is_file() and holds_views_alone(self.db)
-        if not ours and not self.link:
+        if self.link:
+            return None
+        before = written_photographs(self.db)
+        if before is None:
             refuse_existing(self.db)
-        return stored_photographs(self.db) if ours and not self.dry_run else None
+        return None if self.dry_run else before
 
     def _refuse_loss(self, before: set[str] | None, names: Collection[str]) -> None:
         """Refuse to write these photographs alone where views of others are there."""

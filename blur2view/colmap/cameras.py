@@ -17,13 +17,13 @@ MOST_PARAMETERS = 32  # of a camera; no model has half as many
 
 @dataclass(frozen=True, kw_only=True)
 class StoredCamera:
-    """A camera of a COLMAP database, looked up for every photograph as `camera_of_database` does."""
+    """A camera of a COLMAP database, looked up for every photograph."""
 
     database: Path
     camera_id: int | None = None
 
     def __call__(self, photograph: Path) -> Camera:
-        """Return the camera of a photograph; CameraError if the database cannot be used or leaves it open."""
+        """Return the camera of a photograph, as `camera_of_database` does."""
         return camera_of_database(self.database, self.camera_id, str(photograph))
 
 
@@ -71,10 +71,8 @@ def camera_of_database(
     try:
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())
-        width, height = int(width), int(height)
+        size = int(width), int(height)
     except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
-        raise CameraError(
-            f"{path}: camera {camera_id} is of a kind this pycolmap does not know; update pycolmap"
-        ) from None
-    camera = colmap_camera(name, width, height, values)
-    return Camera.from_colmap(camera, f"database, camera {camera_id}")
+        why = "is of a kind this pycolmap does not know; update pycolmap"
+        raise CameraError(f"{path}: camera {camera_id} {why}") from None
+    return Camera.from_colmap(colmap_camera(name, *size, values), f"database, camera {camera_id}")

@@ -1,13 +1,9 @@
 """A user's COLMAP database, opened without changing a byte of it or of its folder, or to be linked to.
 
 pycolmap's ``Database.open`` is not used, because it writes (see `blur2view.colmap.schema`), and a plain
-read-only connection of SQLite is not enough: with a write-ahead log it creates two files beside the database
-and leaves them there.
-
-Linking (`blur2view.colmap.link`) writes to the file, in place, and one transaction changes it or nothing
-does: its journal outlives a kill at any moment, and it respects write-ahead logs and the locks of other
-programs. A changed copy renamed over the original would lose what others write meanwhile, and would come
-apart from a log beside the file.
+read-only connection of SQLite is not enough: with a write-ahead log it leaves two files beside the database.
+Linking (`blur2view.colmap.link`) writes to the file, in one transaction: its journal outlives a kill at any
+moment. A changed copy renamed over the original would lose what others write meanwhile, and its log.
 """
 
 import os
@@ -37,9 +33,8 @@ HINTS = {
 
 @contextmanager
 def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a COLMAP database for reading; every query inside sees the same state of it.
+    """Open a COLMAP database for reading; every query inside sees the same state of it, with its log.
 
-    What another program has written but not yet moved from the write-ahead log into the file is read too.
     DatabaseError if there is no such file, it is locked, damaged or no database of SQLite, also where a query
     inside shows it; if another program changed it meanwhile, or was killed with a transaction to undo.
     """

@@ -16,7 +16,7 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.project import ProjectImage, has_frames, own_views
-from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, put_image, put_row
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, VIEWS_TABLE, put_image, put_row
 from blur2view.errors import DatabaseError
 from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.half_exposure import half_geometry
@@ -46,9 +46,8 @@ def write_database(
 ) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. Without F and H nothing is matched: the ends' order would mean
-    nothing. The table ``blur2view_views`` says of each whether its time direction is known. With ``replace``
-    a file of this name is replaced, once the new one is whole.
+    Photographs with equal cameras share one. Without F and H nothing is matched. The table
+    ``blur2view_views`` says whether time directions are known. With ``replace`` an earlier file is replaced.
     DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name.
     """
     names, path = [views.name for views in photographs], Path(path)
@@ -79,20 +78,18 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
     cameras: list[Any] = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "new.db"
+        stored = [colmap_camera_of(views.camera, views.size) for views in photographs]
         with pycolmap.Database.open(path) as opened:
-            for views in photographs:
-                camera = colmap_camera_of(views.camera, views.size)
+            for camera in stored:
                 if camera not in cameras:
+                    opened.write_camera(camera)
                     cameras.append(camera)
-                    rig = pycolmap.Rig()
-                    rig.add_ref_sensor(
-                        pycolmap.sensor_t(pycolmap.SensorType.CAMERA, opened.write_camera(camera))
-                    )
-                    opened.write_rig(rig)
+        ids = [1 + cameras.index(camera) for camera in stored]
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
             database.executescript(f"BEGIN; {VIEWS_TABLE}")
-            ids = (1 + cameras.index(colmap_camera_of(one.camera, one.size)) for one in photographs)
+            for number in range(1, len(cameras) + 1):
+                put_row(database, "rigs", ref_sensor_id=number, ref_sensor_type=CAMERA_SENSOR)
             put_views(database, [(one, number, None) for one, number in zip(photographs, ids, strict=True)])
             database.execute("COMMIT")
         return path.read_bytes()
@@ -103,8 +100,8 @@ def put_views(
 ) -> None:
     """Write both images of photographs, of cameras with these ids, and their pairs, in place of earlier ones.
 
-    Of a photograph of a project also its pairs with both, and the table ``blur2view_views`` says what of it
-    they are made from. pycolmap makes keypoints, matches and geometries in a file of its own.
+    Of a photograph of a project also its pairs with both. pycolmap makes keypoints, matches and geometries in
+    a file of its own.
     """
     import pycolmap
 
@@ -136,21 +133,18 @@ def _put_images(
     """Write the images of both views and what is known of them; return their ids."""
     own = {} if photograph is None else own_views(database, photograph.name)
     with_frame = photograph is None or has_frames(database)
+    known = {
+        "photograph": views.name,
+        "config": views.geometry.config.name,
+        "time_known": int(views.time.known),
+        "time_confidence": views.time.confidence,
+        "source": None if photograph is None else photograph.digest,
+    }
     ids = []
     for role, name in zip(("open", "close"), views.names, strict=True):
         image_id = own[role][0] if role in own else None
         ids.append(put_image(database, name, camera_id, image_id, with_frame=with_frame))
-        put_row(
-            database,
-            "blur2view_views",
-            image_id=ids[-1],
-            photograph=views.name,
-            role=role,
-            config=views.geometry.config.name,
-            time_known=int(views.time.known),
-            time_confidence=views.time.confidence,
-            source=None if photograph is None else photograph.digest,
-        )
+        put_row(database, "blur2view_views", image_id=ids[-1], role=role, **known)
     return ids[0], ids[1]
 
 
@@ -159,9 +153,8 @@ def _pairs(
 ) -> dict[tuple[int, int], TwoViewGeometry]:
     """Return the geometries by pairs of images, with the inliers that COLMAP may make points from.
 
-    Without a project that is none unless the translation is known. A mapper takes the inliers and looks at no
-    configuration: those of a pure rotation become points at the reprojection error of noise, at a depth that
-    nothing shows.
+    Without a project that is none unless the translation is known: a mapper looks at no configuration, and
+    would make points of a pure rotation, at a depth that nothing shows.
     """
     whole = views.geometry
     if photograph is None:
@@ -180,12 +173,10 @@ def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
     Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
     distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
     """
-    if camera is not None and camera.known:
-        model, params = camera.model, camera.params
-    elif camera is not None:
-        model, params = "SIMPLE_RADIAL", (camera.focal_px, *to_colmap(camera.K[:2, 2]).tolist(), 0.0)
-    else:
-        model, params = "SIMPLE_RADIAL", (GUESSED_FOCAL * max(size), size[0] / 2, size[1] / 2, 0.0)
+    stated = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size)
+    model, params = stated.model, stated.params
+    if camera is None or not camera.known:
+        model, params = "SIMPLE_RADIAL", (stated.focal_px, *to_colmap(stated.K[:2, 2]).tolist(), 0.0)
     stored = colmap_camera(model, *size, params)
     stored.has_prior_focal_length = camera is not None
     return stored
@@ -202,19 +193,15 @@ def refuse_existing(path: Path) -> None:
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
 
-def holds_views_alone(path: Path) -> bool:
-    """Return whether a database of ours holds nothing but views, each matched with the other of its pair."""
+def written_photographs(path: Path) -> set[str] | None:
+    """Return the photographs of a database of ours that holds nothing but their views; None of another."""
     try:
         with open_read_only(path) as database:
-            return database.execute(NO_VIEWS).fetchone() is None
+            if database.execute(NO_VIEWS).fetchone() is None:
+                return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
     except DatabaseError:
-        return False
-
-
-def stored_photographs(path: Path) -> set[str]:
-    """Return the names of the photographs whose views a database of ours holds."""
-    with open_read_only(path) as database:
-        return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
+        pass
+    return None
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:

@@ -45,8 +45,7 @@ def plan_links(
 ) -> list[ProjectImage | DatabaseError]:
     """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
 
-    With ``replace`` views that an earlier call wrote are written anew. DatabaseError is raised if the
-    database as a whole cannot be used.
+    With ``replace`` views that an earlier call wrote are written anew. DatabaseError if nothing can be read.
     """
     plan: list[ProjectImage | DatabaseError] = []
     first_of: dict[str, Path] = {}
@@ -91,11 +90,8 @@ def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, re
     step = Step.REPLACE if own else Step.ADD
     if own and not replace:
         sources = [source for _, source in own.values()]
-        if None in sources:
-            how = f"holds views of {name} that were made without --link, of its smears"
-            raise ValueError(f"{how}; add --replace to make them anew, of its features")
         if sources != [digest] * 2 or not views_are_whole(database, image_id, ours):
-            raise ValueError(f"{name} or its views have changed since they were made; add --replace")
+            raise ValueError(f"{name} or its views are not as this call makes them; add --replace")
         step = Step.KEEP
     return ProjectImage(
         step=step,
@@ -141,10 +137,7 @@ def write_links(
 
 
 def _rows_of_the_user(database: sqlite3.Connection) -> dict[str, int]:
-    """Return of every table of COLMAP's how many rows blur2view did not write; ours must be there.
-
-    A schema can do anything with what is written, replace rows that are there among it.
-    """
+    """Return of every table of COLMAP's how many rows blur2view did not write, which a schema may replace."""
     tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     return {
         table: int(database.execute(f"SELECT count(*) FROM {table} WHERE {which}").fetchone()[0])

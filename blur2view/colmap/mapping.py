@@ -3,47 +3,33 @@
 The virtual images of one exposure (:mod:`blur2view.exposure.views`) lie millimetres to centimetres apart:
 the rays of a point meet at hundredths or tenths of a degree, where COLMAP asks for 16 degrees to begin a
 model and for 1.5 to keep a point; and without other images every track has two views, which COLMAP ignores.
-The options are pycolmap's own, to be changed at will.
-
-A mapper weighs all smears the same in its bundle adjustment: it knows neither their standard deviations, nor
-that the errors of neighbours are correlated, nor how a hand moves, all of which our estimate uses.
-`triangulate_exposure` keeps the estimated poses and only triangulates the points. In a video the frames'
-poses say most of what the camera did while the shutter was open: `place_views` leans on them.
+A mapper weighs all smears the same: it knows neither their standard deviations, nor that the errors of
+neighbours are correlated. `triangulate_exposure` keeps the estimated poses; in a video the frames' poses say
+most of what the camera did while the shutter was open: `place_views` leans on them.
 
 Ways to map
 -----------
-The exposures of a fresh database, each by itself, which makes a model of two images of each whose translation
-is known::
+The exposures of a fresh database, each by itself: a model of two images of each whose translation is known::
 
     import pycolmap
     import blur2view
 
     pycolmap.incremental_mapping("new.db", ".", "exposures", blur2view.mapper_options())
 
-One exposure with the pose that was estimated, only its points triangulated. Where the translation is
-undecided there are none, nor does the mapper above make any: the database holds no inliers of such a pair::
+One exposure with the pose that was estimated, only its points triangulated::
 
-    from pathlib import Path
     import blur2view
 
-    try:
-        model = blur2view.triangulate_exposure(Path("new.db"), "a.jpg")
-    except blur2view.DatabaseError as error:
-        print(error)
+    model = blur2view.triangulate_exposure("new.db", "a.jpg")
 
-The views of a linked project, which join a model of its photographs and leave it as it is::
+The views of a linked project, which join a model of its photographs and leave it as it is; or both anew, one
+by one or at once::
 
     import pycolmap
     import blur2view
 
     options = blur2view.mapper_options(linked=True, keep_photographs=True)
     pycolmap.incremental_mapping("project.db", "frames", "joined", options, input_path="model/0")
-
-Photographs and views of a linked project, all anew, one by one or at once::
-
-    import pycolmap
-    import blur2view
-
     pycolmap.incremental_mapping("project.db", "frames", "anew", blur2view.mapper_options(linked=True))
     pycolmap.global_mapping("project.db", "frames", "global", blur2view.global_options())
 """
@@ -72,14 +58,12 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
     Parameters
     ----------
     linked : bool
-        False: a database of exposures alone, each of which is a model of two images, which do not determine
-        the focal length: pass it to ``to-colmap``. True: the views stand beside the photographs of an
-        ordinary project (``--link``). Its wide baselines then begin the model, make the points and refine the
-        intrinsics, and only what would refuse the views is changed.
+        False: a database of exposures alone, two images each, which do not determine the focal length: pass
+        it to ``to-colmap``. True: the views stand beside the photographs of an ordinary project (``--link``),
+        whose wide baselines begin the model, and only what would refuse the views is changed.
     keep_photographs : bool
         Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
-        are, and the intrinsics. So views join the model that was there before them; smears, which err more
-        than features do, cannot bend it.
+        are, and the intrinsics: smears, which err more than features do, cannot bend it.
 
     Returns
     -------
@@ -127,9 +111,8 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
 def global_options() -> Any:
     """Return pycolmap.GlobalPipelineOptions for ``pycolmap.global_mapping`` of a database with linked views.
 
-    The mapper averages rotations over all two-view geometries, of photographs and of views, so those of the
-    views must be there. pycolmap 4.2 limits the time of neither positioning nor the whole: who needs that
-    maps in a process that can be ended.
+    pycolmap 4.2 limits the time of neither positioning nor the whole: who needs that maps in a process that
+    can be ended.
     """
     import pycolmap
 
@@ -152,8 +135,7 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
     Returns
     -------
     pycolmap.Reconstruction
-        Of two images: the open one at the origin, the close one at cam2_from_cam1 with a translation of unit
-        length, and a point for every inlier whose rays meet before both cameras.
+        Of two images, the open one at the origin, the close one at cam2_from_cam1, and their points.
 
     Raises
     ------
@@ -174,14 +156,14 @@ def triangulate_exposure(database: str | os.PathLike[str], name: str) -> Any:
             images = [opened.read_image(ids[view]) for view in names]
             camera = opened.read_camera(images[0].camera_id)
             geometry = opened.read_two_view_geometry(*(ids[view] for view in names))
-        if geometry.cam2_from_cam1 is None:
+        if (motion := geometry.cam2_from_cam1) is None:
             raise DatabaseError(f"{database}: has no pose of {name}; give to-colmap its intrinsics (--focal)")
-        if not geometry.cam2_from_cam1.translation.any():
+        if not motion.translation.any():
             raise DatabaseError(f"{database}: the translation of {name} is undecided: nothing to triangulate")
         model, options = pycolmap.Reconstruction(), mapper_options()
         options.image_names = names
         model.add_camera_with_trivial_rig(camera)
-        for image, pose in zip(images, (pycolmap.Rigid3d(), geometry.cam2_from_cam1), strict=True):
+        for image, pose in zip(images, (pycolmap.Rigid3d(), motion), strict=True):
             view = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
             model.add_image_with_trivial_frame(view, pose)
         return pycolmap.triangulate_points(model, copy, folder, folder, True, options, False)

@@ -2,7 +2,6 @@
 
 import mmap
 import os
-import struct
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,10 +29,9 @@ class FoundModel(NamedTuple):
 
 
 def read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none.
+    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none that is whole.
 
-    This is the only place that reads one: its images have names that are text, and cameras; numbers are
-    finite. Which points images see, which is much, is checked where it is looked up, by `seen_points`.
+    Which points images see, which is much, is checked where it is looked up, by `seen_points`.
     """
     import pycolmap
 
@@ -44,7 +42,7 @@ def read_model(folder: Path) -> Any:
         model = pycolmap.Reconstruction(folder)
         _check_model(folder, model)
         return model
-    except (OSError, struct.error, ValueError, RuntimeError, LookupError):  # of files that do not go together
+    except (OSError, ValueError, RuntimeError, LookupError):  # of files that do not go together
         reason = "holds no model that can be read" if folder.is_dir() else "no such folder"
         remedy = "name the one with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
@@ -52,20 +50,21 @@ def read_model(folder: Path) -> Any:
 
 def _check_model(folder: Path, model: Any) -> None:
     """Raise a DatabaseError where a model contradicts itself; pycolmap's own errors of what it holds pass."""
-    remedy = "let COLMAP write the model again"
-    for camera in model.cameras.values():
-        if not _possible(camera.params):
-            raise DatabaseError(f"{folder}: camera {camera.camera_id} has parameters that none has; {remedy}")
+    faults = [
+        f"camera {camera.camera_id} has parameters that none has"
+        for camera in model.cameras.values()
+        if not _possible(camera.params)
+    ]
     if not _possible([point.xyz for point in model.points3D.values()]):
-        raise DatabaseError(f"{folder}: has points that are nowhere; {remedy}")
-    for image in model.images.values():
+        faults.append("has points that are nowhere")
+    for number, image in model.images.items():
         try:
-            name = image.name
+            if image.name and image.has_pose and not _possible(image.cam_from_world().matrix()):
+                faults.append(f"image {image.name} has a pose that is nowhere")
         except UnicodeDecodeError:
-            why = f"the name of image {image.image_id} is no UTF-8; rename it, and {remedy}"
-            raise DatabaseError(f"{folder}: {why}") from None
-        if image.has_pose and not _possible(image.cam_from_world().matrix()):
-            raise DatabaseError(f"{folder}: image {name} has a pose that is nowhere; {remedy}")
+            faults.append(f"the name of image {number} is no UTF-8")
+    if faults:
+        raise DatabaseError(f"{folder}: {faults[0]}; let COLMAP write the model again")
 
 
 def _possible(values: Any) -> bool:
@@ -87,27 +86,24 @@ def seen_points(model: Any, image: Any, places: Iterable[int]) -> Array:
 
 
 def _check_file(path: Path) -> None:
-    """Raise where pycolmap would wait, or take memory or time for what a count announces and no file holds.
-
-    OSError of what is no regular file, struct.error or ValueError of a count beyond the end of a binary file.
-    """
+    """Raise OSError of what is no regular file, ValueError of a count that pycolmap would take memory for."""
     with open_regular(path) as file:
         if path.name not in RECORDS:
             return
         before, number, part = RECORDS[path.name]
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             at = 8
-            for _ in range(struct.unpack_from("<Q", content)[0]):
+            for _ in range(int.from_bytes(content[:8], "little")):
                 at += before
                 if path.name == "images.bin":
                     at = content.find(b"\0", at) + 1 or len(content)  # behind the name
-                at += struct.calcsize(number) + part * int(struct.unpack_from(number, content, at)[0])
+                at += number + part * int.from_bytes(content[at : at + number], "little")
                 if at > len(content):
                     raise ValueError(f"{path}: ends within a record")
 
 
-RECORDS = {"images.bin": (64, "<Q", 24), "points3D.bin": (43, "<Q", 8), "frames.bin": (64, "<I", 16)}
-"""Of a record: bytes before the number of its parts, but for a name; that number; bytes of a part.
+RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": (64, 4, 16)}
+"""Of a record: bytes before the number of its parts, but for a name; those of that number; of a part.
 
 What cameras.bin and rigs.bin announce pycolmap checks itself."""
 
@@ -117,10 +113,9 @@ def find_model(folder: Path) -> FoundModel:
 
     DatabaseError if there is none that can be read.
     """
-    below = [path for path in folder.iterdir() if holds_model(path)] if folder.is_dir() else []
-    if holds_model(folder) or not below:
-        return FoundModel(folder=folder, registered=_photographs(read_model(folder)))
-    sizes = {path: _photographs(read_model(path)) for path in sorted(below)}
+    below = sorted(path for path in folder.iterdir() if holds_model(path)) if folder.is_dir() else []
+    folders = [folder] if holds_model(folder) or not below else below
+    sizes = {path: _photographs(read_model(path)) for path in folders}
     largest = max(sizes, key=lambda path: sizes[path])
     return FoundModel(folder=largest, registered=sizes[largest], others=len(sizes) - 1)
 

@@ -1,40 +1,32 @@
 """Virtual views put into a reconstruction of their photographs, with the motion that the trajectory explains.
 
-A mapper places each view by itself, from smears that err together: on a rendered video with the network's
-smears 22 of 28 views, the rotation during the exposure off by 88 %. Here the photographs' poses, which blur
-hardly harms, are the trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
+A mapper places each view by itself, from smears that err together: on a rendered video 22 of 28 views, the
+rotation during the exposure off by 88 %. Here the photographs' poses, which blur hardly harms, are the
+trajectory, and smears measure what fraction of it an exposure is (`trajectory`).
 """
 
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap, normalised_points, rigid3d
+from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import read_model, seen_points
 from blur2view.colmap.project import frame_of, image_names
 from blur2view.colmap.schema import read_keypoints, read_matches
 from blur2view.errors import DatabaseError
-from blur2view.exposure.time_direction import consecutive_runs
-from blur2view.exposure.trajectory import ExposedFrame, Trajectory, common_fraction, exposure_motion, widened
+from blur2view.exposure.time_direction import frame_times
+from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
 
-MOST_SCALED = 10.0  # times shorter than a given exposure has them: then smears are not used
-NONE: Array = np.zeros((0, 2))
-BIAS = 0.1  # by which smears of a photograph may all be too long or too short, of their length
-FIRST_GUESS, ROUNDS, LONGEST = 0.5, 5, 1.0  # of exposure over frame interval
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
-
-
-Runs = list[tuple[list[int], Trajectory]]  # of frames that follow one another
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +61,7 @@ class _Linked:
 
     photograph: Any  # pycolmap.Image of the model
     views: tuple[Any, Any]  # pycolmap.Image at open and close, of no model
-    matched: NDArray[np.int64]  # indices of features that have both ends
+    seen: list[int]  # indices of features that have both ends and a 3D point
 
 
 def place_views(
@@ -87,9 +79,9 @@ def place_views(
     model : path-like
         Folder of a reconstruction of its photographs, views left out (``image_names``, or made before).
     names : sequence of str, optional
-        Photographs of one video in order, none left out: those that are not registered or have no views are
-        passed over, and what they part does not follow one another. Default: those whose names differ by
-        one in their number follow one another.
+        Photographs of one video in order, parted where their numbers say that some were left out
+        (`frame_times`); those that are not registered or have no views are passed over. Default: those of
+        the model by name.
     fraction : float, optional
         Exposure time over frame interval, if it is known; default: measured from the smears.
 
@@ -107,53 +99,37 @@ def place_views(
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     reconstruction = read_model(Path(model))
-    linked = _read_linked(Path(database), reconstruction, names)
+    registered = {image.name: image for image in reconstruction.images.values() if image.has_pose}
+    if names is None:
+        names = sorted(name for name in registered if not name.endswith((OPEN, CLOSE)))
+    times = dict(zip(names, frame_times(names), strict=True))
+    linked = _read_linked(Path(database), registered, names)
     if not linked:
         raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
-    poses = np.stack([one.photograph.cam_from_world().matrix() for one in linked])
-    numbers = {name: str(number) for number, name in enumerate(names or ())}
-    named = [numbers.get(one.photograph.name, one.photograph.name) for one in linked]
-    runs = [(run, Trajectory(poses=poses[run])) for run in consecutive_runs(named)]
-    read = [_frame(reconstruction, one) for one in linked]
-    frames, used = _with_velocities(read, runs, fraction)
-    if fraction is not None:
-        frames = _scaled(frames, fraction)
-    spreads, shares, bends = _weights(frames, runs, used)
-    guessed = fraction is None and used >= LONGEST
-    if guessed:  # unless the trajectory says how most frames turn while the shutter is open
-        guessed = not np.median(shares[[index for run, _ in runs for index in run], 0]) > 0
-    if guessed:
-        frames, used = _with_velocities(frames, runs, FIRST_GUESS)
-        spreads, shares, bends = _weights(frames, runs, used)
-    placed: list[str] = []
-    left: list[str] = []
-    for one, frame, spread, share, bend in zip(linked, frames, spreads, shares, bends, strict=True):
-        if frame.velocity is not None:
-            frame = replace(frame, velocity=share * frame.velocity)
-        motion = exposure_motion(frame, used, spread)
-        (left if motion is None else placed).append(one.photograph.name)
-        if motion is not None:
-            _add_views(reconstruction, one, motion, bend)
-    return Placement(
-        model=reconstruction, fraction=used, measured=not guessed, placed=tuple(placed), left=tuple(left)
+    trajectory = Trajectory(
+        times=np.array([times[one.photograph.name] for one in linked], float),
+        poses=np.stack([one.photograph.cam_from_world().matrix() for one in linked]),
     )
+    frames = [_frame(reconstruction, one) for one in linked]
+    ends, used, measured = exposures(frames, trajectory, fraction)
+    known = np.isfinite(ends[:, 0, 0])
+    for index in np.flatnonzero(known):
+        _add_views(reconstruction, linked[index], ends[index])
+    placed, left = (
+        tuple(one.photograph.name for one, is_known in zip(linked, known, strict=True) if is_known == which)
+        for which in (True, False)
+    )
+    return Placement(model=reconstruction, fraction=used, measured=measured, placed=placed, left=left)
 
 
-def _read_linked(database: Path, model: Any, names: Sequence[str] | None) -> list[_Linked]:
+def _read_linked(database: Path, registered: Mapping[str, Any], names: Sequence[str]) -> list[_Linked]:
     """Return the registered photographs that have both views in the database and none in the model."""
-    registered = {image.name: image for image in model.images.values() if image.has_pose}
-    wanted = [
-        name
-        for name in (sorted(registered) if names is None else names)
-        if name in registered and name + OPEN not in registered
-    ]
+    wanted = [name for name in names if name in registered and name + OPEN not in registered]
     with open_read_only(database) as opened:
         ids = image_names(opened)
-        others = [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]
-        if others:
-            raise DatabaseError(
-                f"{database}: {others[0]} has another id in the model; name the database that is the model's"
-            )
+        if others := [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]:
+            why = "has another id in the model; name the database that is the model's"
+            raise DatabaseError(f"{database}: {others[0]} {why}")
         with_views = [name for name in wanted if {name + OPEN, name + CLOSE} <= ids.keys()]
         return [_read_one(opened, ids, registered[name]) for name in with_views]
 
@@ -170,78 +146,26 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
         views.append(view)
     first, last = views
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
-    count = min(image.num_points2D() for image in (photograph, first, last))
-    return _Linked(photograph=photograph, views=(first, last), matched=matched[matched < count])
-
-
-def _with_velocities(
-    frames: list[ExposedFrame], runs: Runs, fraction: float | None
-) -> tuple[list[ExposedFrame], float]:
-    """Return frames with their mean velocity while the shutter is open, and for how long that is.
-
-    The exposure, if it is not known, is that for which its smears and the velocity agree; NaN without any.
-    """
-    used = FIRST_GUESS if fraction is None else fraction
-    for _ in range(ROUNDS):
-        for run, trajectory in runs:
-            for index, velocity in zip(run, trajectory.velocities(used), strict=True):
-                frames[index] = replace(frames[index], velocity=velocity)
-        if fraction is not None or not np.isfinite(measured := common_fraction(frames)):
-            return frames, float("nan") if fraction is None else fraction
-        used = float(np.clip(measured, 1e-3, LONGEST))
-    return frames, used
-
-
-def _weights(frames: list[ExposedFrame], runs: Runs, fraction: float) -> tuple[Array, Array, Array]:
-    """Return standard deviations of velocities, the shares of these to expect, and bends, (N, 6) each.
-
-    A bend is how far the middle of both ends is from where the camera is at mid exposure.
-    """
-    spreads, shares, bends = np.ones((len(frames), 6)), np.ones((len(frames), 6)), np.zeros((len(frames), 6))
-    for run, trajectory in runs if np.isfinite(fraction) else ():
-        own = [frames[index] for index in run]
-        spreads[run] = widened(own, fraction, trajectory.spreads(fraction))
-        shares[run] = trajectory.shares(fraction, spreads[run])
-        bends[run] = shares[run] * trajectory.ends(fraction).mean(axis=1)
-    return spreads, shares, bends
-
-
-def _scaled(frames: list[ExposedFrame], fraction: float) -> list[ExposedFrame]:
-    """Return frames with smears as long as those of a known exposure, as far as their number shows it.
-
-    Smears of less than `MOST_SCALED` of it measure nothing and are left out.
-    """
-    known = np.abs([frame.fraction for frame in frames if np.isfinite(frame.fraction)])
-    if len(known) and np.median(known) * MOST_SCALED <= fraction:
-        return [replace(one, rays=NONE, displacement=NONE, inverse_depth=NONE[:, 0]) for one in frames]
-    if not len(known):
-        return frames
-    logs = np.log(fraction / known)
-    sigma = 1.5 * float(np.median(np.abs(logs - np.median(logs)))) / len(known) ** 0.5
-    scale = np.exp(np.median(logs) * BIAS**2 / (BIAS**2 + sigma**2))
-    return [replace(frame, displacement=scale * frame.displacement) for frame in frames]
+    count, points = min(image.num_points2D() for image in (photograph, first, last)), photograph.points2D
+    seen = [index for index in map(int, matched) if index < count and points[index].has_point3D()]
+    return _Linked(photograph=photograph, views=(first, last), seen=seen)
 
 
 def _frame(model: Any, one: _Linked) -> ExposedFrame:
-    """Return the smears of the features whose 3D point lies in front of the camera; no velocity yet."""
-    points, camera = one.photograph.points2D, model.cameras[one.photograph.camera_id]
-    seen = [i for i in map(int, one.matched) if points[i].has_point3D()]
-    pose = one.photograph.cam_from_world().matrix()
-    world = seen_points(model, one.photograph, seen)
+    """Return the smears of the features whose 3D point lies in front of the camera."""
+    camera, pose = model.cameras[one.photograph.camera_id], one.photograph.cam_from_world().matrix()
+    world = seen_points(model, one.photograph, one.seen)
     depth = world @ pose[2, :3] + pose[2, 3]
-    pixels = np.array([[view.points2D[i].xy for i in seen] for view in one.views]).reshape(2, -1, 2)
+    pixels = np.array([[view.points2D[i].xy for i in one.seen] for view in one.views]).reshape(2, -1, 2)
     first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
-        rays=0.5 * (first + last)[good],
-        displacement=(last - first)[good],
-        inverse_depth=1 / depth[good],
-        velocity=None,
+        rays=0.5 * (first + last)[good], displacement=(last - first)[good], inverse_depth=1 / depth[good]
     )
 
 
-def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
-    """Add both images half of the motion before and after the photograph, bent, and what they observe.
+def _add_views(model: Any, one: _Linked, ends: Array) -> None:
+    """Add both images where the camera is (2, 6), in that of the photograph, and what they observe.
 
     Each is alone in its frame; the rig, which may have more cameras, is that of the photograph. A view
     observes the photograph's 3D points that project within `MAX_ERROR_PX`.
@@ -249,24 +173,21 @@ def _add_views(model: Any, one: _Linked, motion: Array, bend: Array) -> None:
     import pycolmap
 
     photograph = one.photograph
-    for view, sign in zip(one.views, (-1, 1), strict=True):
+    for view, end in zip(one.views, ends, strict=True):
         if model.exists_frame(view.frame_id):  # the model is older than the project's frames
             view.frame_id = 1 + max(model.frames)
         frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
         frame.add_data_id(view.data_id)
         model.add_frame(frame)
         model.add_image(view)
-        R = rotation_matrix(sign * 0.5 * motion[:3] + bend[:3])
-        half = rigid3d(R, sign * 0.5 * motion[3:] - bend[3:])
-        pose = half * photograph.cam_from_world()
+        R = rotation_matrix(end[:3])
+        pose = pycolmap.Rigid3d(np.column_stack([R, -R @ end[3:]])) * photograph.cam_from_world()
         model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
         model.register_frame(view.frame_id)
-        image, points = model.images[view.image_id], photograph.points2D
-        for index in map(int, one.matched):
-            if points[index].has_point3D():
-                number = points[index].point3D_id
-                projected = image.project_point(model.points3D[number].xyz)
-                if projected is None:
-                    continue
-                if np.linalg.norm(projected - image.points2D[index].xy) < MAX_ERROR_PX:
-                    model.add_observation(number, pycolmap.TrackElement(view.image_id, index))
+        image = model.images[view.image_id]
+        for index in one.seen:
+            number = photograph.points2D[index].point3D_id
+            projected = image.project_point(model.points3D[number].xyz)
+            missed = None if projected is None else np.linalg.norm(projected - image.points2D[index].xy)
+            if missed is not None and missed < MAX_ERROR_PX:
+                model.add_observation(number, pycolmap.TrackElement(view.image_id, index))

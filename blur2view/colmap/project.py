@@ -1,7 +1,7 @@
 """A user's COLMAP project: the images, keypoints and matches in its database."""
 
 import sqlite3
-from collections.abc import Callable, Collection, Container, Iterator, Sequence
+from collections.abc import Callable, Collection, Container, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
@@ -45,17 +45,10 @@ def image_names(database: sqlite3.Connection) -> dict[str, int]:
 
 
 def longest_suffix(names: Container[str], photograph: Path) -> str | None:
-    """Return the longest suffix of a photograph's path that is an image's name, None if there is none.
-
-    So "/data/left/a.jpg" is "left/a.jpg" of a database that has it, else "a.jpg".
-    """
-    return next((name for name in suffixes(photograph) if name in names), None)
-
-
-def suffixes(photograph: Path) -> Iterator[str]:
-    """Yield the names by which a project may know a photograph, the longest first."""
+    """Return the longest suffix of a photograph's path that is an image's name, None if there is none."""
     parts = photograph.absolute().parts
-    return ("/".join(parts[start:]) for start in range(1, len(parts)))
+    suffixes = ("/".join(parts[start:]) for start in range(1, len(parts)))
+    return next((name for name in suffixes if name in names), None)
 
 
 def storable(name: str) -> bool:
@@ -73,7 +66,7 @@ def frame_of(database: sqlite3.Connection, image_id: int) -> int:
     """Return the id of an image's frame; where a project has none mappers give it that of the image."""
     sql = "SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = ?"
     row = database.execute(sql, (image_id, CAMERA_SENSOR)).fetchone() if has_frames(database) else None
-    return image_id if row is None else int(row[0])
+    return int((row or (image_id,))[0])
 
 
 def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
@@ -89,13 +82,16 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
 
 def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collection[int]) -> bool:
     """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
-    tables = ["keypoints WHERE image_id"] + (["frame_data WHERE data_id"] if has_frames(database) else [])
-    wanted = [(table, view) for table in tables for view in views]
     pairs = [pair_id(one, other) for one, other in combinations([image_id, *views], 2)]
-    wanted += [
-        (f"{table} WHERE pair_id", pair) for table in ("matches", "two_view_geometries") for pair in pairs
-    ]
-    return all(database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone() for table, key in wanted)
+    wanted = {"keypoints WHERE image_id": views}
+    wanted |= {"matches WHERE pair_id": pairs, "two_view_geometries WHERE pair_id": pairs}
+    wanted |= {"frame_data WHERE data_id": views} if has_frames(database) else {}
+    found = (
+        database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone()
+        for table, keys in wanted.items()
+        for key in keys
+    )
+    return all(found)
 
 
 def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], tuple[Array, Array]]:
@@ -106,19 +102,19 @@ def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], t
 
     def matched(first: int, second: int) -> tuple[Array, Array]:
         with open_read_only(path) as database:
-            sql = "SELECT image_id FROM images WHERE name = ?"
-            rows = [database.execute(sql, (names[one],)).fetchone() for one in (first, second)]
-            if None in rows or rows[0] == rows[1]:
+            sql = "SELECT image_id FROM images WHERE name IN (?, ?) ORDER BY name = ?"
+            ids = database.execute(sql, (names[first], names[second], names[second])).fetchall()
+            if len(ids) != 2:
                 return NO_POINTS, NO_POINTS
-            id1, id2 = (int(image_id) for (image_id,) in rows)
-            index = read_matches(database, "two_view_geometries", id1, id2)
+            pair = [int(image_id) for (image_id,) in ids]
+            index = read_matches(database, "two_view_geometries", *pair)
             if len(index) == 0:  # not verified
-                index = read_matches(database, "matches", id1, id2)
-            points1, points2 = (from_colmap(read_keypoints(database, one)) for one in (id1, id2))
-        inside = (index[:, 0] < len(points1)) & (index[:, 1] < len(points2))
-        points1, points2 = points1[index[inside, 0]], points2[index[inside, 1]]
-        finite = np.isfinite(points1).all(axis=1) & np.isfinite(points2).all(axis=1)
-        return points1[finite], points2[finite]
+                index = read_matches(database, "matches", *pair)
+            one, other = (from_colmap(read_keypoints(database, image_id)) for image_id in pair)
+        index = index[(index[:, 0] < len(one)) & (index[:, 1] < len(other))]
+        points = np.stack([one[index[:, 0]], other[index[:, 1]]])
+        first_points, second_points = points[:, np.isfinite(points).all(axis=(0, 2))]
+        return first_points, second_points
 
     return matched
 

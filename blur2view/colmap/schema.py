@@ -1,10 +1,9 @@
 """What a COLMAP database is made of, as SQLite sees it: columns, numbers, blobs, rows of views.
 
-All of it is that of pycolmap 4.2. pycolmap makes new databases, and the rows of keypoints, matches and
-geometries (`blur2view.colmap.database`). SQLite puts them into a user's database and reads that, because
+All of it is that of pycolmap 4.2, which makes new databases, and rows of keypoints, matches and geometries
+(`blur2view.colmap.database`). SQLite puts them into a user's database and reads that, because
 ``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables and columns, turns on
-write-ahead logging, and stamps its own version even on a newer file, none of it in a transaction with what
-comes after.
+write-ahead logging, and stamps its own version even on a newer file, in no transaction with what comes after.
 
 What the rows rely on
 ---------------------
@@ -27,6 +26,9 @@ from numpy.typing import NDArray
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
 CAMERA_SENSOR = 0
+RIG_OF_CAMERA = f"""
+SELECT rig_id FROM rigs WHERE ref_sensor_id = ? AND ref_sensor_type = {CAMERA_SENSOR}
+UNION ALL SELECT rig_id FROM rig_sensors WHERE sensor_id = ? AND sensor_type = {CAMERA_SENSOR}"""
 # Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
@@ -81,22 +83,16 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
     """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
     rows, cols, data = row or (0, 2, None)
     blob = b"" if data is None else data
-    if not (isinstance(rows, int) and isinstance(cols, int) and isinstance(blob, bytes)):
-        raise ValueError(f"{what} are of another type; run COLMAP's extraction and matching again")
-    if cols not in (2, 4, 6) or rows < 0 or len(blob) != 4 * rows * cols:
-        raise ValueError(f"{what}: {len(blob)} bytes for {rows} rows of {cols}; run COLMAP again")
+    whole = isinstance(blob, bytes) and isinstance(rows, int) and isinstance(cols, int)
+    if not whole or rows < 0 or cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
     return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 
 
 def rig_of(database: Connection, camera_id: int) -> int | None:
     """Return the id of the rig that a camera belongs to, None if there is none."""
-    sensor = (camera_id, CAMERA_SENSOR)
-    for table, prefix in (("rigs", "ref_sensor"), ("rig_sensors", "sensor")):
-        sql = f"SELECT rig_id FROM {table} WHERE {prefix}_id = ? AND {prefix}_type = ?"
-        row = database.execute(sql, sensor).fetchone()
-        if row is not None:
-            return int(row[0])
-    return None
+    row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
+    return None if row is None else int(row[0])
 
 
 def put_image(
@@ -119,7 +115,6 @@ def put_image(
 def put_row(database: Connection, table: str, **row: object) -> int:
     """Write a row, in place of one of its key; return its id."""
     sql = f"INSERT OR REPLACE INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
-    number = database.execute(sql, tuple(row.values())).lastrowid
-    if number is None:
+    if (number := database.execute(sql, tuple(row.values())).lastrowid) is None:
         raise RuntimeError(f"SQLite gave no id to a row of {table}")
     return number

@@ -1,35 +1,32 @@
 """A model with exposures as ``transforms.json``: what trainers of radiance fields read for blurred frames.
 
 A model as `place_views` gives it holds three poses of a photograph: at mid exposure (NAME), when the shutter
-opened (NAME#open) and when it closed (NAME#close). The world stays the model's, its unit the model's, so that
+opened (NAME#open) and when it closed (NAME#close). The world is the model's, its unit the model's, so that
 its points need no change. Both dialects share these conventions, with their sources:
 
-- ``transform_matrix`` (4x4) is world_from_camera. Camera axes are OpenGL's: x right, y up, z backwards, that
-  is COLMAP's with y and z reversed (instant-ngp, ``scripts/colmap2nerf.py`` with ``--keep_colmap_coords``;
-  nerfstudio, ``process_data/colmap_utils.py``).
+- ``transform_matrix`` (4x4) is world_from_camera. Camera axes are OpenGL's: x right, y up, z backwards
+  (instant-ngp, ``colmap2nerf.py --keep_colmap_coords``; nerfstudio, ``process_data/colmap_utils.py``).
 - ``w``, ``h``, ``fl_x``, ``fl_y``, ``cx``, ``cy``, ``k1`` ... are COLMAP's own numbers, (0.5, 0.5) at the
-  centre of the top-left pixel (``src/nerf_loader.cu`` divides ``cx`` by ``w``; ``colmap_utils.py`` copies
-  them). They stand above the frames if all frames share a camera, else in every frame.
+  centre of the top-left pixel (``src/nerf_loader.cu``; ``colmap_utils.py``). They stand above the frames if
+  all frames share a camera, else in every frame.
 - ``file_path`` is relative to the folder of the file.
 
-instant-ngp (``src/nerf_loader.cu``, ``include/neural-graphics-primitives/nerf_loader.h``): the camera of a
-frame goes from ``transform_matrix_start`` to ``transform_matrix_end``; ``transform_matrix`` is what its other
-tools look from. ``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as
-a + b u + c v + d r, r random in [0, 1]; [0, 0, 0, 1] is a global shutter, open from start to end.
-``sharpness`` is relative: a frame goes if its own is not above ``sharpness_discard_threshold`` (0 unless
-written) times its neighbours' mean. Ours is 1 / (1 + median smear in pixels). A position p becomes
-``scale`` p + ``offset`` and should lie near the unit cube; ours puts the cameras as far from the median of
-the points as ``colmap2nerf.py`` does (mean 4, times NERF_SCALE 0.33), in its box of ``aabb_scale`` 16.
+instant-ngp (``src/nerf_loader.cu``, ``include/neural-graphics-primitives/nerf_loader.h``): the camera goes
+from ``transform_matrix_start`` to ``transform_matrix_end``; its other tools look from ``transform_matrix``.
+``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as a + b u + c v +
+d r, r random in [0, 1]. ``sharpness`` is relative: a frame goes if its own is not above
+``sharpness_discard_threshold`` (0 unless written) times its neighbours' mean. Ours is 1 / (1 + median smear
+in pixels). A position p becomes ``scale`` p + ``offset`` and should lie near the unit cube; ours puts the
+cameras as far from the median of the points as ``colmap2nerf.py`` does, in its box of ``aabb_scale`` 16.
 
 nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur,
 ``process_synthetic_inputs.py`` and ``combine.py``): ``camera_linear_velocity`` is (centre at the close -
 centre at the open) / ``exposure_time``, in the model's unit per second, ``camera_angular_velocity`` the
-rotation vector from the open to the close camera over ``exposure_time``, radians per second, both rotated
-into the camera axes of ``transform_matrix``; ``rolling_shutter_time`` is 0 here. Only velocity times exposure
-time shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names the model's
-points, whose world is that of the poses (nerfstudio, ``dataparsers/nerfstudio_dataparser.py``). nerfstudio's
-main line reads the same file: its parser takes what it knows by name, and of the motion it knows nothing, so
-that a frame counts as sharp at mid exposure and what is long had better be left out (``max_smear_px``).
+rotation vector from the open to the close camera over ``exposure_time``, radians per second, both in the
+camera axes of ``transform_matrix``; ``rolling_shutter_time`` is 0 here. Only velocity times exposure time
+shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names the model's
+points (``dataparsers/nerfstudio_dataparser.py``). nerfstudio's main line reads the same file and knows
+nothing of the motion, so that what is long had better be left out (``max_smear_px``).
 
 Masks: nerfstudio reads ``mask_path``, of every frame or of none (0 is left out); instant-ngp the file
 ``dynamic_mask_NAME.png`` beside the photograph (what is not 0 is left out). Both want the size of the
@@ -37,10 +34,9 @@ photograph as stored, whatever its EXIF says.
 
 A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
 
-gsplat reads no such file but COLMAP's model, of its photographs alone, at mid exposure:
-``examples/datasets/colmap.py`` reads every image of the model in ``DIR/sparse/0`` and looks for its file
-below ``DIR/images``, so that views, which no file has, end it; of cameras it knows `KNOWN`, and of masks none
-for a single photograph. Every eighth photograph by name is held out. It knows no blur.
+gsplat reads COLMAP's model, of its photographs alone, at mid exposure: ``examples/datasets/colmap.py`` reads
+every image of the model in ``DIR/sparse/0`` and looks for its file below ``DIR/images``, so that views, which
+no file has, end it; of cameras it knows `KNOWN`, of masks none, and of blur nothing.
 """
 
 import os
@@ -56,7 +52,7 @@ from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_vector
 from blur2view.output_files import SIGNED_BY
 
 LAST_ROW = [0, 0, 0, 1]  # of a pose (4, 4)
@@ -85,23 +81,19 @@ class ExposedPhotograph:
 def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
     """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer or unknown smears.
 
-    A photograph that is not registered itself, but both of whose views are, has the pose halfway between.
     DatabaseError if none is left, or none of the model has both views.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
     photographs = []
-    for name in sorted({name.removesuffix(OPEN).removesuffix(CLOSE) for name in images}):
-        own, *views = (images.get(name + end) for end in ("", OPEN, CLOSE))
-        ends = None if None in views else (_world_from_camera(views[0]), _world_from_camera(views[1]))
-        if ends is None and own is None:
-            continue
-        shown: Any = views[0] if own is None else own
+    for name in sorted(name for name in images if not name.endswith((OPEN, CLOSE))):
+        views = [images[name + end] for end in (OPEN, CLOSE) if name + end in images]
+        both = len(views) == 2
         one = ExposedPhotograph(
             name=name,
-            camera_id=shown.camera_id,
-            middle=_halfway(*ends) if ends and own is None else _world_from_camera(own),
-            ends=ends,
-            smear_px=_smear_px(shown, views) if ends else None,
+            camera_id=images[name].camera_id,
+            middle=_world_from_camera(images[name]),
+            ends=(_world_from_camera(views[0]), _world_from_camera(views[1])) if both else None,
+            smear_px=_smear_px(images[name], views) if both else None,
         )
         photographs.append(one)
     if all(one.ends is None for one in photographs):
@@ -171,25 +163,19 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
             f"{folder}: camera {camera.camera_id} is {camera.model_name}, which transforms.json cannot hold; "
             "undistort the photographs first with colmap image_undistorter"
         )
-    fisheye = camera.model_name in FISHEYE
+    kind: dict[str, Any] = {"camera_model": "OPENCV"}
+    lens = ("k1", "k2", "p1", "p2")
+    if camera.model_name in FISHEYE:
+        kind, lens = {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True}, ("k1", "k2", "k3", "k4")
     values = {"w": camera.width, "h": camera.height}
     for name, value in zip(camera.params_info.split(", "), camera.params.tolist(), strict=True):
         values |= dict.fromkeys(RENAMED.get(name, (name,)), value)
-    absent = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
-    kind = {"camera_model": "OPENCV_FISHEYE", "is_fisheye": True} if fisheye else {"camera_model": "OPENCV"}
-    return kind | values | {name: 0.0 for name in absent if name not in values}
+    return kind | values | {name: 0.0 for name in lens if name not in values}
 
 
 def _world_from_camera(image: Any) -> Array:
     """Return the pose (4, 4) of a pycolmap.Image with OpenGL's camera axes."""
     return np.vstack([image.cam_from_world().inverse().matrix(), LAST_ROW]) @ OPENGL
-
-
-def _halfway(first: Array, last: Array) -> Array:
-    """Return the pose (4, 4) halfway between two."""
-    half = rotation_matrix(0.5 * rotation_vector(last[:3, :3] @ first[:3, :3].T))
-    pose = np.column_stack([half @ first[:3, :3], 0.5 * (first[:3, 3] + last[:3, 3])])
-    return np.vstack([pose, LAST_ROW])
 
 
 def _smear_px(image: Any, views: Sequence[Any]) -> float | None:
@@ -236,12 +222,10 @@ def _box(model: Any, photographs: list[ExposedPhotograph]) -> dict[str, Any]:
 def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
     """Remove all other images from the pycolmap.Reconstruction of a folder, and points that only they saw.
 
-    DatabaseError if none of the names is registered, or a camera is of a kind that gsplat does not know.
+    DatabaseError if a camera is of a kind that gsplat does not know.
     """
     posed = [image for image in model.images.values() if image.has_pose]
     kept = [image for image in posed if image.name in names]
-    if not kept:
-        raise DatabaseError(f"{folder}: has views alone and no pose of a photograph; name the model of both")
     for kind in sorted({model.cameras[image.camera_id].model_name for image in kept} - set(KNOWN)):
         raise DatabaseError(
             f"{folder}: has a camera {kind}, which gsplat does not know; undistort the photographs first "

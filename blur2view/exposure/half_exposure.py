@@ -47,8 +47,7 @@ def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
     """Return F (3, 3) of half the motion, to first order in the motion; of unit norm and rank 2.
 
     A smear of displacement d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x;
-    with d/2 in place of d that is S / 2 + [a]x. Of rank 2 it is the nearest, in coordinates in which the
-    picture, of ``size`` (width, height) in pixels, is of unit size.
+    with d/2 in place of d that is S / 2 + [a]x. The nearest of rank 2, where the picture is of unit size.
     """
     scale = 2.0 / max(size)
     T = np.diag([scale, scale, 1.0])

@@ -1,6 +1,7 @@
 """Matched pixels of neighbouring photographs, by OpenCV's SIFT."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -26,8 +27,7 @@ NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.float32))
 def photograph_matcher(paths: Sequence[Path]) -> Callable[[int, int], tuple[Array, Array]]:
     """Return what gives matched pixels (M, 2) of two photographs by their indices, none where there are few.
 
-    Each is read when it is first needed, not rotated by EXIF, as COLMAP reads it; the features of a few are
-    kept. One that cannot be read any more, as a frame of a damaged video, matches nothing.
+    They are as stored, as COLMAP reads them; one that cannot be read any more matches nothing.
     """
 
     @lru_cache(maxsize=8)
@@ -57,13 +57,9 @@ def features_of(image: NDArray[np.float32]) -> Features:
 
 def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     """Return mutual nearest neighbours that pass the ratio test and follow one epipolar geometry."""
-    (points1, descriptors1), (points2, descriptors2) = one, other
-    if min(len(points1), len(points2)) < MIN_MATCHES:
+    if min(len(one[0]), len(other[0])) < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
-    unit1, unit2 = (
-        one / np.maximum(np.linalg.norm(one, axis=1, keepdims=True), 1e-6)
-        for one in (descriptors1, descriptors2)
-    )
+    unit1, unit2 = (d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for _, d in (one, other))
     similarity = unit1 @ unit2.T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
@@ -71,19 +67,15 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     similarity[rows, best] = -np.inf
     second = np.sqrt(np.maximum(2 - 2 * similarity.max(axis=1), 0))
     chosen = np.flatnonzero((near < RATIO * second) & (back[best] == rows))
-    if len(chosen) < MIN_MATCHES:
-        return NO_POINTS, NO_POINTS
-    return verified(points1[chosen], points2[best[chosen]])
+    return verified(one[0][chosen], other[0][best[chosen]])
 
 
 def verified(points1: Array, points2: Array) -> tuple[Array, Array]:
     """Return the matches (M, 2) within MAX_ERROR_PX of one epipolar geometry, at the size of matching."""
-    bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
-    try:
-        _, inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)
-    except cv2.error:  # of a few places over and over, as noise may match (OpenCV 5.0.0, usac/estimator.cpp)
-        return NO_POINTS, NO_POINTS
-    if inliers is None or inliers.sum() < MIN_MATCHES:
-        return NO_POINTS, NO_POINTS
-    kept = inliers.ravel().astype(bool)
-    return points1[kept], points2[kept]
+    kept = np.zeros(0, bool)
+    if len(points1) >= MIN_MATCHES:
+        bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
+        with suppress(cv2.error):  # of a few places over and over, as noise may match (usac/estimator.cpp)
+            inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]
+            kept = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)
+    return (points1[kept], points2[kept]) if kept.sum() >= MIN_MATCHES else (NO_POINTS, NO_POINTS)

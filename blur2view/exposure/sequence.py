@@ -4,12 +4,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
-from blur2view.exposure.neighbours import Features, features_of, match_features
+from blur2view.exposure.neighbours import NO_FEATURES, Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
 from blur2view.exposure.views import views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
@@ -23,8 +24,7 @@ from blur2view.two_view.options import EstimatorOptions
 def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
     """Return an estimate in the direction of time that neighbouring frames show: its geometry and ``time``.
 
-    F, H, E, the pose and its covariance and the order of every smear (``swapped``) are of that direction, all
-    of them. Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
+    Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
     """
     if estimated.shutter is None:
         views, candidates = views_of("frame", estimated), None
@@ -49,9 +49,8 @@ def estimate_frames(
     """Return an iterator over estimates of a video's frames, each in the right direction of time.
 
     Each is as of :func:`estimate`. A frame alone leaves the direction of time open; the frames before and
-    after it decide it, so each is given when the next one is there, and the angular velocities are one
-    continuous series. One network is used for all. For photographs that are no video call :func:`estimate` in
-    a loop, with one :class:`SmearNetwork`.
+    after it decide it, so each is given when the next one is there. For photographs that are no video call
+    :func:`estimate` in a loop, with one :class:`SmearNetwork`.
 
     Parameters
     ----------
@@ -110,14 +109,8 @@ def estimate_frames(
     if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
         got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"
         raise ValueError(f"expected the frames of a video, got {got}; one photograph goes to estimate(image)")
-    one_of = partial(
-        estimate,
-        network=network or SmearNetwork(),
-        select=select,
-        options=options,
-        camera=camera,
-        shutter=shutter,
-    )
+    common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
+    one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
     found = _in_series(frames, one_of, camera) if ordered else (one_of(rgb_of(frame)) for frame in frames)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))
 
@@ -126,27 +119,28 @@ def _in_series(
     frames: Iterable[AnyArray], estimate_one: Callable[[AnyArray], Estimate], camera: Camera | None
 ) -> Iterator[Estimate]:
     """Yield the estimate of each frame when the next one is there."""
-    held: tuple[Estimate, Features, list[NeighbourMotion]] | None = None
+    last: Estimate | None = None
+    seen: list[NeighbourMotion] = []
+    features: Features = NO_FEATURES
     for number, frame in enumerate(frames):
         image = rgb_of(frame)
-        estimated = estimate_one(image)
-        if held is not None and estimated.grid.shape != held[0].grid.shape:
-            (height, width), (rows, columns) = estimated.grid.shape, held[0].grid.shape
-            raise ValueError(f"frame {number} has {width}x{height} pixels, those before {columns}x{rows}")
-        features, motions = features_of(image), list[NeighbourMotion]()
-        if held is not None:
-            earlier, later = match_features(held[1], features)
-            motions.append(neighbour_motion(later, earlier, -1, camera))
-            yield in_time(held[0], [*held[2], neighbour_motion(earlier, later, 1, camera)])
-        held = estimated, features, motions
-    if held is not None:
-        yield in_time(held[0], held[2])
+        one, before = estimate_one(image), features
+        features = features_of(image)
+        if last is not None:
+            if one.grid.shape != last.grid.shape:
+                (height, width), (rows, columns) = one.grid.shape, last.grid.shape
+                raise ValueError(f"frame {number} has {width}x{height} pixels, those before {columns}x{rows}")
+            earlier, later = match_features(before, features)
+            yield in_time(last, [*seen, neighbour_motion(earlier, later, 1, camera)])
+            seen = [neighbour_motion(later, earlier, -1, camera)]
+        last = one
+    if last is not None:
+        yield in_time(last, seen)
 
 
 def _timed(found: Iterable[Estimate], times: Iterator[float]) -> Iterator[Estimate]:
     """Yield estimates with their times; ValueError if there are fewer of these."""
     for one in found:
-        time = next(times, None)
-        if time is None:
+        if (time := next(times, None)) is None:
             raise ValueError("there are fewer timestamps than frames")
         yield replace(one, timestamp_s=float(time))

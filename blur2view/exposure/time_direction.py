@@ -1,8 +1,8 @@
 """Which end of an exposure came first: consecutive photographs vote on each one's time reversal.
 
 What moves right from the last frame to this one, and on to the next, moved right during this exposure too.
-Every match with a neighbour compares its displacement with the smear at its place; the displacements to both
-sides together are the velocity at mid exposure, so that the longer one counts for more.
+Every match with a neighbour compares its displacement with the smear at its place; the longer one counts for
+more.
 
 The neighbours decide a second sign with it. With E the order of a smear follows from the rotation and from
 cheirality, which needs the sign of the translation; where the noise has decided that sign, the rotation is
@@ -14,7 +14,7 @@ with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby, pairwise
+from itertools import accumulate, chain, groupby, pairwise
 from posixpath import dirname
 
 import cv2
@@ -38,6 +38,7 @@ MAX_EXPOSURES_APART = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6)
 ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
 CHEIRALITY_WEIGHT = 0.1  # of the share of points in front of both cameras: decides where orders are equal
 MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
+APART = 100  # frames; of those so far apart nothing is concluded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,13 +70,12 @@ def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | 
     Of both rotations of E the smaller. The other is about 180 degrees away, which no two frames are; where
     there is little parallax, cheirality does not decide between them.
     """
-    rays1, rays2 = camera.rays(points1), camera.rays(points2)
-    seen = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
-    if seen.sum() < MIN_MATCHES:
+    rays = np.stack([camera.rays(points1), camera.rays(points2)])
+    rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
+    if rays.shape[1] < MIN_MATCHES:
         return None
-    rays1, rays2 = rays1[seen], rays2[seen]
     bound = MAX_ERROR_PX / camera.focal_px
-    E = cv2.findEssentialMat(rays1, rays2, np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)[0]
+    E = cv2.findEssentialMat(rays[0], rays[1], np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)[0]
     if E is None or E.shape != (3, 3):
         return None
     return decompose_essential(np.asarray(E, float))[0].rotation_vector
@@ -100,14 +100,11 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
     from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
 
     distance, index = cKDTree((start + close) / 2).query(motion.points)
-    near = distance < MAX_DISTANCE * max(views.size)
-    smear, velocity = (close - start)[index[near]], motion.velocity[near]
-    moved = velocity.any(axis=1) & smear.any(axis=1)
-    if moved.sum() < MIN_MATCHES:
-        return 0.0, 0.0
-    smear, velocity = smear[moved], velocity[moved]
+    smear, velocity = (close - start)[index], motion.velocity
+    voting = velocity.any(axis=1) & smear.any(axis=1) & (distance < MAX_DISTANCE * max(views.size))
+    smear, velocity = smear[voting], velocity[voting]
     length, smeared = np.linalg.norm(velocity, axis=1), np.linalg.norm(smear, axis=1)
-    if np.median(length / smeared) > MAX_EXPOSURES_APART:
+    if voting.sum() < MIN_MATCHES or np.median(length / smeared) > MAX_EXPOSURES_APART:
         return 0.0, 0.0
     cosine = (smear * velocity).sum(axis=1) / (length * smeared)
     return float(cosine.mean()), float(np.median(length))
@@ -116,12 +113,11 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
 def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
     """Return the cosine, in [-1, 1], of the pose's rotation with the neighbours'; 0 if one is unknown."""
     pose = views.geometry.cam2_from_cam1
-    rotations = [motion.rotation for motion in motions if motion.rotation is not None]
-    if pose is None or not rotations:
+    if pose is None:
         return 0.0
-    own, seen = pose.rotation_vector, np.sum(rotations, axis=0)
-    lengths = float(np.linalg.norm(own) * np.linalg.norm(seen))
-    return float(own @ seen) / lengths if lengths > 0 else 0.0
+    seen = np.sum([np.zeros(3), *(one.rotation for one in motions if one.rotation is not None)], axis=0)
+    lengths = float(np.linalg.norm(pose.rotation_vector) * np.linalg.norm(seen))
+    return float(pose.rotation_vector @ seen) / lengths if lengths > 0 else 0.0
 
 
 def directed(
@@ -131,8 +127,8 @@ def directed(
 ) -> ExposureViews:
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
-    Below a confidence of `MIN_CONFIDENCE` it is still the likelier direction, but not called known. Without
-    neighbours the views stay as they are. Candidates are by default both signs of time and translation.
+    Without neighbours the views stay as they are. Candidates are by default both signs of time and
+    translation.
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
@@ -141,7 +137,6 @@ def directed(
         candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
     def score(one: ExposureViews) -> float:
-        """Return how well a candidate agrees with the neighbours, and with cheirality."""
         rotation, in_front = rotation_agreement(one, motions), share_in_front(one)
         return agreement_of(one, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
@@ -160,22 +155,18 @@ def with_time_direction(
 ) -> list[ExposureViews]:
     """Return photographs' views, in their order, with the time direction that neighbours in time decide.
 
-    ``runs`` are those of `consecutive_runs`; a photograph in none keeps its arbitrary direction. Indices
-    beyond the sequence are photographs without views, sharp ones perhaps, that vote and are not voted on.
+    ``runs`` are those of `consecutive_runs`. Indices beyond the sequence are photographs without views, sharp
+    ones perhaps, that vote and are not voted on.
     """
-    decided = list(sequence)
-    for run in runs:
-        motions: dict[int, list[NeighbourMotion]] = {index: [] for index in run if index < len(sequence)}
-        for first, second in pairwise(run):
-            if not motions.keys() & {first, second}:
-                continue
-            here, there = matched(first, second)
-            for index, steps, points in ((first, 1, (here, there)), (second, -1, (there, here))):
-                if index in motions:
-                    motions[index].append(neighbour_motion(*points, steps, sequence[index].camera))
-        for index, seen in motions.items():
-            decided[index] = directed(sequence[index], seen)
-    return decided
+    motions: list[list[NeighbourMotion]] = [[] for _ in sequence]
+    for first, second in chain.from_iterable(map(pairwise, runs)):
+        if min(first, second) >= len(sequence):
+            continue
+        here, there = matched(first, second)
+        for index, steps, points in ((first, 1, (here, there)), (second, -1, (there, here))):
+            if index < len(sequence):
+                motions[index].append(neighbour_motion(*points, steps, sequence[index].camera))
+    return [directed(one, seen) for one, seen in zip(sequence, motions, strict=True)]
 
 
 def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[int]]:
@@ -183,38 +174,29 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 
     With ``in_order`` they are the frames of one video as they stand. Otherwise those follow one another whose
     names differ by one in the last number of the file's own name and in nothing else ("left/frame_0041.jpg",
-    "left/frame_0042.jpg"; folders of cameras may be numbered, too). Photographs without a neighbour are in
-    none.
+    "left/frame_0042.jpg"). Photographs without a neighbour are in none.
     """
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []
     numbered = sorted((*_number(name), index) for index, name in enumerate(names))
-    runs: list[list[int]] = [[]]
-    last: tuple[str, int] | None = None
-    for frame, number, index in numbered:
-        if (frame, number - 1) != last:
-            runs.append([])
-        runs[-1].append(index)
-        last = (frame, number)
+    of_run = ((frame, number - rank, index) for rank, (frame, number, index) in enumerate(numbered))
+    runs = [[index for *_, index in run] for _, run in groupby(of_run, lambda one: one[:2])]
     return [run for run in runs if len(run) > 1]
 
 
-def with_gaps(names: Sequence[str]) -> list[str]:
-    """Return the names of frames in order, an empty one where their numbers step otherwise than most do.
+def frame_times(names: Sequence[str]) -> list[int]:
+    """Return when frames in order were taken, `APART` where numbers step otherwise than most do.
 
-    So frames of a video of which some were left out are not taken for neighbours, nor are those of two
-    folders. Names that differ in more than their number follow one another as they stand.
+    Nor are frames of two folders neighbours. Names that differ in more than their number follow one another.
     """
-    folders = [list(group) for _, group in groupby(names, dirname)]
-    if len(folders) > 1:
-        return [*with_gaps(folders[0]), *chain.from_iterable(["", *with_gaps(one)] for one in folders[1:])]
-    numbered = [_number(name) for name in names]
-    if len({frame for frame, _ in numbered}) != 1 or len(names) < 2:
-        return list(names)
-    steps = [second - first for (_, first), (_, second) in pairwise(numbered)]
-    usual = max(sorted(set(steps)), key=steps.count)
-    gaps = [[name] if step == usual else ["", name] for name, step in zip(names[1:], steps, strict=True)]
-    return [names[0], *chain.from_iterable(gaps)]
+    steps: list[int] = []
+    for _, folder in groupby(names, dirname):
+        numbered = [_number(name) for name in folder]
+        own = [second - first for (_, first), (_, second) in pairwise(numbered)]
+        usual = max(sorted(set(own)), key=own.count, default=0)
+        alike = len({frame for frame, _ in numbered}) == 1
+        steps += [APART, *(APART if alike and step != usual else 1 for step in own)]
+    return list(accumulate(steps))
 
 
 def _number(name: str) -> tuple[str, int]:

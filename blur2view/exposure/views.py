@@ -1,7 +1,4 @@
-"""One photograph as two virtual images: the scene as seen at shutter-open and at shutter-close.
-
-Of its smears, or of features that are known in it.
-"""
+"""One photograph as two virtual images: the scene as seen at shutter-open and at shutter-close."""
 
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -11,13 +8,13 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.end_order import motion_order, open_and_close
+from blur2view.exposure.end_order import MotionOrder, motion_order, open_and_close
 from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.smears.field import smear_ends
-from blur2view.smears.noise import LEAST_PX, across_px, sampson_px
+from blur2view.smears.noise import across_px, sampson_px
 from blur2view.smears.selection import LEAST_SIGMA_PX
 from blur2view.two_view.options import EstimatorOptions
 
@@ -42,8 +39,8 @@ class ExposureViews:
     points_open, points_close : ndarray of shape (N, 2)
         Both ends of the N used smears, pixels (0, 0 at the centre of the top-left one), index-aligned: one
         scene point each, as seen at shutter-open and at shutter-close.
-    sigma_px : ndarray of shape (N,)
-        Standard deviation of points_close - points_open.
+    sampson_px : ndarray of shape (N,)
+        Standard deviations of the points' Sampson distances, as of `SmearMatches`.
     geometry : TwoViewGeometry
         From open (1) to close (2): ``points_close^T F points_open = 0``.
     camera : Camera or None
@@ -52,9 +49,6 @@ class ExposureViews:
         Unknown, and so arbitrary, by default.
     usable : ndarray of bool, shape (N,), or None
         Points that are matched; None: all, where F or H is known.
-    sampson_px : ndarray of shape (N,)
-        Standard deviations of the points' Sampson distances, as of `SmearMatches`; by default those of errors
-        which are alike in all directions.
 
     Raises
     ------
@@ -66,33 +60,27 @@ class ExposureViews:
     size: tuple[int, int]
     points_open: Array
     points_close: Array
-    sigma_px: Array
+    sampson_px: Array
     geometry: TwoViewGeometry
     camera: Camera | None
     time: TimeDirection = field(default_factory=TimeDirection)
     usable: NDArray[np.bool_] | None = None
-    sampson_px: Array = None  # type: ignore[assignment]  # set below
 
     def __post_init__(self) -> None:
-        shapes = self.points_open.shape, self.points_close.shape, (*self.sigma_px.shape, 2)
+        of_each = (self.sampson_px,) if self.usable is None else (self.sampson_px, self.usable)
+        shapes = self.points_open.shape, self.points_close.shape, *((*one.shape, 2) for one in of_each)
         if len(set(shapes)) != 1 or self.points_open.ndim != 2:
-            raise ValueError(f"expected points (N, 2) twice and sigma_px (N,), got {shapes}")
-        if self.usable is not None and self.usable.shape != self.sigma_px.shape:
-            raise ValueError(f"expected usable of shape {self.sigma_px.shape}, got {self.usable.shape}")
+            raise ValueError(f"expected points (N, 2) twice, sampson_px and usable (N,), got {shapes}")
         if not np.isfinite([self.points_open, self.points_close]).all():
             raise ValueError("points must be finite")
         if not self.name or min(self.size) < 1:
             raise ValueError(f"need a name and a positive size, got {self.name!r} and {self.size}")
-        alike = np.maximum(0.5 * self.sigma_px, LEAST_PX)
-        object.__setattr__(self, "sampson_px", alike if self.sampson_px is None else self.sampson_px)
 
     @property
     def names(self) -> tuple[str, str]:
         """Return the names of both images: the photograph's with "#open" and "#close" appended.
 
-        No file has these names. They sort beside their photograph and yield its name when cut at the last
-        "#", which COLMAP's text formats take for a comment only where a line begins with it. A photograph
-        that itself ends in "#open" would collide; writers refuse an image of such a name that is not theirs.
+        No file has these names; COLMAP's text formats take "#" for a comment only at the beginning of a line.
         """
         return self.name + OPEN, self.name + CLOSE
 
@@ -114,8 +102,7 @@ def views_of(name: str, estimate: Estimate, swapped: NDArray[np.bool_] | None = 
     name : str
         Of the photograph, as the database is to name it.
     estimate : Estimate
-        Also one without F: then the order of the ends is arbitrary. With F every smear's order is decided by
-        F and by cheirality (`end_order`), and ``geometry.swapped`` is that order.
+        Also one without F: then the order of the ends is arbitrary; else it is that of `end_order`.
     swapped : ndarray of bool, shape (N,), optional
         Smears whose ends[:, 1] are open, where that is known.
 
@@ -125,24 +112,28 @@ def views_of(name: str, estimate: Estimate, swapped: NDArray[np.bool_] | None = 
         If the estimate has a rolling shutter and no order is given: its F is not that of the ends as
         recorded, and no camera of one time saw the points of all rows where they are.
     """
-    matches, size = estimate.matches, estimate.grid.size
+    matches = estimate.matches
     if swapped is None:
         if estimate.shutter is not None:
             raise ValueError("views are of the ends as recorded: estimate without a shutter")
-        order = motion_order(estimate.geometry, matches.ends, matches.sampson_px, estimate.camera, size)
-        swapped = order.swapped(matches.ends, matches.sampson_px)
+        swapped = _order_of(estimate).swapped(matches.ends, matches.sampson_px)
     points_open, points_close = open_and_close(matches.ends, swapped)
     return ExposureViews(
         name=name,
-        size=size,
+        size=estimate.grid.size,
         points_open=points_open,
         points_close=points_close,
-        sigma_px=matches.sigma_px,
         sampson_px=matches.sampson_px,
         geometry=replace(estimate.geometry, swapped=swapped),
         camera=estimate.camera,
         time=estimate.time,
     )
+
+
+def _order_of(estimate: Estimate) -> MotionOrder:
+    """Return the motion of an estimate, by which smears are ordered."""
+    matches, size = estimate.matches, estimate.grid.size
+    return motion_order(estimate.geometry, matches.ends, matches.sampson_px, estimate.camera, size)
 
 
 def keypoint_views(
@@ -154,24 +145,21 @@ def keypoint_views(
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Each by half of its smear: so a track that holds the feature holds both ends of its smear, and the virtual
-    views join a reconstruction through the photograph's own matches.
+    Each by half of its smear: so a track that holds the feature holds both ends of its smear.
     Usable are those whose smear is known well enough. What lies beyond the picture stays where it is and is
     not usable; what is not finite is put at 0. Nor is usable what lies on pixels (H, W) that are
     ``excluded``, as they move by themselves. ``options`` are those of the estimate: what counts as an inlier.
     """
-    options = options or EstimatorOptions()
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
-    within = np.isfinite(keypoints) & (keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)
+    within = (keypoints >= -0.5) & (keypoints < np.array(grid.size) - 0.5)  # False of NaN
     inside: NDArray[np.bool_] = np.all(within, axis=1)
     points = np.where(inside[:, None], keypoints, 0.0)
     smears = grid.at(points)
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
     ends = smear_ends(points, smears.displacement)
-    matches, across = estimate.matches, across_px(length, smears.sigma_rad.astype(float))
-    sampson = sampson_px(length, across, matches.shared)
-    order = motion_order(geometry, matches.ends, matches.sampson_px, estimate.camera, grid.size)
+    across = across_px(length, smears.sigma_rad.astype(float))
+    sampson, order = sampson_px(length, across, estimate.matches.shared), _order_of(estimate)
     swapped = order.swapped(ends, sampson)
     first, last = open_and_close(ends, swapped)
     certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
@@ -182,33 +170,34 @@ def keypoint_views(
     fits = usable  # without F all are taken to follow H
     if geometry.F is not None:
         errors = serrmin(geometry.F, order.camera.undistorted(ends))
-        fits = usable & (errors < options.tolerance_px(length, sampson) ** 2)
+        fits = usable & (errors < (options or EstimatorOptions()).tolerance_px(length, sampson) ** 2)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
-    return replace(
-        views_of(name, estimate),
+    return ExposureViews(
+        name=name,
+        size=grid.size,
         points_open=np.where(moved, first, still),
         points_close=np.where(moved, last, still),
-        sigma_px=sigma,
         sampson_px=sampson,
         geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
+        camera=estimate.camera,
+        time=estimate.time,
         usable=usable,
     )
 
 
 def share_in_front(views: ExposureViews) -> float:
     """Return the share of the inliers in front of both cameras (cheirality); 0 without a translation."""
-    geometry, camera, pose = views.geometry, views.camera, views.geometry.cam2_from_cam1
-    if pose is None or not pose.translation.any() or camera is None or not geometry.inlier_mask.any():
+    inliers, camera, pose = views.geometry.inlier_mask, views.camera, views.geometry.cam2_from_cam1
+    if pose is None or not pose.translation.any() or camera is None or not inliers.any():
         return 0.0
-    rays = (camera.rays(points[geometry.inlier_mask]) for points in (views.points_open, views.points_close))
+    rays = (camera.rays(points[inliers]) for points in (views.points_open, views.points_close))
     return float(before_both(pose, *rays).mean())
 
 
 def other_translation(views: ExposureViews) -> ExposureViews | None:
     """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
 
-    None without F, and where the pose is a rotation alone. Both have the same F and E, which fix the
-    translation but for its sign.
+    None without F, which fixes the translation but for its sign, and where the pose is a rotation alone.
     """
     geometry = views.geometry
     if geometry.F is None:
@@ -219,21 +208,13 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
         return None
     pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
     swapped = replace(order, pose=pose).swapped(ends, views.sampson_px)
-    known, covariance = geometry.cam2_from_cam1, geometry.covariance
-    if known is not None and known.translation.any():
-        known = pose
-    if covariance is not None:
-        covariance = replace(covariance, tangents=-covariance.tangents)
     points_open, points_close = open_and_close(ends, swapped)
-    return replace(
-        views,
-        points_open=points_open,
-        points_close=points_close,
-        geometry=replace(
-            geometry,
-            E=None if geometry.E is None else -geometry.E,
-            cam2_from_cam1=known,
-            covariance=covariance,
-            swapped=geometry.swapped ^ swapped,
-        ),
+    covariance = geometry.covariance
+    other = replace(
+        geometry,
+        E=None if geometry.E is None else -geometry.E,
+        cam2_from_cam1=None if geometry.cam2_from_cam1 is None else pose,
+        covariance=covariance and replace(covariance, tangents=-covariance.tangents),
+        swapped=geometry.swapped ^ swapped,
     )
+    return replace(views, points_open=points_open, points_close=points_close, geometry=other)

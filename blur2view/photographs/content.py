@@ -13,15 +13,14 @@ from blur2view.input_files import read_regular
 from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 
-def read_content(path: Path, *, beside: bool = False) -> bytes:
+def read_content(path: Path) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
-    ``beside`` is as of `read_frame`. ImageError if it cannot be read, EndOfVideo if the video announces more
-    frames than it has.
+    ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
     """
     frame = frame_of(path)
     if frame is not None:
-        return bytes(cv2.imencode(".bmp", read_frame(*frame, beside=beside))[1])
+        return bytes(cv2.imencode(".bmp", read_frame(*frame))[1])
     if is_video(path):
         frame_numbers(path)  # which says what is wrong, if anything is
         raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
@@ -29,14 +28,9 @@ def read_content(path: Path, *, beside: bool = False) -> bytes:
         return read_regular(path)
     except FileNotFoundError:
         remedy = "check the path"
-        if set(path.name) & set("*?["):
-            remedy = "no name fits this pattern, or it stands in quotes"
-        if str(path).startswith("~"):
-            remedy = "write ~ without quotes"
-        names = [name for name in re.split(r"[,;\s]+", str(path)) if name]
-        if len(names) > 1 and all(map(os.path.exists, names)):
-            remedy = f"name each by itself: {' '.join(names)}"
-        elif near := _near(path):
+        if set(path.name) & set("*?[") or str(path).startswith("~"):
+            remedy = "write patterns and ~ without quotes; no name fits"
+        if near := _near(path):
             remedy = f"did you mean {near}?"
         if path.is_symlink():
             remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"

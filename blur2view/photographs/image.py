@@ -20,13 +20,11 @@ from blur2view.input_files import MAX_PIXELS, open_picture
 from blur2view.photographs.content import read_content
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-STRIP_ROWS = 256  # copied at a time
 # Anything smaller shows no smear.
 MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
-# of these formats a file may be an animation or have pages
-MANY_PICTURES = {"AVIF", "GIF", "PNG", "TIFF", "WEBP"}
+ANIMATED = {"AVIF", "GIF", "PNG", "WEBP"}  # as a file of these formats may be
 NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
 # Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
 HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
@@ -34,13 +32,11 @@ RAW_SUFFIXES = frozenset(
     [".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw"]
     + [".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"]
 )
-RAW_MAGIC = (b"FUJIFILMCCD-RAW", b"IIRO", b"IIRS", b"MMOR", b"IIU\0", b"FOVb", b"\0MRM")
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 SQLITE = b"SQLite format 3\0"
-LARGEST_FTYP = 64  # bytes: the box that names the brands of a file stands first
+LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
-LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
@@ -56,8 +52,8 @@ def read_image(
 
     JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
     CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
-    ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations and files of several pages
-    are refused. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
+    ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations are refused; of several pages
+    the first is read. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
 
     Parameters
     ----------
@@ -82,10 +78,8 @@ def read_image(
         be used. The message is one line that names the path and the remedy.
     """
     pixels = read_pixels(path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
-    if pixels.dtype == np.float32:
-        return pixels
     with within_memory(Path(path)):
-        return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+        return pixels if pixels.dtype == np.float32 else _scaled(pixels)
 
 
 def read_pixels(
@@ -97,7 +91,7 @@ def read_pixels(
 ) -> AnyArray:
     """Return a photograph as `read_image` does, (H, W, 3), with the 8 or 16 bits of its file.
 
-    Floats in [0, 1] only of alpha, which is composited, and of 12 bits.
+    Floats in [0, 1] only of alpha, which is composited.
     """
     path = Path(path)
     encoded = read_content(path) if content is None else content
@@ -105,47 +99,43 @@ def read_pixels(
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        pixels, white = _decode(path, encoded, as_stored, max_memory_gib)
-        values: AnyArray = np.atleast_3d(pixels)
-        has_alpha = values.shape[2] in (2, 4)
-        if has_alpha or white != np.iinfo(values.dtype).max:
-            values = np.divide(values, np.float32(white), dtype=np.float32)
-        if has_alpha:
-            values = over_backdrop(values)
+        values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored, max_memory_gib))
+        if values.shape[2] in (2, 4):
+            values = over_backdrop(_scaled(values))
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
-def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> tuple[Pixels, int]:
-    """Return pixels (H, W) or (H, W, C), upright unless wanted as stored, and the value that means white."""
+def _scaled(pixels: AnyArray) -> NDArray[np.float32]:
+    """Return pixels of 8 or 16 bits in [0, 1]."""
+    return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
+
+
+def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> Pixels:
+    """Return pixels (H, W) or (H, W, C), upright unless wanted as stored."""
     try:
-        if _is_raw(path, encoded):
-            return _develop(path, encoded, as_stored, max_memory_gib), 65535
-        if encoded[4:8] == b"ftyp" and any(brand in encoded[8:LARGEST_FTYP] for brand in HEIC_BRANDS):
+        if path.suffix.lower() in RAW_SUFFIXES:
+            return _develop(path, encoded, as_stored, max_memory_gib)
+        if encoded[4:8] == b"ftyp" and any(brand in encoded[8:64] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
-            if (pictures := _pictures(photo)) > 1:
+            if photo.format in ANIMATED and (pictures := getattr(photo, "n_frames", 1)) > 1:
                 raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
-            stored = str([tile[3] for tile in photo.tile])  # asked before getexif, which may decode
-            # colour of 16 bits, which Pillow would cut to 8
-            deep = len(photo.getbands()) > 1 and ";16" in stored
-            tags = getattr(photo, "tag_v2", {})  # of TIFF
+            planes, tags = len(photo.getbands()), getattr(photo, "tag_v2", {})  # of TIFF
             if tags.get(NEW_SUBFILE_TYPE, 0) & 1:
                 raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
-            bits, planes = tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)), len(photo.getbands())
-            if max(bits) > 8 and planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2:
-                # neither decoder reads these right
-                raise ImageError(f"{path}: has 16-bit colour in separate planes; save it with RGB pixels")
+            apart = planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2
+            inverted = tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0
+            bits = max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)))
+            if bits == 12 or bits > 8 and (apart or inverted):  # neither decoder reads these right
+                raise ImageError(f"{path}: is a rare TIFF (12 bits, planes apart, inverted); save it as PNG")
+            # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
+            deep = planes > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
-                return _decode_deep(encoded), 65535
-            pixels, white = _pixels_of(path, photo if as_stored else ImageOps.exif_transpose(photo))
-            if ";12" in stored:
-                white = 4095
-            if white != 255 and tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0:
-                pixels = white - pixels  # which Pillow does for 8 bits only
-            return pixels, white
+                return _decode_deep(encoded)
+            return _pixels_of(path, photo if as_stored else ImageOps.exif_transpose(photo))
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
@@ -166,24 +156,17 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 
 
-def _pixels_of(path: Path, photo: Image.Image) -> tuple[Pixels, int]:
-    """Return pixels as grey, grey + alpha, RGB or RGBA, and the value that means white."""
+def _pixels_of(path: Path, photo: Image.Image) -> Pixels:
+    """Return pixels as grey, RGB or RGBA."""
     if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
         grey = np.asarray(photo)
         if grey.min() < 0 or grey.max() > 65535:
             raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
-        return grey.astype(np.uint16), 65535
+        return grey.astype(np.uint16)
     if photo.mode == "F":
         raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
     mode = "RGBA" if photo.has_transparency_data else "RGB"
-    if photo.mode != mode:
-        photo = photo.convert(mode)
-    width, height = photo.size
-    pixels = np.empty((height, width, len(mode)), np.uint8)
-    for top in range(0, height, STRIP_ROWS):  # at once Pillow would take as much again, twice
-        below = min(top + STRIP_ROWS, height)
-        pixels[top:below] = np.asarray(photo.crop((0, top, width, below)))
-    return pixels, 255
+    return np.asarray(photo if photo.mode == mode else photo.convert(mode))
 
 
 def _decode_deep(encoded: bytes) -> Pixels:
@@ -192,12 +175,6 @@ def _decode_deep(encoded: bytes) -> Pixels:
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
     return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
-
-
-def _is_raw(path: Path, encoded: bytes) -> bool:
-    """Return whether a file is a RAW photograph, by its name or its first bytes."""
-    known = encoded.startswith(RAW_MAGIC) or encoded[8:10] == b"CR" or encoded[4:11] == b"ftypcrx"
-    return known or path.suffix.lower() in RAW_SUFFIXES
 
 
 def _extra(path: Path, kind: str, module: str, convert: str) -> Any:
@@ -227,19 +204,6 @@ def _develop(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float)
         reason = " ".join(str(error).split()).removeprefix("b'").removesuffix("'")
         raise ImageError(f"{path}: cannot be developed ({reason}); develop it to JPEG or PNG") from None
     return pixels
-
-
-def _pictures(photo: Image.Image) -> int:
-    """Return how many frames of an animation, or pages of full size, a file holds."""
-    count: int = getattr(photo, "n_frames", 1) if photo.format in MANY_PICTURES else 1
-    if count > 1 and isinstance(photo, TiffImagePlugin.TiffImageFile):
-        pages = []
-        for page in range(count):
-            photo.seek(page)
-            pages.append(photo.tag_v2.get(NEW_SUBFILE_TYPE, 0))
-        photo.seek(0)
-        return sum(kind == pages[0] for kind in pages)  # a smaller copy or a mask has a type
-    return count
 
 
 def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> None:

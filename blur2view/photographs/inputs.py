@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
@@ -67,12 +68,11 @@ def list_photographs(
 ) -> Inputs:
     """Return the photographs that words name.
 
-    Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below) by
-    their suffixes, without results of blur2view; videos, of which ``frames`` returns the numbers of the
-    frames that are taken; ``@LIST``, a file with one such word per line; ``-``, the same from standard input.
-    Blank lines of a list are passed over, and those that begin with # and name no file. What a list names and
-    is not there is looked for in the list's folder. ImageError if a list cannot be read, names nothing, or is
-    larger than one of photographs can be.
+    Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below),
+    without results of blur2view; videos, of which ``frames`` returns the numbers of the frames that are
+    taken; ``@LIST``, a file with one such word per line, ``-``, the same from standard input. What a list
+    names and is not there is looked for in the list's folder. ImageError if a list cannot be read, names
+    nothing, or is larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
@@ -100,9 +100,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
     """Yield words, those of lists in place of the lists."""
     for word in words:
         if word == STANDARD_INPUT:
-            yield from _lines(
-                "standard input", lambda: b"" if stdin is None else read_stream(stdin, MAX_LIST_BYTES)
-            )
+            yield from _lines("standard input", partial(read_stream, stdin or BytesIO(), MAX_LIST_BYTES))
         elif word.startswith(LIST):
             path = Path(word[1:])
             if not path.name:
@@ -120,8 +118,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
 def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
 
-    They may hold bytes that are no text; a mark of UTF-8 at the beginning is none of a name. A line that
-    begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
+    A line that begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
     """
     try:
         content = read()
@@ -136,9 +133,8 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
     lines = text.split("\0") if "\0" in text else text.splitlines()
     if len(lines) > MAX_LINES:
-        raise ImageError(
-            f"{source}: has {len(lines)} lines; name at most {MAX_LINES} photographs in one call"
-        )
+        most = f"name at most {MAX_LINES} photographs in one call"
+        raise ImageError(f"{source}: has {len(lines)} lines; {most}")
     names = [one for one in lines if one.strip()]
     if "\0" not in text:
         names = [one if os.path.lexists(one) else one.strip() for one in names]
@@ -151,15 +147,12 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
     """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
     try:
-        numbers = frames(video)
+        paths = [frame_path(video, number) for number in frames(video)]
+        found.names.update({path: Path(video.stem, path.name) for path in paths})
     except ImageError as error:
-        found.paths.append(video)
+        paths = [video]
         found.refused[video] = str(error)
-        return
-    for number in numbers:
-        path = frame_path(video, number)
-        found.paths.append(path)
-        found.names[path] = Path(video.stem, path.name)
+    found.paths.extend(paths)
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:

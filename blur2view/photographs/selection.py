@@ -1,8 +1,4 @@
-"""Which photographs of many to keep by their blur: the sharpest of all, or of neighbours of one view.
-
-Those that are kept, frames of videos among them, become files in one folder, for programs that read nothing
-else.
-"""
+"""Which photographs of many to keep by their blur, the sharpest of all or of neighbours; and their files."""
 
 import os
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
@@ -41,8 +37,7 @@ def sharpest_of_each(
     """Return the indices of the sharpest of every ``size`` photographs, and of each view among them.
 
     ``lengths`` are those of their smears, pixels, None without texture. ``series`` is the video or folder of
-    each one; none of another is counted with it. ``view`` returns the thumbnail of one by its index, in
-    order, None if there is none: what shows another view than all that are kept of its group is kept, too.
+    each one; none of another is counted with it. ``view`` returns the thumbnail of one, asked for in order.
     """
     kept: set[int] = set()
     runs = [list(run) for _, run in groupby(range(len(series)), key=series.__getitem__)]
@@ -109,11 +104,10 @@ def extract(folder: Path, files: Mapping[Path, str]) -> None:
     for path, name in files.items():
         target, frame = folder / name, frame_of(path)
         content = read_content(path) if frame is None else bytes(cv2.imencode(".png", read_frame(*frame))[1])
-        if not os.path.lexists(target):
-            with writing(target.parent):
-                write_files({target: content})
-            continue
         with suppress(OSError):
+            if not os.path.lexists(target):
+                with writing(target.parent):
+                    write_files({target: content})
             if read_regular(target) == content:
                 continue
         raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")

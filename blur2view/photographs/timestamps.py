@@ -45,8 +45,7 @@ def timestamps_of(
     times = {} if table is None else _read(Path(table))
     found = []
     for path in map(Path, paths):
-        time = timestamp_of(path) if table is None else times.get(path.name)
-        if time is None:
+        if (time := timestamp_of(path) if table is None else times.get(path.name)) is None:
             where = "its name is no time" if table is None else f"{table} has no time of it"
             raise ImageError(f"{path}: {where}; name a table that has one")
         found.append(time)
@@ -70,8 +69,6 @@ def _read(table: Path) -> dict[str, float]:
 
 def _seconds(text: str) -> float | None:
     """Return the seconds that a number stands for, None of any other text."""
-    match = re.fullmatch(r"(\d+)(\.\d+)?", text)
-    if match is None:
-        return None
-    whole, decimals = match.groups()
-    return float(text) if decimals else int(whole) * UNIT_S[len(whole)] if len(whole) in UNIT_S else None
+    if re.fullmatch(r"\d+\.\d+", text):
+        return float(text)
+    return int(text) * UNIT_S[len(text)] if re.fullmatch(r"\d+", text) and len(text) in UNIT_S else None

@@ -3,7 +3,6 @@
 import math
 import os
 from collections.abc import Iterator
-from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -20,8 +19,8 @@ SUFFIXES |= {".ogv", ".webm", ".wmv"}
 DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 KEPT = 3  # frames: one and both beside it
 # Containers round the number of frames: what is missing of the last second, or of the last quarter of less
-# than four, was never there. AVI counts them; at most the last two stand for frames that hide in others.
-TAIL_S, TAIL_SHARE, TAIL_AVI = 1.0, 0.25, 2
+# than four, was never there.
+TAIL_S, TAIL_SHARE = 1.0, 0.25
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000
 # By the degrees clockwise by which OpenCV turns frames upright.
@@ -29,7 +28,9 @@ ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}
 
 
 class EndOfVideo(ImageError):
-    """A frame is announced by its video, and not in it; nothing that a user must mend."""
+    """A frame is announced by its video, and not in it: ``whole`` says that none of that number ever was."""
+
+    whole = True
 
 
 def is_video(path: Path) -> bool:
@@ -51,9 +52,7 @@ def frame_of(path: Path) -> tuple[Path, int] | None:
 
 def rows_towards(video: Path) -> tuple[int, int]:
     """Return the direction in upright frames in which the sensor's rows follow each other."""
-    capture = _opened(video)
-    turned = round(capture.get(cv2.CAP_PROP_ORIENTATION_META))
-    capture.release()
+    turned = round(_opened(video).get(cv2.CAP_PROP_ORIENTATION_META))
     return ROWS_TOWARDS.get(turned % 360, (0, 1))
 
 
@@ -69,7 +68,6 @@ def frame_numbers(
         raise ValueError(f"expected every >= 1 and no negative frame, got {every}, {first} and {last}")
     capture = _opened(video)
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
-    capture.release()
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
     if not 0 < rate < math.inf and any(isinstance(number, float) for number in (first, last)):
@@ -78,29 +76,18 @@ def frame_numbers(
         number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)
     )
-    numbers = range(begin, min(end, count - 1) + 1, every)
-    if not numbers:
-        start = f"{first:g} s" if isinstance(first, float) else first
-        raise ImageError(
-            f"{video}: has {count} frames in {count / max(rate, 1):.1f} s, none from {start} to {end}"
-        )
-    return numbers
+    if numbers := range(begin, min(end, count - 1) + 1, every):
+        return numbers
+    start, time_s = f"{first:g} s" if isinstance(first, float) else first, count / max(rate, 1)
+    raise ImageError(f"{video}: has {count} frames in {time_s:.1f} s, none from {start} to {end}")
 
 
-def read_frame(video: Path, number: int, *, beside: bool = False) -> NDArray[np.uint8]:
+def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
     """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
 
-    ImageError if the video cannot be opened, ends too early or announces no such frame; EndOfVideo if it ends
-    within a second of where it says, or the frame before could not be read either. With ``beside`` another
-    one is compared with it: that a video is cut off is said once, where the frame itself is asked for.
+    ImageError if the video cannot be opened or announces no such frame, EndOfVideo if it ends before.
     """
-    reader = _reader(video)
-    broken = reader.broken
-    try:
-        return reader.read(number)
-    except ImageError:
-        reader.broken = broken if beside else reader.broken
-        raise
+    return _reader(video).read(number)
 
 
 def read_video(
@@ -112,10 +99,8 @@ def read_video(
     ----------
     path : path-like
         The file; all that OpenCV's FFmpeg reads.
-    every : int
-        Take one frame in as many.
-    first, last : int or float
-        The first frame and the last, which is included: an integer is a number from 0, a float seconds.
+    every, first, last : int or float
+        As of `frame_numbers`: one frame in as many, from the first to the last.
 
     Returns
     -------
@@ -128,13 +113,15 @@ def read_video(
         If the video cannot be read, or ends too early; of numbers that are none of it.
     """
     video = Path(path)
-    numbers = frame_numbers(video, every=every, first=first, last=last)
-    reader = _Reader(video)
+    numbers, reader = frame_numbers(video, every=every, first=first, last=last), _Reader(video)
 
     def frames() -> Iterator[NDArray[np.float32]]:
-        with suppress(EndOfVideo):
+        try:
             for number in numbers:
                 yield np.ascontiguousarray(reader.read(number)[..., ::-1], np.float32) / np.float32(255)
+        except EndOfVideo as end:
+            if not end.whole:
+                raise
 
     return frames()
 
@@ -146,22 +133,18 @@ def frame_time(video: Path, number: int) -> float | None:
 
 
 class _Reader:
-    """A video, read forwards: to seek is not exact with every codec. The last frames are kept."""
+    """A video, read forwards, as seeking is not exact with every codec; the last frames are kept."""
 
     def __init__(self, video: Path) -> None:
-        self.video, self.broken = video, False
-        self._begin()
+        self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
-
-    def _begin(self) -> None:
-        self.capture, self.position, self.ended = _opened(self.video), 0, False
 
     def read(self, number: int) -> NDArray[np.uint8]:
         """Return a frame."""
         if number in self.recent:
             return self.recent[number][0]
         if number < self.position:
-            self._begin()
+            self.capture, self.position, self.ended = _opened(self.video), 0, False
         while self.position <= number:
             if self.ended or not self.capture.grab():
                 self.ended = True  # behind damage there may be more frames, but of which number?
@@ -188,14 +171,12 @@ class _Reader:
         if number >= announced:
             raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
         rate = float(self.capture.get(cv2.CAP_PROP_FPS))
-        tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
-        tail = TAIL_AVI if self.video.suffix.lower() == ".avi" else tail
-        if self.broken or announced - self.position <= tail:
-            raise EndOfVideo(f"{self.video}: has {self.position} frames")
-        self.broken = True
-        raise ImageError(
+        end = EndOfVideo(
             f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
         )
+        tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
+        end.whole = announced - self.position <= tail
+        raise end
 
 
 @lru_cache(maxsize=1)
@@ -213,7 +194,6 @@ def _opened(video: Path) -> Any:
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
     width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if width * height > MAX_FRAME_PIXELS:
-        capture.release()
         most = MAX_FRAME_PIXELS // 1_000_000
         raise ImageError(f"{video}: has frames of {width}x{height} pixels; resize it to {most} megapixels")
     return capture

@@ -29,7 +29,7 @@ class Photograph:
     @property
     def encoded(self) -> bytes:
         """Return the file's content, read if need be; ImageError if it cannot be."""
-        return read_content(self.path, beside=self.steps != 0) if self.content is None else self.content
+        return read_content(self.path) if self.content is None else self.content
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -45,7 +45,11 @@ def outcomes(
 
 
 def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, sends: bool) -> Iterator[Job]:
-    """Yield the jobs that are to be done; the outcomes of the others go where they wait."""
+    """Yield the jobs that are to be done; the outcomes of the others go where they wait.
+
+    That a video is cut off is said once.
+    """
+    cut: set[Path] = set()
     for job in jobs:
         try:
             if job.refusal is not None:
@@ -62,8 +66,10 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
                 yield replace(job, content=job.encoded, neighbours=with_contents(job.neighbours))
             else:
                 yield job
-        except EndOfVideo:
-            waiting[job.index] = None
+        except EndOfVideo as end:
+            said = end.whole or job.path.parent in cut
+            waiting[job.index] = None if said else (job, failed(end))
+            cut.add(job.path.parent)
         except Blur2ViewError as error:
             waiting[job.index] = job, failed(error)
 

@@ -1,7 +1,5 @@
 """Cameras: from a focal length, a COLMAP string or database, or EXIF; their rays, and what is refused."""
 
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +7,7 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import Image, PngImagePlugin
+from PIL import Image
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
@@ -26,13 +24,10 @@ SIZE = (640, 480)
 RADIAL = "SIMPLE_RADIAL 640 480 525 320 240 0.05"
 CAMERAS = [
     "SIMPLE_PINHOLE 640 480 525 320 240",
-    "PINHOLE 640 480 525 530 318 243",
     RADIAL,
-    "RADIAL 640 480 525 320 240 0.05 -0.01",
     "OPENCV 640 480 525 520 320 240 0.05 -0.01 0.001 0.002",
     "OPENCV_FISHEYE 640 480 525 520 320 240 0.05 -0.01 0.001 0.002",
     "FULL_OPENCV,640,480,525,520,320,240,0.05,-0.01,0.001,0.002,0.001,0,0,0",
-    "simple_radial_fisheye 640 480 525 320 240 0.05",
 ]
 
 
@@ -65,14 +60,6 @@ def test_rays_are_pycolmaps_half_a_pixel_on(text: str) -> None:
     np.testing.assert_allclose(ideal[:2].T, rays, atol=1e-12)
 
 
-def test_a_focal_length_puts_the_principal_point_at_the_centre() -> None:
-    camera = Camera.from_focal(525, SIZE)
-    np.testing.assert_array_equal(camera.K, [[525, 0, 319.5], [0, 525, 239.5], [0, 0, 1]])
-    same = Camera.from_string(CAMERAS[0])
-    np.testing.assert_array_equal(camera.K, same.K)
-    assert camera.params == same.params and camera.known and not camera.distorted
-
-
 @pytest.mark.parametrize("text", CAMERAS)
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 def test_a_resized_picture_has_the_same_rays(text: str, scale: float) -> None:
@@ -95,11 +82,8 @@ def test_a_picture_of_another_shape_is_refused(size: tuple[int, int]) -> None:
     ("text", "words"),
     [
         ("nonsense", "neither"),
-        ("", "neither"),
         ("SIMPLE_RADIAL 640 480 525 320 240", "has the parameters f, cx, cy, k"),
         ("SIMPLE 640 480 525", "unknown model"),
-        ("PINHOLE 640 480 a b c d", "neither"),
-        ("PINHOLE 6.4 480 1 1 1 1", "neither"),
         ("PINHOLE 640 480 nan 525 320 240", "finite"),
         ("PINHOLE 640 480 -525 525 320 240", "focal length must be"),
         ("PINHOLE 0 480 525 525 320 240", "positive"),
@@ -119,19 +103,6 @@ def test_a_focal_length_must_be_possible(focal: float) -> None:
             make()
 
 
-@pytest.mark.parametrize("K", [np.eye(4), np.full((3, 3), np.nan), -np.eye(3), np.eye(3) + np.eye(3, k=1)])
-def test_what_is_no_calibration_matrix_is_refused(K: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="K must be"):
-        Camera(K=K, width=640, height=480)
-
-
-def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -> None:
-    before = database.read_bytes()
-    assert camera_of_database(str(database), 1).params[3] == 0.05
-    assert camera_of_database(database, None, "/data/walks/b.jpg").params[3] == 0.1
-    assert database.read_bytes() == before
-
-
 @pytest.mark.parametrize(
     ("edit", "camera_id", "image", "words"),
     [
@@ -139,6 +110,8 @@ def test_a_database_gives_the_images_camera_and_is_not_touched(database: Path) -
         ("SELECT 1", None, "a.jpg", "name one as"),
         ("UPDATE images SET camera_id = zeroblob(99)", None, "walks/b.jpg", "has no camera b"),
         ("UPDATE cameras SET model = 999", 1, "", "update pycolmap"),
+        ("UPDATE cameras SET width = 9e999", 1, "", "camera 1 is of a kind"),
+        ("UPDATE cameras SET params = zeroblob(800000)", 1, "", "SIMPLE_RADIAL has the parameters"),
     ],
 )
 def test_a_camera_that_a_database_has_not_or_that_is_none(
@@ -165,15 +138,6 @@ def test_resolution_of_the_sensor_has_its_unit_and_size(tmp_path: Path, unit: in
     plane = {"FocalPlaneXResolution": 100 * mm, "FocalPlaneResolutionUnit": unit, "ExifImageWidth": 1280}
     halved = read_exif(photograph(tmp_path / "plane.jpg", FocalLength=50.0, **plane))
     assert halved.focal_px == pytest.approx(2500)  # 50 mm at 100 px/mm, resized to half
-
-
-@pytest.mark.parametrize(
-    "tags",
-    [{"ExposureTime": 0.0, "FocalLengthIn35mmFilm": 0}, {"FocalLength": 4e6, "FocalPlaneXResolution": 4e6}],
-)
-def test_useless_exif_says_nothing(tmp_path: Path, tags: dict[str, float]) -> None:
-    assert read_exif(photograph(tmp_path / "a.jpg", **tags)) == ExifValues()
-    assert read_exif(tmp_path / "missing.jpg") == ExifValues()
 
 
 def test_intrinsics_choose_the_camera(database: Path) -> None:
@@ -226,14 +190,3 @@ def test_what_opencv_gives_otherwise_is_refused() -> None:
     with pytest.raises(ValueError, match="K must be"):
         Camera.from_opencv(np.eye(4), None, SIZE)
     assert Camera.from_opencv(K, np.zeros((1, 14)), (640, 480)).model == "PINHOLE"
-
-
-def test_png_is_not_decoded_for_exif_that_it_has_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    block = exif_of(orientation=3).tobytes().removeprefix(b"Exif\0\0")
-    chunk = struct.pack(">I", len(block)) + b"eXIf" + block + struct.pack(">I", zlib.crc32(b"eXIf" + block))
-    Image.new("RGB", (40, 30)).save(tmp_path / "a.png")
-    bare = (tmp_path / "a.png").read_bytes()
-    late = bare[:-12] + chunk + bare[-12:]  # before IEND, after the pixels
-    assert read_exif("a.png", late).rows_towards == (0, -1)
-    monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", lambda self: pytest.fail("decoded"))
-    assert read_exif("a.png", bare) == ExifValues()

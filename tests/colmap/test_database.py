@@ -11,8 +11,9 @@ import pycolmap
 import pytest
 
 from blur2view.camera.camera import Camera
-from blur2view.colmap.database import colmap_camera_of, stored_photographs, write_database
+from blur2view.colmap.database import colmap_camera_of, write_database, written_photographs
 from blur2view.colmap.mapping import triangulate_exposure
+from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
@@ -137,7 +138,7 @@ def test_the_log_of_a_killed_mapper_does_not_damage_a_new_database(tmp_path: Pat
     old = path.read_bytes(), log.read_bytes()
     names = [f"b_{k}.jpg" for k in range(5)]
     write_database(path, [make_views(name) for name in names], replace=True)
-    assert check_database(path) == [] and stored_photographs(path) == set(names)
+    assert check_database(path) == [] and written_photographs(path) == set(names)
     path.unlink()
     log.write_bytes(old[1])  # of a database that a user has removed alone
     with pytest.raises(DatabaseError, match="new.db-wal: is of a database that is gone; remove it"):
@@ -154,7 +155,7 @@ def test_a_database_in_use_is_not_replaced(tmp_path: Path) -> None:
         with pytest.raises(DatabaseError, match="another program uses it"):
             write_database(path, [make_views("b.jpg")], replace=True)
         other.stdin.close()
-    assert stored_photographs(path) == {"a.jpg"}
+    assert written_photographs(path) == {"a.jpg"}
 
 
 def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -166,20 +167,15 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
         write_database(tmp_path / "new.db", [make_views(), make_views()])
 
 
-@pytest.mark.parametrize(
-    ("harm", "finding"),
-    [
-        ("UPDATE keypoints SET rows = 31 WHERE image_id = 1", "keypoints of image 1"),
-        ("DELETE FROM frame_data WHERE data_id = 2", "no frame"),
-        ("UPDATE rigs SET ref_sensor_id = 5", "rig 1 of its frame has no camera 1"),
-        ("UPDATE matches SET data = x'', rows = 0", "inliers that are no matches"),
-        ("UPDATE matches SET rows = 2, data = zeroblob(16)", "occurs twice"),
-        ("UPDATE two_view_geometries SET qvec = zeroblob(32)", "qvec"),
-        ("INSERT INTO keypoints VALUES (77, 0, 2, NULL)", "foreign key"),
-    ],
-)  # fmt: skip
-def test_the_check_finds_what_is_wrong(tmp_path: Path, harm: str, finding: str) -> None:
-    path = tmp_path / "new.db"
-    write_database(path, [make_views()])
-    run_sql(path, "PRAGMA foreign_keys = OFF", harm)
-    assert any(finding in line for line in check_database(path))
+def test_numbers_are_those_of_pycolmap(tmp_path: Path) -> None:
+    pycolmap.Database.open(tmp_path / "theirs.db").close()
+    assert run_sql(tmp_path / "theirs.db", "PRAGMA user_version")[0][0] <= NEWEST_KNOWN
+    theirs = pycolmap.TwoViewGeometryConfiguration.__members__
+    assert [int(theirs[config]) for config in Configuration] == list(range(len(Configuration)))
+    assert pycolmap.SensorType.CAMERA.value == CAMERA_SENSOR
+    for ids in ((3, 17), (1, MAX_IMAGES - 1)):
+        assert pycolmap.pair_id_to_image_pair(pair_id(*ids)) == ids
+        assert pair_id(*ids[::-1]) == pair_id(*ids)
+    for wrong in ((3, 3), (-1, 3), (3, MAX_IMAGES)):
+        with pytest.raises(ValueError, match="must differ"):
+            pair_id(*wrong)

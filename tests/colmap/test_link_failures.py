@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blur2view.colmap.connection import open_for_writing
-from blur2view.colmap.link import plan_links, write_links
+from blur2view.colmap.link import write_links
 from blur2view.colmap.project import ProjectImage
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
@@ -109,9 +109,3 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
     assert isinstance(plan, DatabaseError)
     assert str(path) in str(plan) and "\n" not in str(plan)
     assert path.read_bytes() == before
-
-
-def test_unknown_and_repeated_photographs_are_named(path: Path) -> None:
-    plans = plan_links(path, [Path("a_000.jpg"), Path("x.jpg"), Path("b/a_000.jpg")])
-    assert isinstance(plans[0], ProjectImage)
-    assert "no image of that name" in str(plans[1]) and "name it once" in str(plans[2])

@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from blur2view.colmap.database import write_database
-from blur2view.colmap.mapping import MIN_ANGLE_DEG, mapper_options
+from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.pose import RigidTransform
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, some_views
 from tools.metrics import rotation_error, translation_direction_error_deg
@@ -59,16 +59,3 @@ def test_defaults_find_nothing(database: Path, tmp_path: Path) -> None:
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = 0
     assert not models(database, options, tmp_path)
-
-
-def test_linked_projects_keep_colmaps_angles() -> None:
-    options, defaults = mapper_options(linked=True), pycolmap.IncrementalPipelineOptions()
-    assert options.triangulation.min_angle == defaults.triangulation.min_angle
-    assert options.triangulation.ignore_two_view_tracks
-    assert options.mapper.init_min_tri_angle == defaults.mapper.init_min_tri_angle > MIN_ANGLE_DEG
-    assert options.ba_refine_focal_length and not mapper_options().ba_refine_focal_length
-    kept = mapper_options(linked=True, keep_photographs=True)
-    assert kept.fix_existing_frames and not kept.ba_refine_focal_length and not options.fix_existing_frames
-    assert mapper_options().check() and options.check()
-    with pytest.raises(ValueError, match="keep_photographs"):
-        mapper_options(keep_photographs=True)

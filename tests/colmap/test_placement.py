@@ -79,15 +79,6 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
     assert found.model.compute_num_observations() == 3 * FRAMES * FEATURES
 
 
-def test_names_say_which_frames_follow_one_another_and_views_are_placed_once(tmp_path: Path) -> None:
-    database, model = project(tmp_path)
-    found = place_views(database, model, NAMES[::2])
-    assert found.placed == tuple(NAMES[::2]) and found.fraction == pytest.approx(SHARE / 2, rel=0.02)
-    found.model.write(model)
-    with pytest.raises(DatabaseError, match="link them first"):
-        place_views(database, model, NAMES[::2])
-
-
 def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> None:
     alone, found = (place_views(*project(tmp_path / name, rig=name == "rig")) for name in ("alone", "rig"))
     for name in NAMES:

@@ -1,11 +1,13 @@
 """What reads a user's COLMAP database leaves the file and its folder as they were, and says what is wrong."""
 
+import os
 import shutil
 import sqlite3
 import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +15,12 @@ import pytest
 
 from blur2view.cli.commands import main
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.connection import open_read_only
+from blur2view.colmap.connection import open_for_writing, open_read_only
 from blur2view.colmap.link import plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
 from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names
-from blur2view.errors import Blur2ViewError
+from blur2view.errors import Blur2ViewError, DatabaseError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
 from tests.support.sql import run_sql
@@ -34,6 +36,7 @@ def steps(path: Path) -> list[Step]:
     return [plan.step for plan in plan_links(path, [Path(NAMES[0])]) if isinstance(plan, ProjectImage)]
 
 
+Opener = Callable[[Path], AbstractContextManager[sqlite3.Connection]]
 READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has found what is there
     "camera": lambda path: camera_of_database(path, None, f"/data/{NAMES[0]}").known,
     "matches": lambda path: len(database_matcher(path, [NAMES[0], f"{NAMES[0]}#open"])(0, 1)[0]) > 0,
@@ -102,22 +105,6 @@ def test_every_reader_leaves_file_and_folder_as_they_were(path: Path, state: Cal
     assert (more is not None) == (state is killed_with_log)
 
 
-def test_a_database_that_another_program_writes_to_is_read_as_it_was(path: Path) -> None:
-    program = (
-        "import sqlite3, sys; database = sqlite3.connect(sys.argv[1], isolation_level=None);"
-        "database.execute('BEGIN IMMEDIATE'); database.execute('DELETE FROM images');"
-        "print('ready', flush=True); sys.stdin.read()"
-    )
-    command = [sys.executable, "-c", program, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None and other.stdout.readline() == b"ready\n"
-        before = contents(path)
-        for name, reads in READERS.items():
-            assert reads(path), name
-            assert contents(path) == before, name
-        other.communicate(b"")
-
-
 def test_a_change_while_reading_is_noticed(path: Path) -> None:
     words = "changed while it was read.*another program"
     with pytest.raises(Blur2ViewError, match=words), open_read_only(path) as database:
@@ -178,3 +165,10 @@ def test_what_is_wrong_is_one_clear_line(
     if isinstance(other, sqlite3.Connection):
         other.close()
     assert contents(path) == before or fault is locked
+
+
+@pytest.mark.parametrize("opened", [open_read_only, open_for_writing])
+def test_a_pipe_beside_a_database_is_not_waited_for(path: Path, opened: Opener) -> None:
+    os.mkfifo(f"{path}-journal")
+    with pytest.raises(DatabaseError, match="db-journal beside it is no regular file"), opened(path):
+        pass

@@ -1,6 +1,5 @@
 """transforms.json read back as its readers do, against pycolmap and the truth of a made-up video."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.cli import commands as cli
 from blur2view.colmap.models import read_model
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
@@ -38,12 +36,12 @@ SMEAR_PX = [float(np.median(np.linalg.norm(smears, axis=1))) for smears in SMEAR
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of photographs and models: of photographs and views, of views alone, of neither."""
+    """Return a folder of photographs and models: of photographs and views, of photographs alone."""
     folder = tmp_path_factory.mktemp("video")
     (folder / "images").mkdir()
     for name in NAMES:
         (folder / "images" / name).touch()
-    ends = {"model": range(9), "views": [0, 2, 3, 5, 6, 8], "sharp": [1, 4, 7]}
+    ends = {"model": range(9), "sharp": [1, 4, 7]}
     WALK.write(POINTS, folder / "video.db", {folder / name: of for name, of in ends.items()})
     return folder
 
@@ -100,16 +98,6 @@ def test_velocities_over_the_exposure_draw_the_true_smears(video: Path) -> None:
         assert np.median(np.linalg.norm(drawn - smears, axis=1)) < 0.02 * smear_px
 
 
-def test_views_alone_have_the_pose_halfway(video: Path) -> None:
-    whole, alone = (content_of(video / name) for name in ("model", "views"))
-    for frame, other in zip(whole["frames"], alone["frames"], strict=True):
-        assert frame["transform_matrix_start"] == other["transform_matrix_start"]
-        ends = [np.array(frame[f"transform_matrix_{when}"]) for when in ("start", "end")]
-        halfway = np.array(other["transform_matrix"])
-        np.testing.assert_allclose(halfway, (ends[0] + ends[1]) / 2, atol=2e-4)
-        np.testing.assert_allclose(halfway[:3, :3] @ halfway[:3, :3].T, np.eye(3), atol=1e-12)
-
-
 def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None:
     model = pycolmap.Reconstruction(video / "model")
     model.deregister_frame(model.find_image_with_name("frame_001.png#open").frame_id)
@@ -125,7 +113,6 @@ def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None
     ("kind", "params", "expected"),
     [
         ("SIMPLE_RADIAL", [50, 48, 32, 0.1], {"fl_x": 50, "fl_y": 50, "k1": 0.1, "k2": 0, "p1": 0, "p2": 0}),
-        ("OPENCV", [50, 51, 48, 32, 0.1, 0.2, 0.3, 0.4], {"fl_x": 50, "fl_y": 51, "k1": 0.1, "p2": 0.4}),
         ("SIMPLE_FISHEYE", [50, 48, 32], {"is_fisheye": True, "fl_x": 50, "fl_y": 50, "k1": 0, "k4": 0}),
         ("OPENCV_FISHEYE", [50, 51, 48, 32, 0.1, 0.2, 0.3, 0.4], {"is_fisheye": True, "k4": 0.4}),
     ],
@@ -161,33 +148,3 @@ def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None
         content_of(video / "model", dialect="mip")
     with pytest.raises(ValueError, match="positive time"):
         content_of(video / "model", exposure_s=float("nan"))
-
-
-def call(*arguments: object) -> int:
-    return cli.main(["to-transforms", *map(str, arguments)])
-
-
-def test_command_writes_the_file_with_paths_from_its_folder_and_replaces_no_other(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    target, images = tmp_path / "scene" / "transforms.json", ("--images", video / "images")
-    for _ in range(2):
-        assert call(video / "model", *images, "-o", target) == 0
-        assert capsys.readouterr().out == f"{target}: wrote 3 frames\n"
-    for name, frame in zip(NAMES, json.loads(target.read_text())["frames"], strict=True):
-        assert (target.parent / frame["file_path"]).samefile(video / "images" / name)
-    foreign = tmp_path / "foreign.json"
-    foreign.write_text("{}")
-    for words, complaint in (
-        ([video / "model", "--images", tmp_path, "-o", tmp_path / "a.json"],
-         "no such photograph (3 of 3 are missing); name their folder"),
-        ([video / "model", "-o", foreign], "is no file of an earlier call"),
-        ([video / "sharp", "-o", tmp_path / "new" / "a.json"], "no photograph has both its views"),
-    ):  # fmt: skip
-        assert call(*words) == 1
-        (line,) = capsys.readouterr().err.splitlines()
-        assert complaint in line
-    assert {path.name for path in tmp_path.iterdir()} == {"foreign.json", "scene"}
-    assert foreign.read_text() == "{}"
-    with pytest.raises(SystemExit, match="2"):
-        call(video / "model", "--exposure", "0")

@@ -26,24 +26,6 @@ def middle_and_close(seed: int) -> tuple[Scene, RigidTransform, np.ndarray, np.n
     return scene, pose, ends[:, 0], ends[:, 1]
 
 
-def test_half_pose_twice_is_the_pose() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        t = rng.normal(size=3)
-        pose = RigidTransform(
-            rotation=rotation_matrix(0.2 * rng.normal(size=3)), translation=t / np.linalg.norm(t)
-        )
-        half = half_pose(pose)
-        np.testing.assert_allclose(half.rotation @ half.rotation, pose.rotation, atol=1e-12)
-        twice = half.rotation @ half.translation + half.translation
-        np.testing.assert_allclose(twice / np.linalg.norm(twice), pose.translation, atol=1e-12)
-
-
-def test_half_of_a_rotation_has_no_translation() -> None:
-    pose = RigidTransform(rotation=rotation_matrix(np.array([0.0, 0.1, 0])), translation=np.zeros(3))
-    assert not half_pose(pose).translation.any()
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_F_of_half_the_motion_fits_half_smears(seed: int) -> None:
     scene, pose, middle, close = middle_and_close(seed)

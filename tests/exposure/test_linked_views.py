@@ -101,23 +101,6 @@ def test_what_lies_outside_stays_and_is_not_used(result: Result) -> None:
     assert linked.usable[5]
 
 
-def test_features_on_excluded_pixels_are_not_used(result: Result) -> None:
-    keypoints = np.array([[79.4, 50.0], [79.6, 50.0], [-0.5, 3.0], [159.4, 3.0]])
-    right = np.zeros(SIZE[::-1], bool)
-    right[:, 80:] = True
-    linked = keypoint_views("a.jpg", keypoints, result[0], excluded=right)
-    assert linked.usable is not None and linked.usable.tolist() == [True, False, True, False]
-    assert not linked.geometry.inlier_mask[[1, 3]].any()
-
-
-def test_without_geometry_nothing_is_used(result: Result) -> None:
-    estimate, _ = result
-    unknown = replace(estimate.geometry, F=None, H=None, E=None, cam2_from_cam1=None)
-    linked = keypoint_views("a.jpg", np.full((3, 2), 50.0), replace(estimate, geometry=unknown))
-    assert linked.usable is not None and not linked.usable.any()
-    assert not linked.geometry.inlier_mask.any()
-
-
 def test_inliers_are_measured_by_their_own_errors_across(result: Result) -> None:
     exact = result[0]
     smears = exact.grid.smears()

@@ -1,16 +1,12 @@
 """Matches between photographs: a picture shifted by a known amount, and databases that pycolmap wrote."""
 
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from blur2view.arrays import Array
 from blur2view.colmap.project import database_matcher, database_names
-from blur2view.errors import DatabaseError
 from blur2view.exposure.neighbours import Features, features_of, match_features, photograph_matcher, verified
 
 SHIFT = np.array([12.0, -5.0])
@@ -64,17 +60,6 @@ def test_blank_and_unrelated_pictures_have_no_matches() -> None:
         assert points1.shape == points2.shape == (0, 2)
 
 
-def test_matches_without_a_common_geometry_are_dropped() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.uniform(0, 300, (40, 2))
-    kept, _ = verified(points, rng.uniform(0, 300, (40, 2)))
-    assert len(kept) < 20
-    moved = points + SHIFT + 0.1 * rng.normal(size=points.shape)
-    moved[:10] = rng.uniform(0, 300, (10, 2))
-    kept, _ = verified(points, moved)
-    assert 28 <= len(kept) <= 36
-
-
 def test_matches_of_three_places_for_which_opencv_fails_are_dropped() -> None:
     rng = np.random.default_rng(8)
     places = 200 * rng.random((3, 2))
@@ -119,25 +104,3 @@ def test_database_gives_verified_matches_in_our_pixels_in_either_order(tmp_path:
     np.testing.assert_array_equal(again_b, b)
     assert len(matcher(0, 2)[0]) == 0 and len(matcher(0, 0)[0]) == 0
     assert database_names(path) == ["b.jpg", "a.jpg"]
-
-
-def test_unverified_matches_serve_where_there_are_no_others_but_for_impossible_ones(tmp_path: Path) -> None:
-    for name, rows, count in (("a", [[0, 1], [2, 3], [4, 0]], 3), ("b", [[0, 1], [4, 4], [5, 0]], 1)):
-        path = tmp_path / f"{name}.db"
-        write_database(path, rows=rows, inliers=None)
-        assert len(database_matcher(path, ["a.jpg", "b.jpg"])(0, 1)[0]) == count
-
-
-@pytest.mark.parametrize(
-    "damage",
-    ["UPDATE keypoints SET data = x'0011'", "UPDATE matches SET data = x'001122'", "DROP TABLE matches"],
-)
-def test_a_damaged_database_is_named(tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "project.db"
-    write_database(path, rows=[[0, 1]], inliers=None)
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute(damage)
-    before = path.read_bytes()
-    with pytest.raises(DatabaseError, match="project.db"):
-        database_matcher(path, ["a.jpg", "b.jpg"])(0, 1)
-    assert path.read_bytes() == before

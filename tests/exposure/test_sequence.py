@@ -75,11 +75,6 @@ def test_pose_and_every_smear_are_of_the_order_that_neighbours_show(shutter: Rol
         assert wrong is not None and np.linalg.norm(wrong.mean + right.mean) > 0.02 * np.linalg.norm(TURN)
 
 
-def test_without_neighbours_the_order_stays_open() -> None:
-    result = in_time(estimate_of(None), [])
-    assert not result.time.known and result.time.confidence == 0
-
-
 def test_a_video_is_read_in_order_and_what_is_none_is_refused_at_once(
     tmp_path: Path, tiny_model: Path
 ) -> None:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
-from PIL import Image, TiffImagePlugin
+from PIL import Image
 
 from blur2view.camera.exif import read_exif
 from blur2view.errors import ImageError
@@ -60,7 +60,6 @@ def test_heic_is_read(tmp_path: Path) -> None:
     [
         ("a.heic", "pillow_heif", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic"),
         ("a.cr2", "rawpy", b"II*\0\x10\0\0\0CR\x02\0"),
-        ("a.jpg", "rawpy", b"FUJIFILMCCD-RAW 0201"),
     ],
 )
 def test_without_the_extra_the_error_names_it(
@@ -72,8 +71,8 @@ def test_without_the_extra_the_error_names_it(
         read_image(tmp_path / name)
 
 
-@pytest.mark.parametrize(("kind", "count"), [("gif", 3), ("webp", 2), ("png", 2), ("tiff", 2)])
-def test_animation_and_pages_are_refused(tmp_path: Path, kind: str, count: int) -> None:
+@pytest.mark.parametrize(("kind", "count"), [("gif", 3), ("webp", 2), ("png", 2)])
+def test_an_animation_is_refused(tmp_path: Path, kind: str, count: int) -> None:
     frames = [Image.fromarray(GREY + 20 * index) for index in range(count)]
     path = tmp_path / f"a.{kind}"
     frames[0].save(path, save_all=True, append_images=frames[1:])
@@ -83,12 +82,10 @@ def test_animation_and_pages_are_refused(tmp_path: Path, kind: str, count: int) 
     assert read_image(path).shape == (40, 60, 3)
 
 
-def test_tiff_with_a_smaller_copy_is_one_picture(tmp_path: Path) -> None:
-    with TiffImagePlugin.AppendingTiffWriter(tmp_path / "a.tif", True) as writer:
-        Image.fromarray(GREY).save(writer, "TIFF")
-        writer.newFrame()
-        Image.fromarray(GREY[::2, ::2]).save(writer, "TIFF", tiffinfo={254: 1})
-    assert read_image(tmp_path / "a.tif").shape == (40, 60, 3)
+def test_the_first_page_of_a_tiff_is_read(tmp_path: Path) -> None:
+    pages = [Image.fromarray(GREY + 20 * index) for index in range(2)]
+    pages[0].save(tmp_path / "a.tif", save_all=True, append_images=pages[1:])
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), GREY / np.float32(255))
 
 
 def test_frame_is_read_by_its_path_in_any_order(tmp_path: Path) -> None:
@@ -127,11 +124,9 @@ def test_rows_of_a_video_that_is_turned_upright(
     assert read_image(clip / "000000").shape == shape and rows_towards(clip) == rows
 
 
-@pytest.mark.parametrize(
-    ("announced", "suffix"), [(40, ".mp4"), (50, ".mp4"), (51, ".mp4"), (900, ".mp4"), (43, ".avi")]
-)
-def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
-    monkeypatch: pytest.MonkeyPatch, announced: int, suffix: str
+@pytest.mark.parametrize(("announced", "whole"), [(40, True), (50, True), (51, False)])
+def test_video_that_is_cut_off_is_told_from_one_whose_last_frames_were_never_there(
+    monkeypatch: pytest.MonkeyPatch, announced: int, whole: bool
 ) -> None:
     frames = iter(range(40))  # fewer than announced, ten a second
     cut = SimpleNamespace(
@@ -140,29 +135,11 @@ def test_video_that_is_cut_off_is_one_error_and_what_was_never_there_is_none(
         retrieve=lambda: (True, GREY),
     )
     monkeypatch.setattr(video, "_opened", lambda path: cut)
-    outcomes = []
-    for number in (38, 39, 40, 45, 50):
-        try:
-            read_frame(Path(f"cut{announced}{suffix}"), number)
-            outcomes.append("read")
-        except EndOfVideo:
-            outcomes.append("end")
-        except ImageError as error:
-            outcomes.append("beyond" if "none of number" in str(error) else "failed")
-            assert outcomes[-1] == "beyond" or f"ends after 40 of {announced} frames" in str(error)
-    expected = {40: ["beyond"] * 3, 50: ["end", "end", "beyond"]}.get(announced, ["failed", "end", "end"])
-    if suffix == ".avi":
-        expected = ["failed", "beyond", "beyond"]
-    assert outcomes == ["read", "read", *expected]
-
-
-def test_no_frame_is_read_behind_damage(monkeypatch: pytest.MonkeyPatch) -> None:
-    grabbed = iter([True, True, False, True, True])  # the decoder goes on behind it; nobody knows where
-    damaged = SimpleNamespace(
-        grab=lambda: next(grabbed), get=lambda name: 10.0, retrieve=lambda: (True, GREY)
-    )
-    monkeypatch.setattr(video, "_opened", lambda path: damaged)
-    read_frame(Path("damaged.mkv"), 1)
-    for number in (2, 3):
-        with pytest.raises(ImageError, match=r"(has|ends after) 2 "):
-            read_frame(Path("damaged.mkv"), number)
+    clip = Path(f"cut{announced}.mp4")
+    assert read_frame(clip, 39).shape == GREY.shape
+    for number in range(40, announced):
+        with pytest.raises(EndOfVideo, match=f"ends after 40 of {announced} frames") as caught:
+            read_frame(clip, number)
+        assert caught.value.whole == whole
+    with pytest.raises(ImageError, match=f"none of number {announced}"):
+        read_frame(clip, announced)

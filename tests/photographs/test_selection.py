@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.photographs.selection import same_view, sharpest, sharpest_of_each, thumbnail
+from blur2view.photographs.selection import same_view, sharpest_of_each, thumbnail
 
 
 def pictures(seed: int, count: int) -> list[Array]:
@@ -12,12 +12,6 @@ def pictures(seed: int, count: int) -> list[Array]:
     rng = np.random.default_rng(seed)
     scene = np.repeat(np.repeat(rng.random((12, 40, 3)), 40, 0), 40, 1).astype(np.float32)
     return [thumbnail(scene[:, 10 * k : 10 * k + 640]) for k in range(count)]
-
-
-def test_the_sharpest_are_those_of_the_shortest_smears_and_no_texture_comes_last() -> None:
-    lengths = [3.0, None, 1.0, 2.0, 1.0]
-    assert sharpest(lengths, 1) == {2} and sharpest(lengths, 3) == {2, 3, 4}
-    assert sharpest(lengths, 4) == {0, 2, 3, 4} and sharpest(lengths, 9) == set(range(5))
 
 
 def test_a_view_is_told_from_others_though_it_shifts() -> None:
@@ -45,17 +39,6 @@ def test_the_only_photograph_of_a_view_is_kept_however_blurred() -> None:
     assert lost == {0, 1}
 
 
-def test_neighbours_are_of_one_video_or_folder() -> None:
-    view = pictures(0, 1)[0]
-    assert sharpest_of_each([2.0, 1.0, 3.0, 4.0], ["a", "a", "b", "b"], 3, lambda one: view) == {1, 2}
-
-
 def test_what_shows_no_texture_is_kept_only_where_nothing_else_is() -> None:
     dark = np.zeros((72, 96))
     assert sharpest_of_each([None, 3.0, None, None], ["a"] * 4, 2, lambda one: dark) == {1, 2}
-
-
-def test_views_are_looked_at_in_order() -> None:
-    asked: list[int] = []
-    sharpest_of_each([3.0, 1.0, 2.0, 0.5], ["a"] * 4, 2, lambda one: asked.append(one))
-    assert asked == [0, 1, 2, 3]  # a video is read forwards

@@ -162,7 +162,7 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
         size=SIZE,
         points_open=first,
         points_close=first + rng.normal(0, 3, (count, 2)),
-        sigma_px=np.ones(count),
+        sampson_px=np.full(count, 0.5),
         geometry=geometry,
         camera=None,
         time=TimeDirection(known=True, confidence=0.9),

@@ -156,7 +156,7 @@ def some_views(name: str = "a.jpg", count: int = 4, seed: int = 0) -> ExposureVi
         size=(120, 100),
         points_open=start,
         points_close=start + rng.normal(0, 5, (count, 2)),
-        sigma_px=rng.uniform(0.5, 2, count),
+        sampson_px=rng.uniform(0.25, 1, count),
         geometry=geometry,
         camera=None,
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import rigid3d, to_colmap
+from blur2view.camera.colmap_camera import to_colmap
 from blur2view.geometry.rotation import rotation_matrix
 
 
@@ -70,9 +70,7 @@ class Walk:
                 model.add_frame(frame)
                 model.add_image(image)
                 pose = self.pose_at(k)
-                model.frame(frame.frame_id).set_cam_from_world(
-                    image.camera_id, rigid3d(pose[:, :3], pose[:, 3])
-                )
+                model.frame(frame.frame_id).set_cam_from_world(image.camera_id, pycolmap.Rigid3d(pose))
                 model.register_frame(frame.frame_id)
             for index, point in enumerate(points):
                 track = pycolmap.Track()
