@@ -22,7 +22,7 @@ OUTPUTS = "logits", "radii", "kinds", "features"
 logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
 SHIPPED = "smear.onnx"
 CPU = "CPUExecutionProvider"
-MAX_FILE_BYTES = 1 << 28  # the shipped network has 850 kB
+MAX_FILE_BYTES = 1 << 28  # the shipped networks have 2 MB at most
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
 PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
 REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"

@@ -22,7 +22,7 @@ from tools.arguments import Existing, Target, run
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.export import export
-from tools.training.reader import Reader, clipped_shares
+from tools.training.reader import Circular, Reader, clipped_shares
 from tools.training.train_reader import load_average
 
 CONVENTION = (
@@ -43,6 +43,9 @@ class ExportedOctave(nn.Module):
     def __init__(self, network: Reader) -> None:
         super().__init__()
         self.network = network
+        for layer in network.modules():
+            if isinstance(layer, Circular):
+                layer.store_matrix()
 
     def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, ...]:
         """Compute the outputs ``logits``, ``radii``, ``kinds`` and ``features``."""
@@ -104,6 +107,7 @@ def main(checkpoint: Existing, target: Target) -> None:
             partial(metadata, state),
             list(inputs_of(network, grey).values()),
             fold=False,
+            eight_bits=True,
         )
     except ModelError as error:
         raise SystemExit(str(error)) from None

@@ -30,6 +30,8 @@ PREVAILS = 0.7, 1.1
 class Circular(nn.Module):
     """A convolution along the circle of directions, dense in channels: (..., 32, C) -> (..., 32, outputs)."""
 
+    matrix: Tensor
+
     def __init__(self, inputs: int, outputs: int, reach: int) -> None:
         super().__init__()
         self.shifts = range(-reach, reach + 1)
@@ -48,35 +50,35 @@ class Circular(nn.Module):
         return total
 
     def by_gathering(self, x: Tensor) -> Tensor:
-        """Compute the same for ONNX Runtime, which gathers directions faster than it cuts and joins."""
+        """Compute the same for ONNX Runtime: directions are gathered fast, above all those of 8 bits."""
         turned = [(torch.arange(DIRECTIONS) - shift) % DIRECTIONS for shift in self.shifts]
-        inputs, outputs = x.shape[-1], self.bias.shape[0]
-        if inputs <= outputs:
-            near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
-            weight = self.weight.reshape(len(turned), outputs, inputs).permute(1, 0, 2).reshape(outputs, -1)
-            return nnf.linear(near.reshape(*x.shape[:-1], len(turned) * inputs), weight, self.bias)
-        parts = nnf.linear(x, self.weight).reshape(*x.shape[:-2], DIRECTIONS * len(turned), outputs)
-        count = len(turned)
-        total: Tensor = self.bias
-        for k, index in enumerate(turned):
-            total = total + torch.index_select(parts, -2, index * count + k)
-        return total
+        near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
+        return torch.matmul(near.reshape(*x.shape[:-1], -1), self.matrix) + self.bias
+
+    def store_matrix(self) -> None:
+        """Keep the weights also as the one matrix of that product."""
+        matrix = torch.cat(self.weight.detach().chunk(len(self.shifts)), 1).t()
+        self.register_buffer("matrix", matrix.contiguous())
+
+    def weight_of(self, matrix: Tensor) -> Tensor:
+        """Return the weights that make that matrix."""
+        return torch.cat(matrix.t().chunk(len(self.shifts), 1))
 
 
 def band(count: int, reach: int, like: Tensor) -> Tensor:
     """Return the matrix (count, count) of ones up to `reach` off the diagonal."""
-    i = torch.arange(count, device=like.device)
-    return ((i[:, None] - i[None]).abs() <= reach).to(like.dtype)
+    return torch.ones(count, count, dtype=like.dtype, device=like.device).tril(reach).triu(-reach)
 
 
-def box_sum(x: Tensor, reach: int) -> Tensor:
-    """Sum (N, h, w, ...) over (2 reach + 1)^2 cells, nothing beyond the border.
+def box_sums(reach: int, *fields: Tensor) -> list[Tensor]:
+    """Sum fields (N, h, w, D, C) over (2 reach + 1)^2 cells, nothing beyond the border.
 
     Products with band matrices are six times as fast as adding slices here.
     """
-    n, h, w = x.shape[:3]
-    y = torch.matmul(band(w, reach, x), x.reshape(n, h, w, -1))
-    return torch.matmul(band(h, reach, x), y.reshape(n, h, -1)).reshape(x.shape)
+    h, w = fields[0].shape[1:3]
+    down, across = band(h, reach, fields[0]), band(w, reach, fields[0])
+    sums = (torch.matmul(down, torch.matmul(across, x.flatten(3)).flatten(2)) for x in fields)
+    return [total.view_as(x) for total, x in zip(sums, fields, strict=True)]
 
 
 class Gathering(nn.Module):
@@ -91,8 +93,8 @@ class Gathering(nn.Module):
         """Turn (N, h, w, D, C) into (N, h, w, D, C * (1 + number of reaches))."""
         gate = torch.sigmoid(self.gate(x.mean(-2, keepdim=True)))  # (N, h, w, 1, 1)
         weighed = x * gate
-        means = [box_sum(weighed, reach) / (box_sum(gate, reach) + 1e-2) for reach in self.reaches]
-        return torch.cat([x, *means], -1)
+        sums = (box_sums(reach, weighed, gate) for reach in self.reaches)
+        return torch.cat([x, *(total / (weight + 1e-2) for total, weight in sums)], -1)
 
 
 class Context(nn.Module):

@@ -29,9 +29,10 @@ from tools.arguments import Existing, run
 from tools.datasets.shards import Example, load_shard
 from tools.metrics import DIRECTION_MIN_PX
 from tools.training.reader import (
+    Circular,
     Reader,
     ReaderOptions,
-    box_sum,
+    box_sums,
     cross_entropy,
     kind_target,
     loss_of,
@@ -42,6 +43,8 @@ from tools.training.run import Schedule, TrainingRun, batched, drawn, fit
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
+ROUNDED_PARTS = "quantized", "scale", "zero_point"
+"""What an exported file holds of a matrix that ONNX Runtime rounded to integers."""
 FIRST_SHARDS, STEPS_PER_SHARD = 12, 40
 PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
@@ -69,7 +72,7 @@ class ReaderTask:
         self.shards: dict[int, Example] = {}
         self.held = {path.stem: load_shard(path) for path in sorted(held.glob("*.npz"))}
         self.network = Reader()
-        own = exported_weights(weights) if weights else self.network.state_dict()
+        own = exported_weights(weights, self.network) if weights else self.network.state_dict()
         missing = self.network.load_state_dict(own, strict=False).missing_keys
         named = dict(self.network.named_parameters())
         groups = [
@@ -153,7 +156,8 @@ def difference_of(displacement: Tensor) -> Tensor:
     """Return how much cells of smears (N, h, w, S, 2) differ from the mean of 5 x 5 about them, 0 to 1."""
     z = torch.view_as_complex(displacement.contiguous())
     cell = torch.view_as_real(z * z / (z.abs() + 1e-6)).mean(-2)  # double angles: signs mean nothing
-    around = box_sum(cell, 2) / box_sum(torch.ones_like(cell), 2)
+    total, count = box_sums(2, cell[..., None, :], torch.ones_like(cell[..., None, :1]))
+    around = (total / count).squeeze(-2)
     apart = torch.linalg.norm(cell - around, dim=-1)
     share: Tensor = apart / (torch.linalg.norm(around, dim=-1) + LEAST_DIFFERENCE_PX)
     return share.clamp(max=1)
@@ -193,16 +197,25 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     }
 
 
-def exported_weights(path: Path) -> dict[str, Tensor]:
-    """Return the weights that `tools.training.export_reader` stored; ModelError if a file holds none."""
-    stored = [t for t in onnx.load(path).graph.initializer if t.name.startswith(WEIGHTS)]
+def exported_weights(path: Path, network: Reader) -> dict[str, Tensor]:
+    """Return the weights that `tools.training.export_reader` stored; ModelError if a file holds none.
+
+    What it rounded to 8 bits is rounded still.
+    """
+    stored = {
+        tensor.name.removeprefix(WEIGHTS): torch.from_numpy(onnx.numpy_helper.to_array(tensor).copy())
+        for tensor in onnx.load(path).graph.initializer
+        if tensor.name.startswith(WEIGHTS)
+    }
     if not stored:
         raise ModelError(
             f"{path}: holds no weights to train on from; use a file of tools.training.export_reader"
         )
-    return {
-        t.name.removeprefix(WEIGHTS): torch.from_numpy(onnx.numpy_helper.to_array(t).copy()) for t in stored
-    }
+    for name, layer in network.named_modules():
+        if isinstance(layer, Circular) and f"{name}.matrix_quantized" in stored:
+            whole, scale, _ = (stored.pop(f"{name}.matrix_{part}") for part in ROUNDED_PARTS)
+            stored[f"{name}.weight"] = layer.weight_of(whole * scale)
+    return stored
 
 
 def load_average(checkpoint: Path) -> tuple[Reader, dict[str, Any]]:

@@ -13,7 +13,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network
 from tools.training.export import difference
 from tools.training.export_reader import ExportedOctave, inputs_of, main, sample_picture
-from tools.training.reader import Reader, ReaderOptions
+from tools.training.reader import Circular, Reader, ReaderOptions
 from tools.training.train_reader import exported_weights, load_average
 
 pytestmark = pytest.mark.slow
@@ -40,7 +40,7 @@ def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
     assert grey.min() >= 0 and grey.max() <= 1
     for height, width in ((256, 320), (64, 64), (96, 224)):
         inputs = inputs_of(trained, grey[..., :height, :width].contiguous())
-        assert difference(exported, ExportedOctave(trained), inputs) < 2e-3
+        assert difference(exported, ExportedOctave(trained), inputs) < 0.1
     network = SmearNetwork(exported, threads=1)
     info = network.info
     assert (info.features, info.license) == (12, "Apache-2.0")
@@ -49,10 +49,13 @@ def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
     image = np.random.default_rng(0).random((190, 210, 3), dtype=np.float32)
     field = network.predict(image).at_pixels()
     assert field.shape == (190, 210) and np.isfinite(field.displacement).all()
-    stored = exported_weights(exported)
+    trained = load_average(checkpoint)[0]
+    stored = exported_weights(exported, Reader(SMALL))
     assert stored.keys() == trained.state_dict().keys()
-    for name, value in trained.state_dict().items():
-        assert torch.equal(stored[name], value)
+    for name, value in trained.state_dict().items():  # the large products' in 7 bits, all others exactly
+        circular = isinstance(trained.get_submodule(name.rpartition(".")[0]), Circular)
+        rounding = value.abs().max() / 63 if circular and value.ndim == 2 else 0
+        assert (stored[name] - value).abs().max() <= rounding
     onnx.save(colour_code_network(), tmp_path / "other.onnx")
     with pytest.raises(ModelError, match="holds no weights"):
-        exported_weights(tmp_path / "other.onnx")
+        exported_weights(tmp_path / "other.onnx", Reader(SMALL))
