@@ -31,7 +31,8 @@ from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import Existing, Target, run
 from tools.datasets import motion_kinds
-from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
+from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene, with_shared_errors
+from tools.datasets.synthetic_matches import KnownMatches
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.benchmark import machine
 from tools.pages import joined, publish, table
@@ -79,7 +80,7 @@ class Named:
     seconds: float
 
 
-def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
+def turns(geometry: TwoViewGeometry, F: Array, scene: KnownMatches) -> bool:
     """Whether F has a significant rotation, by the rules above."""
     costs, points, K = dict(geometry.scores), scene.matches.midpoint, scene.K
     if costs[MotionModel.TRANSLATION] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
@@ -90,7 +91,7 @@ def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
     return bool(np.median(smears) > INSIGNIFICANT * np.median(scene.matches.length_px))
 
 
-def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
+def outcome(geometry: TwoViewGeometry, scene: KnownMatches) -> str:
     """Return the name of what was found, by the rules above."""
     if geometry.config in NAMES:
         return NAMES[geometry.config]
@@ -100,7 +101,7 @@ def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
     return "general" if turns(geometry, geometry.F, scene) else "translation"
 
 
-def erring(scene: DegenerateScene, seed: int, direction_deg: float) -> DegenerateScene:
+def erring(scene: KnownMatches, seed: int, direction_deg: float) -> KnownMatches:
     """Return smears that err as a network's: correlated over 40 px, lengths by 15 %, stated truly."""
     found = scene.matches
     ends = with_shared_errors(found.ends, np.random.default_rng([seed, 7]), direction_deg, LENGTH_SHARE)
