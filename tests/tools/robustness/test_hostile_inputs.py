@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tools.robustness import corpus, hostile_inputs
-from tools.robustness.hostile_inputs import KINDS, page, run_call, try_all
+from tools.robustness.hostile_inputs import KINDS, run_call, try_all
 from tools.robustness.mutations import SHARES, mutated
 from tools.robustness.politeness import Call, complaints
 
@@ -90,6 +90,4 @@ def test_a_planted_fault_is_found(
 
 @pytest.mark.slow
 def test_commands_are_polite() -> None:
-    tried = try_all(range(4), 5)
-    assert [rude for _, _, rude in tried] == [[]] * 4
-    assert page(tried, 5).splitlines()[-1].startswith("| all | 4 | ")
+    assert [rude for _, _, rude in try_all(range(4), 5)] == [[]] * 4

@@ -1,19 +1,17 @@
-"""Training of the reader: examples made twice are equal, a stopped run ends the same; the whole recipe."""
+"""Training of the reader: examples made twice are equal, a stopped run ends the same."""
 
 import json
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import torch
 
-from blur2view.networks.smear_network import SmearNetwork
 from tools.datasets.shards import write_shards
 from tools.rendering.shaken import ShakeOptions
-from tools.training import reader_data, recipe
+from tools.training import reader_data
 from tools.training.reader import Reader
 from tools.training.reader_data import Sources, examples
 from tools.training.run import TrainingRun
@@ -79,24 +77,3 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     assert whole.figures == state["figures"]
     start = Reader().state_dict()
     assert any(not torch.equal(value, start[name]) for name, value in first.state_dict().items())
-
-
-def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(recipe, "SHARD", 2)
-    monkeypatch.setattr(recipe, "LARGE", (320, 256))
-    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    pixels = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
-    assert cv2.imwrite(str(photos / "noise.png"), pixels)
-    given: dict[str, Any] = {"photos": [photos], "work": tmp_path / "work", "models": tmp_path / "models"}
-    given |= {"scenes": 2, "large_scenes": 2, "val_scenes": 2, "shards": 1, "steps": 1, "processes": 1}
-    recipe.main(**given)
-    made = capfd.readouterr().out.count(".npz")
-    network = SmearNetwork(tmp_path / "models" / "smear.onnx")
-    assert network.info.training["steps"] == 1
-    assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
-    recipe.main(**given)
-    assert made == 5 and ".npz" not in capfd.readouterr().out  # nothing is made twice
