@@ -10,7 +10,8 @@ from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene
 from tools.evaluation import benchmark
 from tools.evaluation.benchmark import checkout, in_turn
-from tools.evaluation.gyroscope import figures_of, pairs_of
+from tools.evaluation.gyroscope import measured_smears
+from tools.evaluation.smear_figures import evaluate_smears
 from tools.metrics import pose_error_deg, pose_of
 
 
@@ -29,8 +30,9 @@ def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
     turned = 1.2 * 20 * np.array([np.cos(0.05), np.sin(0.05)])
     smear = np.full((8, 12, 2), (20 * sign, 0), np.float16)
     field = field_of(tuple(turned), np.full((32, 48), 0.1, np.float32))
-    figures = figures_of(*pairs_of(field, {"smear": smear}))
-    assert figures == pytest.approx((20, *[np.degrees(0.05)] * 3, 1.2, 0), rel=1e-5, abs=1e-6)
+    figures = evaluate_smears(measured_smears(field, {"smear": smear}))
+    assert figures.direction_deg == pytest.approx(np.degrees(0.05), rel=1e-4)
+    assert figures.length_ratio == pytest.approx(1.2, rel=0.01) and figures.length_spread < 1e-6
 
 
 @pytest.mark.parametrize("seed", range(5))
