@@ -70,11 +70,8 @@ def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target 
             image = blur2view.read_image(scene.image_path.with_name(f"{scene.name}{end}.png"))
             true_px, smear_px = 0.0 if end else scene.median_px, median_smear(network.predict(image))[0]
             said.append((true_px, smear_px or 0.0, -laplacian_variance(image)))  # which blur lowers
-    rendered, order = (
-        {"rendered": said[: len(said) // 2], "rendered, and their sharp first instants": said},
-        [],
-    )
-    for name, some in rendered.items():
+    order, smeared = [], said[: len(said) // 2]
+    for name, some in {"rendered": smeared, "rendered, and their sharp first instants": said}.items():
         true, *others = np.transpose(some)
         order.append((name, len(some), *(f"{spearmanr(true, one).statistic:.3f}" for one in others)))
     features = {folder.name: features_left(folder) for folder in photos or ()}

@@ -30,16 +30,15 @@ ROW = (
 def measured_smears(field: SmearField, truth: Mapping[str, AnyArray]) -> Smears:
     """Return the smears of a photograph where something of 4 px and more was measured."""
     first, name = (2, "smear") if "smear" in truth else (1, "flow")
-    h, w = (min(a, b) for a, b in zip(field.displacement[first::4, first::4].shape, truth[name].shape[:2]))
-    found, sigma = (a[first::4, first::4][:h, :w] for a in (field.displacement, field.sigma_px))
+    h, w = np.minimum(field.sigma_px[first::4, first::4].shape, truth[name].shape[:2])
     true = truth[name][:h, :w].astype(float)
     known = np.hypot(true[..., 0], true[..., 1]) >= DIRECTION_MIN_PX
     if "valid" in truth:
         known &= truth["valid"][:h, :w]
-    sure, none = sigma[known] <= np.median(sigma[known]), np.zeros(0)
-    return Smears(
-        found=found[known].astype(float), true=true[known], sigma=sigma[known], sure=sure, blocks=none
-    )
+    arrays = field.displacement, field.sigma_px, field.sigma_rad
+    found, sigma, sigma_rad = (a[first::4, first::4][:h, :w][known] for a in arrays)
+    sure = sigma_rad <= np.median(sigma_rad)
+    return Smears(found=found.astype(float), true=true[known], sigma=sigma, sure=sure, blocks=np.zeros(0))
 
 
 def main(photos: list[Existing], *, model: Existing | None = None) -> None:
@@ -56,6 +55,8 @@ def main(photos: list[Existing], *, model: Existing | None = None) -> None:
         vars(evaluate_smears(smears)) | {"name": name, "px": np.median(np.linalg.norm(smears.true, axis=1))}
         for name, smears in every.items()
     ]
+    columns = ("px", "direction_deg", "direction_deg_top50", "length_ratio", "length_spread")
+    rows.append({"name": "median"} | {k: np.median([row[k] for row in rows]) for k in columns})
     found, true = (np.concatenate([getattr(one, of) for one in every.values()]) for of in ("found", "true"))
     print(*record_table(HEAD, ROW, rows), "", *octave_table(by_octave(found, true)), sep="\n")
 
