@@ -25,7 +25,7 @@ arXiv 2605.01552.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import torch
@@ -39,7 +39,7 @@ from tools.datasets.shards import Example, load_shard, require_shards
 from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.pages import filled, table
 from tools.training.reader import Reader, ReaderOptions, doubled
-from tools.training.run import Schedule, batched, fit
+from tools.training.run import Schedule, Task, batched, fit
 from tools.training.train_reader import Batch, batch_of
 
 Representation = Literal["local", "restricted", "double"]
@@ -140,19 +140,17 @@ def paper_loss(raw: Tensor, d: Tensor, valid: Tensor, variant: Variant) -> Tenso
     return (valid * likelihood + torch.relu((1 - valid) / sigma**2 - variant.alpha)).mean()
 
 
-class LossTask:
+class LossTask(Task):
     """One loss, shards of examples to learn from, and those that the figures are of."""
 
     def __init__(self, variant: Variant, shards: Sequence[Example], held: Sequence[Example]) -> None:
-        self.variant, self.shards, self.held, self.network = variant, list(shards), held, SmearVectors()
-        self.groups: list[dict[str, Any]] = [{"params": list(self.network.parameters())}]
-        self.facts: dict[str, Any] = {"loss": variant.name, "alpha": variant.alpha}
+        super().__init__(SmearVectors(), {"loss": variant.name, "alpha": variant.alpha})
+        self.variant, self.shards, self.held = variant, list(shards), held
 
-    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
-        """Return the loss of a batch, twice."""
+    def loss(self, rng: np.random.Generator, step: int) -> Tensor:
+        """Return the loss of a batch."""
         batch = batch_of(self.shards, rng, BATCH)
-        loss = paper_loss(self.network(batch), batch["d0"], batch["v0"], self.variant)
-        return loss, loss
+        return paper_loss(self.network(batch), batch["d0"], batch["v0"], self.variant)
 
     @torch.no_grad()
     def figures(self, network: nn.Module) -> dict[str, float]:
@@ -184,7 +182,7 @@ def trained(variant: Variant, seed: int, shards: Sequence[Example], held: Sequen
         out=work / name, steps=steps, rate=RATE, largest_gradient=2.0, seed=seed, save_every=steps,
         validate_every=steps, warm_up=steps // 10,
     )  # fmt: skip
-    return fit(LossTask(variant, shards, held), schedule).figures
+    return fit(LossTask(variant, shards, held), schedule)
 
 
 Found = dict[Variant, list[dict[str, float]]]
