@@ -5,8 +5,7 @@
 renders one 1280x720 scene, measures every step of ``blur2view estimate`` on the blurred photograph, and SIFT,
 matching and pycolmap's F on the two SHARP ends of the same exposure; then whole processes from outside: what
 they do before they read a photograph, photographs of 1280x720 and of 12 and 24 megapixels, blurred and sharp,
-and ``blur2view triage`` of videos by one process. ``--against COMMIT`` measures an earlier commit's processes
-beside ours, in turn. Speeds of machines differ: read the ratios.
+and ``blur2view triage`` of videos by one process. Speeds of machines differ: read the ratios.
 """
 
 import json
@@ -122,71 +121,53 @@ def stages(photo: Path, folder: Path, repeats: int) -> dict[str, float]:
     }
 
 
-def before_reading(roots: Sequence[Path], repeats: int) -> list[Row]:
+def before_reading(repeats: int) -> list[Row]:
     """Return rows of what a process takes before it reads a photograph, step by step."""
     rows, earlier = list[Row](), 0.0
     for name, code in STEPS.items():
-        now = in_turn(roots, ["-c", code], repeats)[0][0]
+        now = float(measured(["-c", code], repeats)[0])
         rows.append((name, f"{now:.3f}", f"{now - earlier:.3f}"))
         earlier = now
     return rows
 
 
-def whole_processes(
-    roots: Sequence[Path], pictures: Mapping[str, Path], folder: Path, repeats: int
-) -> tuple[list[Row], float]:
-    """Return rows of whole processes of photographs, over the first one of this tree, which is given, too."""
+def whole_processes(pictures: Mapping[str, Path], folder: Path, repeats: int) -> tuple[list[Row], float]:
+    """Return rows of whole processes of photographs, over the first one, whose seconds are given, too."""
     rows, first = list[Row](), 0.0
     for name, path in pictures.items():
-        arguments: list[str | Path] = ["-m", "blur2view", "estimate", path, "-o", folder, "--overwrite"]
-        runs = in_turn(roots, arguments, repeats)
-        first = first or runs[0][0]
-        rows.append(row_of(name, runs, f"{runs[0][0] / first:.2f}"))
+        taken = measured(["-m", "blur2view", "estimate", path, "-o", folder, "--overwrite"], repeats)
+        first = first or float(taken[0])
+        rows.append(row_of(name, taken, f"{taken[0] / first:.2f}"))
     return rows, first
 
 
-def triage_rows(roots: Sequence[Path], blurred: Path, sharp: Path, folder: Path, repeats: int) -> list[Row]:
+def triage_rows(blurred: Path, sharp: Path, folder: Path, repeats: int) -> list[Row]:
     """Return rows of the triage of videos by one process, in frames a second."""
     rows = []
     for name, size in VIDEOS.items():
         video = write_video(folder / f"{name}.avi", blurred, sharp, size)
-        runs = in_turn(roots, ["-m", "blur2view", "triage", video, "--jobs", "1"], repeats)
-        rows.append(row_of(f"triage, video of {name}", runs, f"{FRAMES / runs[0][0]:.1f} frames a second"))
+        taken = measured(["-m", "blur2view", "triage", video, "--jobs", "1"], repeats)
+        rows.append(row_of(f"triage, video of {name}", taken, f"{FRAMES / taken[0]:.1f} frames a second"))
     return rows
 
 
-def row_of(name: str, runs: Sequence[Taken], word: str) -> Row:
-    """Return a row: seconds of wall and processor, MiB, a word, and the same ratios to another tree's run."""
-    wall_s, cpu_s, memory_mib = runs[0]
-    ratios = (f"{ratio:.2f}" for other in runs[1:] for ratio in runs[0] / other)
-    return name, f"{wall_s:.2f}", f"{cpu_s:.2f}", f"{memory_mib:.0f}", word, *ratios
+def row_of(name: str, taken: Taken, word: str) -> Row:
+    """Return a row: seconds of wall and processor, MiB, a word."""
+    wall_s, cpu_s, memory_mib = taken
+    return name, f"{wall_s:.2f}", f"{cpu_s:.2f}", f"{memory_mib:.0f}", word
 
 
-def measured(root: Path, arguments: Sequence[str | Path]) -> list[float]:
-    """Return what a Python process took that imports this package from a source tree, as `Taken` has it."""
-    environment = os.environ | {"PYTHONPATH": str(root)}
+def measured(arguments: Sequence[str | Path], repeats: int) -> Taken:
+    """Return the medians of what a Python process takes that imports this package."""
     words = [sys.executable, "-c", LAUNCHER, *map(str, arguments)]
-    done = subprocess.run(words, stdout=subprocess.PIPE, env=environment, cwd=root, check=True)
-    code, wall_s, cpu_s, memory = json.loads(done.stdout)
-    if code:
-        raise SystemExit(f"{root}: {' '.join(map(str, arguments))} ends with {code}")
-    return [wall_s, cpu_s, memory / (2**20 if sys.platform == "darwin" else 2**10)]
-
-
-def in_turn(roots: Sequence[Path], arguments: Sequence[str | Path], repeats: int) -> list[Taken]:
-    """Return the medians of each tree's runs; the trees take turns, so that both see the same machine."""
-    runs = [[measured(root, arguments) for root in roots] for _ in range(repeats)]
-    return list(np.median(runs, axis=0))
-
-
-def checkout(commit: str, folder: Path) -> Path:
-    """Return a source tree of an earlier commit, made in a folder; SystemExit if there is none."""
-    made = subprocess.run(["git", "-C", ROOT, "archive", commit], capture_output=True, check=False)
-    if made.returncode:
-        raise SystemExit(f"{commit}: is no commit of {ROOT}")
-    folder.mkdir()
-    subprocess.run(["tar", "-x", "-C", folder], input=made.stdout, check=True)
-    return folder
+    environment, runs = os.environ | {"PYTHONPATH": str(ROOT)}, []
+    for _ in range(repeats):
+        done = subprocess.run(words, stdout=subprocess.PIPE, env=environment, cwd=ROOT, check=True)
+        code, wall_s, cpu_s, memory = json.loads(done.stdout)
+        if code:
+            raise SystemExit(f"{' '.join(words[3:])} ends with {code}")
+        runs.append([wall_s, cpu_s, memory / (2**20 if sys.platform == "darwin" else 2**10)])
+    return np.asarray(np.median(runs, axis=0))
 
 
 def write_large(folder: Path, blurred: Path, sharp: Path) -> dict[str, Path]:
@@ -218,13 +199,6 @@ def _read(path: Path) -> NDArray[np.uint8]:
     return np.asarray(cv2.imread(str(path)), np.uint8)
 
 
-def step_table(times: dict[str, float], rival: float) -> list[str]:
-    """Return the steps as lines of Markdown, each beside its ratio to the classical alternative."""
-    named = {**times, "classical: two sharp frames": rival}
-    rows = [(name, f"{seconds:.3f}", f"{seconds / rival:.2f}") for name, seconds in named.items()]
-    return table("step | seconds | over the classical alternative", rows)
-
-
 def machine() -> str:
     """Return the name of the processor and the number of cores that this process may use."""
     info = Path("/proc/cpuinfo")
@@ -233,37 +207,31 @@ def machine() -> str:
     return f"{names[0] if names else platform.processor()}, {len(os.sched_getaffinity(0))} cores"
 
 
-def main(*, repeats: int = 9, against: str | None = None, out: Target | None = None) -> None:
-    """Measure, beside an earlier commit if wanted, and write OUT.md."""
+def main(*, repeats: int = 9, out: Target | None = None) -> None:
+    """Measure, and write OUT.md."""
     few = max(3, repeats // 3)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        roots = [ROOT]
-        if against:
-            roots.append(checkout(against, folder / "earlier"))
         write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
-        photo = folder / f"{SCENE:04d}.png"
-        ends = [folder / f"{SCENE:04d}_{end}.png" for end in ("open", "close")]
+        photo, first, last = (folder / f"{SCENE:04d}{end}.png" for end in ("", "_open", "_close"))
         (folder / "out").mkdir()
         times = stages(photo, folder / "out", repeats)
-        rival = timed(lambda: classical(*ends), repeats)
-        pictures = {f"{SIZE[0]}x{SIZE[1]}": photo, **write_large(folder, photo, ends[0])}
-        shell = before_reading(roots[:1], few)
-        whole, first = whole_processes(roots, pictures, folder / "out", few)
-        videos = triage_rows(roots, photo, ends[0], folder, few)
-    head = "process | seconds | of processors | MiB | over the first, or rate"
-    if against:
-        head += f" | wall over {against} | processors | memory"
+        rival = times["classical: two sharp frames"] = timed(lambda: classical(first, last), repeats)
+        pictures = {f"{SIZE[0]}x{SIZE[1]}": photo, **write_large(folder, photo, first)}
+        shell = before_reading(few)
+        whole, whole_s = whole_processes(pictures, folder / "out", few)
+        videos = triage_rows(photo, first, folder, few)
     words = (
         f"{machine()}; medians of {repeats} runs; one {SIZE[0]}x{SIZE[1]} photograph, in process and warm."
     )
-    ratio = first / times["decode to F"]
+    rows = [(name, f"{seconds:.3f}", f"{seconds / rival:.2f}") for name, seconds in times.items()]
+    ratio = whole_s / times["decode to F"]
     text = joined(
         words,
-        step_table(times, rival),
+        table("step | seconds | over the classical alternative", rows),
         f"The whole process takes {ratio:.1f} times as long as from decoding to F.",
         table("before a photograph is read | seconds | more than the step before", shell),
-        table(head, [*whole, *videos]),
+        table("process | seconds | of processors | MiB | over the first, or rate", [*whole, *videos]),
     )
     publish(text, out and out.with_suffix(".md"))
 
