@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from blur2view import Configuration, ExposureViews, TimeDirection, TwoViewGeometry
 from blur2view.colmap.schema import MAX_IMAGES
-from blur2view.exposure.views import ExposureViews
-from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (96, 64)
 OLD_TABLES = """

@@ -5,13 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from blur2view import Camera, Configuration, ExposureViews, SmearMatches, TwoViewGeometry
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
-from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.smears.matches import SmearMatches
 from tools.datasets.degenerate_scenes import smooth_noise, with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,

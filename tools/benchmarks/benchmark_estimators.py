@@ -22,8 +22,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.smears.selection import SelectOptions, select_matches
+from blur2view import SelectOptions, SmearNetwork, select_matches
 from tools.arguments import Existing, Target, run
 from tools.datasets.synthetic_matches import Kind, KnownMatches, SyntheticOptions, synthetic_smears
 from tools.datasets.testset import TestScene, read_test_set

@@ -15,14 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import AnyArray
-from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.robust.calibration import MIN_MATCHES
 from blur2view.robust.estimators import SmearEstimator
 from blur2view.robust.likelihood import Likelihood
-from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.families import fit_translation
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 from tools.estimators.paper import paper_of_matches

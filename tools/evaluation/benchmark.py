@@ -28,12 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
+from blur2view import EstimatorOptions, SelectOptions, estimate_two_view, select_matches
 from blur2view.cli.outputs import estimate_contents
 from blur2view.output_files import write_files
 from blur2view.pipeline import Run, estimate, estimate_file
-from blur2view.smears.selection import SelectOptions, select_matches
-from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.options import EstimatorOptions
 from tools.arguments import Target, run
 from tools.datasets.testset import test_options, write_scene
 from tools.pages import joined, publish, table

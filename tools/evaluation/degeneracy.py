@@ -22,12 +22,11 @@ from pathlib import Path
 import numpy as np
 
 import blur2view
+from blur2view import Configuration, MotionModel, Parallax, TwoViewGeometry, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import Existing, Target, run
 from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene, with_shared_errors

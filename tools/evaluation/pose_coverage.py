@@ -13,11 +13,8 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from blur2view.camera.camera import Camera
-from blur2view.geometry.pose import RigidTransform
-from blur2view.smears.matches import SmearMatches
+from blur2view import Camera, RigidTransform, SmearMatches, estimate_two_view
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import Target, run
 from tools.datasets.degenerate_scenes import with_shared_errors
 from tools.datasets.synthetic_matches import IMAGE_SIZE, Kind, SyntheticOptions, synthetic_smears

@@ -10,19 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from blur2view.arrays import AnyArray as Array
 from tools.rendering.defocus import defocused
 from tools.rendering.layers import Path as Motion
 from tools.rendering.layers import blob, composed, sample_path, smears_of, surface
 from tools.rendering.sensor import log_uniform
-
-Array = NDArray[Any]
 
 FONT = Path("/usr/share/fonts/truetype/noto/NotoColorEmoji.ttf")
 FONT_PX = 109

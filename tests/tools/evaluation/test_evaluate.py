@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
+from blur2view import SmearField, SmearGrid
 from blur2view.geometry.sampson import sampson
-from blur2view.smears.field import SmearField
-from blur2view.smears.grid import SmearGrid
 from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
