@@ -6,7 +6,6 @@ colours under such a piece's light. A camera follows a thing, moves otherwise, o
 what is nearer to it only smears longer, or nothing moves at all.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -186,14 +185,7 @@ def flat(rng: np.random.Generator, options: ThingOptions) -> Paths:
     return camera, [(camera, False)] * int(rng.integers(0, 3))
 
 
-KINDS: tuple[Callable[[np.random.Generator, ThingOptions], Paths], ...] = (
-    following,
-    crossing,
-    standing,
-    deep,
-    unmoved,
-    flat,
-)
+KINDS = (following, crossing, standing, deep, unmoved, flat)
 
 
 def photographed_things(rng: np.random.Generator, sources: list[Array], options: ThingOptions) -> Things:

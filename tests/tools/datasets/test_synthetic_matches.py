@@ -22,13 +22,6 @@ def test_exact_smears_fit_the_true_F_in_their_true_order(kind: Kind, motion: Mot
     assert 0.3 < smears.swapped.mean() < 0.7 and not smears.outlier.any()
 
 
-def test_same_seed_same_smears_and_cells_differ_in_their_factor_alone() -> None:
-    one, again, noisier = (synthetic_smears(3, SyntheticOptions(noise_px=px)) for px in (1.0, 1.0, 2.0))
-    np.testing.assert_array_equal(one.matches.ends, again.matches.ends)
-    np.testing.assert_array_equal(one.true_ends, noisier.true_ends)
-    np.testing.assert_array_equal(one.outlier, noisier.outlier)
-
-
 def scaled_errors(report: synthetic.Report, **options: Any) -> tuple[float, float]:
     """Root mean square and 99 % quantile over the median of the errors over what is told."""
     smears = synthetic_smears(4, SyntheticOptions(report=report, outliers=0.0, count=4000, **options))
