@@ -4,7 +4,7 @@ import sqlite3
 import struct
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -156,13 +156,13 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
         inlier_mask=rng.random(count) < 0.8,
         swapped=np.zeros(count, bool),
     )
+    last, time = first + rng.normal(0, 3, (count, 2)), TimeDirection(known=True, confidence=0.9)
     return ExposureViews(
-        name=name,
-        size=SIZE,
-        points_open=first,
-        points_close=first + rng.normal(0, 3, (count, 2)),
-        sigma_px=np.ones(count),
-        geometry=geometry,
-        camera=None,
-        time=TimeDirection(known=True, confidence=0.9),
-    )
+        name=name, size=SIZE, points_open=first, points_close=last, sigma_px=np.ones(count),
+        geometry=geometry, camera=None, time=time,
+    )  # fmt: skip
+
+
+def some_views(name: str = "a.jpg", count: int = 4) -> ExposureViews:
+    """Return such views, the same each time, of unknown order in time."""
+    return replace(random_views(name, count, np.random.default_rng(0)), time=TimeDirection())
