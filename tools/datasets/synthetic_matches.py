@@ -54,12 +54,6 @@ class SyntheticOptions:
     outliers: float = 0.3
     second_motion: float = 0.0
 
-    @property
-    def truthful(self) -> bool:
-        """Whether ``sigma_px`` is the noise's own standard deviation."""
-        told_one = self.report == "constant" and self.noise_px == 1.0
-        return self.report in ("equal", "varied") or told_one
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownMatches:
