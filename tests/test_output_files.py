@@ -8,8 +8,7 @@ from pathlib import Path
 from blur2view.colmap.database import write_database
 from blur2view.output_files import remove_left_over
 from tests.colmap.test_link import link
-from tests.support.colmap_projects import make_project
-from tests.support.scenes import some_views
+from tests.support.colmap_projects import make_project, some_views
 
 
 def test_only_left_over_files_of_dead_processes_and_planned_results_are_removed(tmp_path: Path) -> None:

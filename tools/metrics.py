@@ -31,33 +31,24 @@ def direction_error_deg(displacement: ArrayLike, true_displacement: ArrayLike) -
     return angle
 
 
-def sparsification_curve(error: ArrayLike, sigma: ArrayLike, steps: int = 20) -> tuple[Array, Array, Array]:
-    """Mean error of what is left after removing the least certain share, by sigma and by the error itself.
+def sparsification_area(error: ArrayLike, sigma: ArrayLike, steps: int = 100) -> float:
+    """Return the area between the sparsification curves by sigma and by the error itself (AUSE).
 
-    ``error`` and ``sigma`` (N,) are errors and the deviations predicted for them. Returned are the shares
-    removed, ``steps`` of them from 0, and mean errors over the mean of all (1 at the start; all 0 if every
-    error is 0). ValueError if the shapes differ or there are no errors.
+    A curve is the mean error of what is left after removing the least certain shares, ``steps`` of them, over
+    that of all; 0 for a sigma (N,) that ranks like the error (N,). ValueError without errors.
 
     References
     ----------
     Ilg et al., Uncertainty estimates and multi-hypotheses networks for optical flow, ECCV 2018.
     """
     error, sigma = np.asarray(error, float), np.asarray(sigma, float)
-    if error.shape != sigma.shape or error.ndim != 1 or not len(error) or steps < 1:
+    if error.shape != sigma.shape or error.ndim != 1 or not len(error):
         raise ValueError(f"expected two arrays of shape (N,), N > 0, got {error.shape} and {sigma.shape}")
-    removed = np.arange(steps) / steps
-    left = np.maximum(np.rint((1 - removed) * len(error)).astype(int), 1)
-    mean = max(float(error.mean()), np.finfo(float).tiny)
+    left = np.maximum(np.rint((1 - np.arange(steps) / steps) * len(error)).astype(int), 1)
     by_sigma, by_error = (
-        np.cumsum(error[np.argsort(key, kind="stable")])[left - 1] / left / mean for key in (sigma, error)
+        np.cumsum(error[np.argsort(key, kind="stable")])[left - 1] / left for key in (sigma, error)
     )
-    return removed, by_sigma, by_error
-
-
-def sparsification_area(error: ArrayLike, sigma: ArrayLike, steps: int = 100) -> float:
-    """Area between the curves by sigma and by the error (AUSE): 0 for a sigma that ranks like the error."""
-    _, by_sigma, by_error = sparsification_curve(error, sigma, steps)
-    return float((by_sigma - by_error).mean())
+    return float((by_sigma - by_error).mean() / max(float(error.mean()), np.finfo(float).tiny))
 
 
 def rho(F: Array, ends: Array) -> Array:
@@ -95,17 +86,14 @@ def rotation_error(R: Array, R_true: Array) -> tuple[float, float]:
 
     The relative error is infinite if the true rotation is none and R is some.
     """
-    absolute = min(_angle_deg(R @ R_true.T), _angle_deg(R.T @ R_true.T))
-    true = _angle_deg(R_true)
+    one, other, true = (
+        float(np.degrees(np.linalg.norm(rotation_vector(turn))))
+        for turn in (R @ R_true.T, R.T @ R_true.T, R_true)
+    )
+    absolute = min(one, other)
     if true == 0:
         return absolute, 0.0 if absolute == 0 else float("inf")
     return absolute, absolute / true
-
-
-def _angle_deg(R: Array) -> float:
-    """Angle of a rotation matrix in degrees, accurate near 0 and 180."""
-    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return float(np.degrees(np.arctan2(np.linalg.norm(skew), np.trace(R) - 1)))
 
 
 def translation_direction_error_deg(t: Array, t_true: Array) -> float:

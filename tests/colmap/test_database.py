@@ -20,7 +20,7 @@ from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection
 from tests.support.colmap_check import check_database
-from tests.support.scenes import some_views
+from tests.support.colmap_projects import some_views
 from tests.support.sql import run_sql
 
 SIZE, COUNT = (640, 480), 30

@@ -11,7 +11,8 @@ import pytest
 from blur2view.colmap.database import write_database
 from blur2view.colmap.mapping import mapper_options
 from blur2view.geometry.pose import RigidTransform
-from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, some_views
+from tests.support.colmap_projects import some_views
+from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 from tools.metrics import rotation_error, translation_direction_error_deg
 
 COUNT = 500

@@ -16,7 +16,7 @@ from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_vector
-from tests.support.scenes import some_views
+from tests.support.colmap_projects import some_views
 from tests.support.walks import Walk
 
 FRAMES, FEATURES, SHARE = 7, 60, 0.5

@@ -7,8 +7,9 @@ from playwright.sync_api import Page
 
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.results.report import Entry
-from tests.support.report_browser import Opener, settle, toggle, value
+from tests.support.report_browser import Opener, toggle, value
 from tests.support.report_scenes import boxed_mask, made_up, turning_F
+from tools.reports.report_screenshot import settle
 
 
 def gallery_entries() -> list[Entry]:

@@ -6,8 +6,9 @@ from playwright.sync_api import Page
 
 from blur2view.geometry.sampson import serrmin
 from blur2view.results.report import Entry
-from tests.support.report_browser import Opener, numbers, quantised_ends, scale_of, settle, value
+from tests.support.report_browser import Opener, numbers, quantised_ends, scale_of, value
 from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F
+from tools.reports.report_screenshot import settle
 
 
 def test_hover_tells_the_values_of_the_estimate(opened: Opener) -> None:

@@ -4,16 +4,15 @@ import sqlite3
 import struct
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pycolmap
 
+from blur2view import Configuration, ExposureViews, TimeDirection, TwoViewGeometry
 from blur2view.colmap.schema import MAX_IMAGES
-from blur2view.exposure.views import ExposureViews
-from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (96, 64)
 OLD_TABLES = """
@@ -157,13 +156,13 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
         inlier_mask=rng.random(count) < 0.8,
         swapped=np.zeros(count, bool),
     )
+    last, time = first + rng.normal(0, 3, (count, 2)), TimeDirection(known=True, confidence=0.9)
     return ExposureViews(
-        name=name,
-        size=SIZE,
-        points_open=first,
-        points_close=first + rng.normal(0, 3, (count, 2)),
-        sampson_px=np.full(count, 0.5),
-        geometry=geometry,
-        camera=None,
-        time=TimeDirection(known=True, confidence=0.9),
-    )
+        name=name, size=SIZE, points_open=first, points_close=last, sampson_px=np.full(count, 0.5),
+        geometry=geometry, camera=None, time=time,
+    )  # fmt: skip
+
+
+def some_views(name: str = "a.jpg", count: int = 4) -> ExposureViews:
+    """Return such views, the same each time, of unknown order in time."""
+    return replace(random_views(name, count, np.random.default_rng(0)), time=TimeDirection())

@@ -4,12 +4,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view import Configuration, Estimate, SmearMatches, Timings, TwoViewGeometry, blur_of
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.pipeline import Estimate, Timings
-from blur2view.smears.blur import blur_of
-from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of
 
 HEIGHT, WIDTH, STRIDE = 480, 640, 32

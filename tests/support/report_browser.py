@@ -13,8 +13,8 @@ from blur2view.pipeline import FileEstimate
 from blur2view.results.report import Entry, report
 from blur2view.smears.field import smear_ends
 from tests.support.report_scenes import WIDTH
+from tools.reports.report_screenshot import settle, wait_until_drawn
 
-READY = "performance.getEntriesByName('blur2view-ready').length > 0"
 CYAN, AMBER = (34, 211, 238), (251, 191, 36)  # of the ends 1 and 2 and of the lines in their views
 
 Opener = Callable[..., Page]
@@ -54,20 +54,6 @@ class Visits:
         assert self.messages == []
         assert all(url.startswith(("file:", "data:", "blob:")) for url in self.requests)
         assert sum(url.startswith("file:") for url in self.requests) == len(self.pages)
-
-
-def wait_until_drawn(page: Page, polls: int = 750) -> None:
-    """Ask every 20 ms from outside; Playwright's own waiting is against the page's policy."""
-    for _ in range(polls):
-        if page.evaluate(READY):
-            return
-        page.wait_for_timeout(20)
-    raise AssertionError("the report was not drawn in time")
-
-
-def settle(page: Page) -> None:
-    """Wait until what was asked for is drawn."""
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 
 def toggle(page: Page, *layers: str) -> None:

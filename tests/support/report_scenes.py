@@ -5,16 +5,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera.camera import Camera
+from blur2view import (
+    Camera,
+    Configuration,
+    EstimatorOptions,
+    MotionLabel,
+    MotionMask,
+    MotionModel,
+    SelectOptions,
+    TwoViewGeometry,
+    blur_of,
+    select_matches,
+)
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
 from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
-from blur2view.segmentation.mask import MotionLabel, MotionMask
-from blur2view.smears.blur import blur_of
-from blur2view.smears.selection import SelectOptions, select_matches
-from blur2view.two_view.options import EstimatorOptions
 from tests.support.grids import grid_of
 
 WIDTH, HEIGHT = 640, 360

@@ -5,13 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from blur2view import Camera, SmearMatches
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
-from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.smears.matches import SmearMatches
 from tools.datasets.degenerate_scenes import smooth_noise, with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
@@ -24,7 +21,7 @@ from tools.datasets.synthetic_matches import (
 
 __all__ = [
     "IMAGE_SIZE", "Scene", "disturb", "make_scene", "noise_field_ends", "project_smears", "rotation",
-    "smooth_noise", "some_views", "with_outliers", "with_second_motion",
+    "smooth_noise", "with_outliers", "with_second_motion",
 ]  # fmt: skip
 
 
@@ -138,25 +135,3 @@ def noise_field_ends(
     vector = np.stack([smooth_noise(rng, middle, correlation_px) for _ in range(2)], axis=-1)
     half = 0.5 * length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True)
     return np.stack([middle - half, middle + half], axis=1)
-
-
-def some_views(name: str = "a.jpg", count: int = 4, seed: int = 0) -> ExposureViews:
-    """Make up views of random points, every third an outlier."""
-    rng = np.random.default_rng(seed)
-    start = rng.uniform(0, 100, (count, 2))
-    geometry = TwoViewGeometry(
-        F=fundamental_from_pose(np.eye(3), np.eye(3), np.array([1.0, 0, 0])),
-        config=Configuration.UNCALIBRATED,
-        reason="made up",
-        inlier_mask=np.arange(count) % 3 > 0,
-        swapped=np.zeros(count, bool),
-    )
-    return ExposureViews(
-        name=name,
-        size=(120, 100),
-        points_open=start,
-        points_close=start + rng.normal(0, 5, (count, 2)),
-        sampson_px=rng.uniform(0.25, 1, count),
-        geometry=geometry,
-        camera=None,
-    )

@@ -9,7 +9,6 @@ from tools.metrics import (
     epe_s,
     rotation_error,
     sparsification_area,
-    sparsification_curve,
     translation_direction_error_deg,
 )
 
@@ -23,16 +22,13 @@ def test_epe_s_and_direction_are_blind_to_sign() -> None:
 
 
 def test_sparsification_by_hand_and_its_order() -> None:
-    _, by_sigma, by_error = sparsification_curve([1.0, 3], [2.0, 1], steps=2)
-    assert np.allclose([by_sigma, by_error], [[1, 1.5], [1, 0.5]])
+    assert np.isclose(sparsification_area([1.0, 3], [2.0, 1], steps=2), 0.5)
     error = np.random.default_rng(0).exponential(size=1000)
-    removed, by_sigma, by_error = sparsification_curve(error, 3 * error)
-    assert removed[0] == 0 and np.isclose(by_error[0], 1) and (np.diff(by_error) < 0).all()
-    assert np.allclose(by_sigma, by_error) and sparsification_area(error, error**2) == 0
+    assert sparsification_area(error, error**2) == 0
     chance = sparsification_area(error, np.random.default_rng(1).random(1000))
     assert 0 < chance < sparsification_area(error, -error)
     with pytest.raises(ValueError, match="expected two arrays"):
-        sparsification_curve(np.zeros(0), np.zeros(0))
+        sparsification_area(np.zeros(0), np.zeros(0))
 
 
 def test_pose_errors_up_to_the_flip_of_time() -> None:

@@ -13,19 +13,19 @@ from blur2view.smears.noise import SharedErrors
 from blur2view.two_view.consensus import collinear, constant_field, within_errors
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
-from tools.datasets.degenerate_scenes import DegenerateOptions, DegenerateScene, Kind, draw_scene
-from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
+from tools.datasets.degenerate_scenes import DegenerateOptions, Kind, draw_scene
+from tools.datasets.synthetic_matches import KnownMatches, SyntheticOptions, synthetic_smears
 from tools.metrics import rho
 
 SEEDS = range(6)
 ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)  # as a network's
 
 
-def solve(scene: DegenerateScene) -> TwoViewGeometry:
+def solve(scene: KnownMatches) -> TwoViewGeometry:
     return estimate_two_view(scene.matches)
 
 
-def transfer_px(H: Array, scene: DegenerateScene) -> float:
+def transfer_px(H: Array, scene: KnownMatches) -> float:
     """Median error of H on the true smears, in the better direction of time."""
     errors = []
     for first in (0, 1):

@@ -27,11 +27,11 @@ from blur2view.two_view.multiple_motions import (
     leaves_structure,
 )
 from blur2view.two_view.options import EstimatorOptions
-from tools.datasets.degenerate_scenes import DegenerateScene, Kind, draw_scene
-from tools.datasets.synthetic_matches import SyntheticOptions, synthetic_smears
+from tools.datasets.degenerate_scenes import Kind, draw_scene
+from tools.datasets.synthetic_matches import KnownMatches, SyntheticOptions, synthetic_smears
 
 
-def fitted(scene: DegenerateScene) -> tuple[Likelihood, Fit, FieldFit]:
+def fitted(scene: KnownMatches) -> tuple[Likelihood, Fit, FieldFit]:
     """Likelihood and best fit of a scene, and the best homography."""
     rng = np.random.default_rng(0)
     likelihood, fits, _ = search_and_fit(Likelihood.of(scene.matches), EstimatorOptions(), rng)

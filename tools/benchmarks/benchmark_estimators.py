@@ -13,7 +13,7 @@ among them: its estimator and ours on the surest 20 to 55 % of the network's sme
 import hashlib
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from functools import cache, partial
 from importlib import metadata
 from itertools import zip_longest
@@ -22,23 +22,13 @@ from typing import Any, get_args
 
 import numpy as np
 
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.smears.selection import SelectOptions, select_matches
+from blur2view import SelectOptions, SmearNetwork, select_matches
 from tools.arguments import Existing, Target, run
-from tools.benchmarks.estimator_methods import (
-    METHODS,
-    OURS,
-    PAPER,
-    PYCOLMAP_NAME,
-    TRUE_ORDER,
-    Method,
-    Problem,
-)
-from tools.datasets.synthetic_matches import Kind, SyntheticOptions, synthetic_smears
+from tools.datasets.synthetic_matches import Kind, KnownMatches, SyntheticOptions, synthetic_smears
 from tools.datasets.testset import TestScene, read_test_set
-from tools.estimators.baselines import in_true_order
+from tools.estimators.baselines import METHODS, ORDERED, OURS, PAPER, PYCOLMAP_NAME, Method
 from tools.evaluation.benchmark import machine
-from tools.evaluation.evaluate import judge
+from tools.evaluation.evaluate import judge, known_matches
 from tools.metrics import NO_POSE_DEG, pose_auc, pose_error_deg
 from tools.pages import Record, filled, finished_lines, joined, publish, record_table, sweep, table
 from tools.processes import single_threaded_pool
@@ -89,23 +79,10 @@ def instances(first_seed: int, seeds: int | None, scenes: int) -> list[Record]:
     return [instance for some in rounds for instance in some if instance]
 
 
-def options_of(instance: Record) -> SyntheticOptions:
-    """Return what an instance's synthetic smears are like."""
-    return SyntheticOptions(kind=instance["kind"], **CELLS[instance["cell"]])
-
-
-def synthetic_problem(instance: Record) -> Problem:
+def synthetic_problem(instance: Record) -> KnownMatches:
     """Return the smears of an instance: a seed, a cell and a kind of depth."""
-    smears = synthetic_smears(instance["seed"], options_of(instance))
-    return Problem(**{field.name: getattr(smears, field.name) for field in fields(Problem)})
-
-
-def network_problem(scene: TestScene, options: SelectOptions) -> Problem:
-    """Return the matches that the network makes of a photograph, and their order by the true smears."""
-    matches = select_matches(network().predict(scene.image), options)
-    ordered = in_true_order(matches.ends, scene.truth_at(matches))
-    truth = {name: getattr(scene, name) for name in "KRtF"}
-    return Problem(matches=matches, ordered=ordered, true_ends=scene.true_ends, **truth)
+    options = SyntheticOptions(kind=instance["kind"], **CELLS[instance["cell"]])
+    return synthetic_smears(instance["seed"], options)
 
 
 @cache
@@ -128,7 +105,7 @@ def warm_up() -> None:
         measure(METHODS[name], problem)
 
 
-def measure(method: Method, problem: Problem) -> dict[str, float]:
+def measure(method: Method, problem: KnownMatches) -> dict[str, float]:
     """Return to five digits how good a method's F is (`evaluate.Judged`, and its pose) and its CPU time."""
     start = time.process_time()
     F = method(problem)
@@ -146,7 +123,8 @@ def run_instance(instance: Record, paper_seeds: range, scenes: Path | None = Non
     warm_up()
     seed, cell = instance["seed"], instance["cell"]
     if cell in NETWORK_CELLS:
-        problem = network_problem(moving_scenes(scenes)[seed], NETWORK_CELLS[cell])
+        scene = moving_scenes(scenes)[seed]
+        problem = known_matches(scene, select_matches(network().predict(scene.image), NETWORK_CELLS[cell]))
     else:
         problem = synthetic_problem(instance)
     wanted = [name for name in METHODS if name != PAPER or seed in paper_seeds]
@@ -226,13 +204,12 @@ def cell_table(records: Sequence[Record]) -> list[str]:
 def answers(synthetic: Sequence[Record]) -> Iterator[str]:
     """Yield lines that answer the questions of the comparison: against the order, pycolmap and the paper."""
     scopes = {"whole sweep": list(synthetic)}
-    scopes["cells with truthful sigma"] = [one for one in synthetic if options_of(one).truthful]
     scopes |= {f"whole sweep, {kind}": select(synthetic, kind=kind) for kind in KINDS}
     scopes |= {f"{HARD}, {kind}": select(synthetic, kind=kind, cell=HARD) for kind in KINDS}
     for scope, rows in ((scope, by_method(chosen)) for scope, chosen in scopes.items() if chosen):
         parts = []
         for column in ("AUC@10", "success", "pose < 10 deg"):
-            told = {name: rows[name][column] for name in TRUE_ORDER if name in rows}
+            told = {name: rows[name][column] for name in ORDERED if name in rows}
             best, ours = max(told, key=lambda name: told[name]), rows[OURS][column]
             parts.append(f"{column} ours {ours:.3f}, best ordered {told[best]:.3f} ({best})")
         for name in (name for name in rows if name.startswith(PYCOLMAP_NAME)):

@@ -5,10 +5,10 @@ r"""Whether smears put photographs in the order of their blur, and what blur cos
 
 writes a table of two parts. Order: Spearman's rank correlation with the true median smear, of our median
 smear and of the variance of the Laplacian (OpenCV, grey, as ``colmap2nerf.py`` of instant-ngp has it), over
-the photographs of a test set, over these and the sharp first instants of the same scenes, whose smear is
-zero, and over the photographs of the last folder of ``--photos``, blurred evenly. Features: the share of SIFT
-features of sharp photographs that are matched, within 3 px of their place, after an even blur, over the share
-without blur under fresh noise; the limit is the longest blur at which half are left in the first folder.
+the photographs of a test set, and over these and the sharp first instants of the same scenes, whose smear is
+zero. Features: the share of SIFT features of sharp photographs that are matched, within 3 px of their place,
+after an even blur, over the share without blur under fresh noise; the limit is the longest blur at which half
+are left in the first folder.
 """
 
 from pathlib import Path
@@ -29,31 +29,6 @@ from tools.pages import joined, publish, table
 LENGTHS_PX = (0, 1, 2, 3, 4, 5, 6, 8, 10, 14, 20)
 NEAR_PX = 3.0
 RATIO = 0.8  # of the second-best distance, Lowe's
-
-Ordered = tuple[float, float, float]
-"""A photograph's true median smear and ours (pixels), and the variance of its Laplacian."""
-
-
-def ordered(image: AnyArray, true_px: float, network: blur2view.SmearNetwork) -> Ordered:
-    """Return what is said of a picture; one without texture counts as sharp."""
-    smear_px, _, _ = median_smear(network.predict(image))
-    return true_px, smear_px or 0.0, laplacian_variance(image)
-
-
-def evenly_blurred(folder: Path, network: blur2view.SmearNetwork) -> list[Ordered]:
-    """Return what is said of photographs of a folder under every blur of `LENGTHS_PX`."""
-    rng, found = np.random.default_rng(0), []
-    for radiance in middles([folder]):
-        for length_px in LENGTHS_PX:
-            angle = float(rng.uniform(0, np.pi))
-            found.append(ordered(blurred(rng, radiance, length_px, angle, False), length_px, network))
-    return found
-
-
-def order_of(pictures: list[Ordered]) -> tuple[float, float]:
-    """Return rank correlations with the true smear: ours, and the Laplacian's, which blur lowers, negated."""
-    true_px, ours_px, laplacian = np.transpose(pictures)
-    return float(spearmanr(true_px, ours_px).statistic), float(spearmanr(true_px, -laplacian).statistic)
 
 
 def matched_share(sharp: AnyArray, other: AnyArray) -> float:
@@ -87,32 +62,29 @@ def limit_of(left: Array) -> int:
     return max(length_px for length_px, share in zip(LENGTHS_PX, left, strict=True) if share >= 0.5)
 
 
-def report(sets: dict[str, list[Ordered]], features: dict[str, Array]) -> str:
-    """Return the page."""
-    order = [(k, len(found), *(f"{rank:.3f}" for rank in order_of(found))) for k, found in sets.items()]
-    left = [(k, *(f"{x:.2f}" for x in shares), f"{limit_of(shares)} px") for k, shares in features.items()]
+def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target | None = None) -> None:
+    """Order a test set, with its sharp first instants, too, and count features of photographs in folders."""
+    network, said = blur2view.SmearNetwork(), []
+    for end in ("", "_open"):  # as the shutter opened: sharp
+        for scene in read_test_set(scenes):
+            image = blur2view.read_image(scene.image_path.with_name(f"{scene.name}{end}.png"))
+            true_px, smear_px = 0.0 if end else scene.median_px, median_smear(network.predict(image))[0]
+            said.append((true_px, smear_px or 0.0, -laplacian_variance(image)))  # which blur lowers
+    order, smeared = [], said[: len(said) // 2]
+    for name, some in {"rendered": smeared, "rendered, and their sharp first instants": said}.items():
+        true, *others = np.transpose(some)
+        order.append((name, len(some), *(f"{spearmanr(true, one).statistic:.3f}" for one in others)))
+    features = {folder.name: features_left(folder) for folder in photos or ()}
+    left = [(k, *(f"{x:.2f}" for x in one), f"{limit_of(one)} px") for k, one in features.items()]
     lengths = " | ".join(f"{px} px" for px in LENGTHS_PX)
-    return joined(
+    text = joined(
         "# Triage",
         "Rank correlation with the true median smear:",
         table("photographs | number | median smear | variance of the Laplacian", order),
         "SIFT features left after an even blur, over those left without:",
         table(f"photographs | {lengths} | half left up to", left),
     )
-
-
-def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target | None = None) -> None:
-    """Order a test set with sharp first instants, and evenly blurred photographs of the last folder."""
-    network, photos = blur2view.SmearNetwork(), photos or []
-    smeared, sharp = [], []
-    for scene in read_test_set(scenes):
-        smeared.append(ordered(scene.image, scene.median_px, network))
-        first = scene.image_path.with_name(f"{scene.name}_open.png")  # as the shutter opened
-        sharp.append(ordered(blur2view.read_image(first), 0.0, network))
-    sets = {"rendered": smeared, "rendered, and their sharp first instants": smeared + sharp}
-    if photos:
-        sets[f"evenly blurred, {photos[-1].name}"] = evenly_blurred(photos[-1], network)
-    publish(report(sets, {path.name: features_left(path) for path in photos}), out)
+    publish(text, out)
 
 
 if __name__ == "__main__":

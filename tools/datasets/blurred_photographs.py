@@ -13,9 +13,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from blur2view import BlurKind, ImageError
 from blur2view.arrays import AnyArray
-from blur2view.errors import ImageError
-from blur2view.smears.blur import BlurKind
 from tools.evaluation.even_blur import GAMMA, kernel
 from tools.rendering.sensor import SensorOptions, add_noise, log_uniform
 from tools.rendering.textures import read_photograph

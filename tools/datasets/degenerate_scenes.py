@@ -14,12 +14,14 @@ from blur2view.smears.matches import SmearMatches
 from tools.datasets.synthetic_matches import (
     FAR,
     IMAGE_SIZE,
+    KnownMatches,
     camera,
     layered_depth,
     nearest_share,
     project_smears,
     random_smears,
     scaled_motion,
+    with_swaps,
 )
 
 Kind = Literal["no motion", "pure rotation", "plane", "pure translation", "general", "several or none"]
@@ -45,23 +47,7 @@ class DegenerateOptions:
     second_share: tuple[float, float] = (0.4, 0.5)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DegenerateScene:
-    """Smears and what they are of; pixels.
-
-    ``R`` and ``t`` are the camera's ``cam2_from_cam1``; a field without geometry has none that means
-    anything. ``true_ends`` (N, 2, 2) are the ends without noise and outliers, open then close.
-    """
-
-    kind: Kind
-    K: Array
-    R: Array
-    t: Array
-    matches: SmearMatches
-    true_ends: Array
-
-
-def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) -> DegenerateScene:
+def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) -> KnownMatches:
     """Return a random scene; the same kind, seed and options give the same smears.
 
     "no motion": a still camera, so that smears are noise. "plane": one plane, tilted by about 20 degrees,
@@ -98,9 +84,9 @@ def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) 
     noise_px = rng.uniform(*options.noise_px)
     observed = np.where(outlier[:, None, None], like, ends) + noise_px * rng.normal(size=ends.shape)
     swapped = rng.random(count) < 0.5
-    observed[swapped] = observed[swapped, ::-1]
-    matches = SmearMatches(ends=observed, sigma_px=np.full(count, 2 * noise_px), image_size=IMAGE_SIZE)
-    return DegenerateScene(kind=kind, K=K, R=R, t=t, matches=matches, true_ends=ends)
+    sigma_px = np.full(count, 2 * noise_px)
+    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=ends, swapped=swapped, outlier=outlier)
 
 
 def tilted_plane(rng: np.random.Generator, points: Array) -> Array:

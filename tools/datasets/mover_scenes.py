@@ -7,7 +7,6 @@ of `tools.rendering.things` and need ``--photos``: a camera that follows a thing
 and three in which nothing moves by itself.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -27,26 +26,23 @@ SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
 
 
-def suits(scene: Rendering) -> bool:
-    """Whether something large enough moves, and smears are as long as those of the test split."""
-    shortest, longest = test_options(None).smear_px
+def suits(scene: Rendering, options: RenderOptions) -> bool:
+    """Whether something large enough moves, and smears are as long as wanted, or nothing is to move."""
     share = float((scene.valid & ~scene.static).mean())
-    return SMALLEST <= share <= LARGEST and shortest <= scene.median_px <= longest
+    in_range = options.smear_px[0] <= scene.median_px <= options.smear_px[1]
+    return not options.mover_share or (SMALLEST <= share <= LARGEST and in_range)
 
 
-def write_rendered(
-    out: Path, scenes: int, options: RenderOptions, first_seed: int, wanted: Callable[[Rendering], bool]
-) -> None:
-    """Write the first rendered scenes that are wanted, in order of their seeds."""
-    done = 0
-    for seed in range(first_seed, first_seed + TRIES * scenes):
-        scene = render(seed, options)
-        if wanted(scene):
-            write_photographed(out / f"{done:04d}.npz", scene, np.random.default_rng([seed, 2]))
-            done += 1
-        if done == scenes:
-            return
-    raise SystemExit(f"only {done} of {scenes} scenes suit, of {TRIES * scenes} seeds")
+def write_rendered(out: Path, scenes: int, options: RenderOptions, first_seed: int) -> None:
+    """Write the first rendered scenes that suit, in order of their seeds."""
+    seeds = iter(range(first_seed, first_seed + TRIES * scenes))
+    for number in range(scenes):
+        for seed in seeds:
+            if suits(scene := render(seed, options), options):
+                write_photographed(out / f"{number:04d}.npz", scene, np.random.default_rng([seed, 2]))
+                break
+        else:
+            raise SystemExit(f"only {number} of {scenes} scenes suit, of {TRIES * scenes} seeds")
 
 
 def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
@@ -81,10 +77,9 @@ def main(
         raise SystemExit(f"{out} is not empty")
     if photos is not None:
         write_things(out, scenes, photos, kind)
-    elif kind == "movers":
-        write_rendered(out, scenes, replace(options, mover_share=1.0), FIRST_SEED[kind], suits)
     else:
-        write_rendered(out, scenes, replace(options, mover_share=0.0), FIRST_SEED[kind], lambda _: True)
+        moving = float(kind == "movers")
+        write_rendered(out, scenes, replace(options, mover_share=moving), FIRST_SEED[kind])
 
 
 if __name__ == "__main__":

@@ -23,14 +23,9 @@ SMEAR_PX = (10.0, 14.0)
 """Median smear over all surfaces, hidden ones too; those of the visible pixels are shorter."""
 MOVER_SEED = 13
 MOVER = ShakeOptions(
-    size=(720, 480),
-    smear_px=(8.0, 20.0),
-    short_share=0.0,
-    still_share=0.0,
-    mover_share=1.0,
-    rest_share=0.0,
+    size=(720, 480), smear_px=(8.0, 20.0), short_share=0.0, still_share=0.0, mover_share=1.0, rest_share=0.0,
     focus_share=0.0,
-)
+)  # fmt: skip
 QUALITY = 92
 
 
@@ -44,10 +39,8 @@ def main(target: Target, *, photos: Existing | None = None, mover: bool = False)
         raise SystemExit("--mover needs --photos")
     else:
         surfaces = [read_photograph(path) for path in sorted(photos.rglob("*.png"))]
-        linear, lens = (
-            shake(np.random.default_rng(MOVER_SEED), surfaces, MOVER).linear,
-            replace(lens, defocus_share=0.0),
-        )
+        linear = shake(np.random.default_rng(MOVER_SEED), surfaces, MOVER).linear
+        lens = replace(lens, defocus_share=0.0)
     picture = photograph(np.random.default_rng(SENSOR_SEED), linear, lens)
     cv2.imwrite(str(target), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 

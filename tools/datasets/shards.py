@@ -97,12 +97,13 @@ def main(
     out: Path,
     *,
     scenes: int = 12,
+    first: int = 0,
     photos: Existing | None = None,
     size: tuple[int, int] = RenderOptions.size,
     jobs: int = multiprocessing.cpu_count(),
 ) -> None:
-    """Render scenes, with a folder of further photographs as textures."""
-    write_scenes(out, range(scenes), RenderOptions(size=size, photos=photos), jobs)
+    """Render scenes, seeds from ``first`` on, with a folder of further photographs as textures."""
+    write_scenes(out, range(first, first + scenes), RenderOptions(size=size, photos=photos), jobs)
 
 
 if __name__ == "__main__":

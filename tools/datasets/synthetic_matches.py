@@ -54,45 +54,42 @@ class SyntheticOptions:
     outliers: float = 0.3
     second_motion: float = 0.0
 
-    @property
-    def truthful(self) -> bool:
-        """Whether ``sigma_px`` is the noise's own standard deviation."""
-        told_one = self.report == "constant" and self.noise_px == 1.0
-        return self.report in ("equal", "varied") or told_one
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SyntheticSmears:
-    """Smears and their truth; pixels.
+class KnownMatches:
+    """Matches, whose ends are in random order, and their truth; pixels.
 
-    ``R``, ``t`` are ``cam2_from_cam1``, ``F`` has unit norm. ``ends`` (N, 2, 2) are as observed, in random
-    order, ``true_ends`` open then close, of the camera's motion, also where an outlier was observed;
-    ``sigma_px`` (N,) as reported: of the whole displacement, twice that of one coordinate. ``swapped``: where
-    ends[:, 1] is the open end; ``outlier``: random, or of the second motion.
+    ``R``, ``t`` are ``cam2_from_cam1``; ``true_ends`` (M, 2, 2) are exact smears of the camera's motion, open
+    then close, of drawn smears those of the matches, also of outliers. ``swapped`` (N,): where ends[:, 1] is
+    the open end (of its own motion, where an outlier has one); ``outlier`` (N,): random, or of a second one;
+    none is known of a photograph's.
     """
 
     K: Array
     R: Array
     t: Array
-    F: Array
-    ends: Array
+    matches: SmearMatches
     true_ends: Array
-    sigma_px: Array
     swapped: NDArray[np.bool_]
     outlier: NDArray[np.bool_]
 
     @property
-    def matches(self) -> SmearMatches:
-        """What an estimator may see."""
-        return SmearMatches(ends=self.ends, sigma_px=self.sigma_px, image_size=IMAGE_SIZE)
+    def F(self) -> Array:
+        """The true F, of unit norm."""
+        return fundamental_from_pose(self.K, self.R, self.t)
 
     @property
     def ordered(self) -> Array:
-        """The observed ends (N, 2, 2), open then close (of its own motion, where an outlier has one)."""
-        return np.where(self.swapped[:, None, None], self.ends[:, ::-1], self.ends)
+        """The ends (N, 2, 2) of the matches, open then close."""
+        return with_swaps(self.matches.ends, self.swapped)
 
 
-def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> SyntheticSmears:
+def with_swaps(ends: Array, swapped: NDArray[np.bool_]) -> Array:
+    """Return smears (N, 2, 2), some of them with their ends exchanged."""
+    return np.where(swapped[:, None, None], ends[:, ::-1], ends)
+
+
+def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> KnownMatches:
     """Return smears of a random camera, scene and motion; the same seed and options give the same smears.
 
     Camera, scene and motion depend on the seed, kind, motion and length alone, so cells of a sweep that
@@ -113,16 +110,10 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Synt
     own_px, sigma_px = noise_levels(noise, options)
     observed += own_px[:, None, None] * noise.normal(size=observed.shape)
     swapped = noise.random(options.count) < 0.5
-    return SyntheticSmears(
-        K=K,
-        R=R,
-        t=t,
-        F=fundamental_from_pose(K, R, t),
-        ends=np.where(swapped[:, None, None], observed[:, ::-1], observed),
-        true_ends=true_ends,
-        sigma_px=sigma_px,
-        swapped=swapped,
-        outlier=moving | random,
+    ends = with_swaps(observed, swapped)
+    matches = SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    return KnownMatches(
+        K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped, outlier=moving | random
     )
 
 

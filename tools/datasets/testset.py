@@ -14,10 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from blur2view import SmearMatches, read_image
 from blur2view.arrays import AnyArray
-from blur2view.photographs.image import read_image
 from blur2view.smears.field import Floats, smear_ends
-from blur2view.smears.matches import SmearMatches
 from tools.arguments import Existing, run
 from tools.processes import mapped
 from tools.rendering.exposure import GRID, grid_points

@@ -6,8 +6,6 @@ epipolar constraint, f and f^T the entries of F and of its transpose) with SciPy
 cost is sum (|q| - |l|)^2 (see `epipolar`). It has many local minima, and zeros that are not the true F.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from blur2view.arrays import Array
@@ -29,56 +27,31 @@ SKEW: Array = 0.5 * cross_matrix(np.eye(3)).reshape(3, 9)  # (3, 9)
 STEPS = 100  # of SLSQP, SciPy's default
 PRECISION = 1e-12  # of SLSQP on the cost; at SciPy's 1e-6 it stops beside the zeros
 
-
 FIT_ERROR_PX = 1.0  # the root of the SErrMin below which a match fits
+STOP_SHARE = 0.9  # of matches that fit, from which on the search stops
 BLOCK = 100  # matches scored between two preemptions (Nister's)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperOptions:
-    """When the search stops: after so many samples of seven, or once a share of the matches fits."""
+def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array | None:
+    """Return F estimated from unordered smears as the paper does, of seed 0.
 
-    max_iterations: int = 1000
-    stop_share: float = 0.9
-
-
-def paper_fundamental(
-    ends: Array, options: PaperOptions, rng: np.random.Generator
-) -> tuple[Array | None, int]:
-    """Return F estimated from unordered smears as the paper does.
-
-    ``ends`` (N, 2, 2), pixels, N at least 7 (else ValueError). F has unit norm and rank 2 and is not refined;
-    None where no sample gave any. Returned with it is the number of samples drawn.
+    F has unit norm and rank 2 and is not refined; None where we refuse, or no sample of seven gave any.
 
     References
     ----------
     Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
     arXiv 2605.01552.
     """
-    found: list[Array] = []
-    iterations = 0
-    while iterations < options.max_iterations:
-        drawn = weighted_samples(np.ones(len(ends)), SAMPLE_SIZE, 1, rng)[0]
-        F = minimise_seven(ends[drawn], rng)
-        iterations += 1
-        if F is None:
-            continue
-        found.append(F)
-        if (serrmin(F, ends) < FIT_ERROR_PX**2).mean() >= options.stop_share:
-            break
-    if not found:
-        return None, iterations
-    return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))]), iterations
-
-
-def paper_of_matches(
-    matches: SmearMatches, options: PaperOptions | None = None, rng: np.random.Generator | None = None
-) -> Array | None:
-    """Return the paper's F, of seed 0 by default; None where we refuse, or no sample gave any."""
     if still(matches) or insufficient_data(matches):
         return None
-    rng = np.random.default_rng(0) if rng is None else rng
-    return paper_fundamental(matches.ends, options or PaperOptions(), rng)[0]
+    ends, rng, found = matches.ends, np.random.default_rng(0), list[Array]()
+    for _ in range(max_iterations):
+        F = minimise_seven(ends[weighted_samples(np.ones(len(ends)), SAMPLE_SIZE, 1, rng)[0]], rng)
+        if F is not None:
+            found.append(F)
+            if (serrmin(F, ends) < FIT_ERROR_PX**2).mean() >= STOP_SHARE:
+                break
+    return preemptive_best(np.stack(found), ends[rng.permutation(len(ends))]) if found else None
 
 
 def preemptive_best(models: Array, ends: Array) -> Array:

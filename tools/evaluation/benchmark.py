@@ -49,8 +49,8 @@ FRAMES = 24
 STEPS = {
     "Python": "",
     "Python and NumPy": "import numpy",
-    "imports of the command": "import blur2view.cli.outputs",
-    "the network, loaded": "import blur2view.cli.outputs; blur2view.SmearNetwork()",
+    "imports of the command": "import blur2view.cli.estimate",
+    "the network, loaded": "import blur2view.cli.estimate; blur2view.SmearNetwork()",
 }
 """What a process does before it reads a photograph; each has those before it."""
 LAUNCHER = """

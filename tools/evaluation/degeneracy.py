@@ -14,26 +14,24 @@ is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC wit
 PLANAR count by name, whether an F stands beside them, which leaves parallax undecided, or not.
 """
 
-import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import blur2view
+from blur2view import Configuration, MotionModel, Parallax, TwoViewGeometry, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import Existing, Target, run
 from tools.datasets import motion_kinds
-from tools.datasets.degenerate_scenes import KINDS, DegenerateScene, Kind, draw_scene, with_shared_errors
+from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene, with_shared_errors
+from tools.datasets.synthetic_matches import KnownMatches
 from tools.datasets.testset import TestScene, read_test_set
-from tools.evaluation.benchmark import machine
 from tools.pages import joined, publish, table
 from tools.processes import mapped
 
@@ -70,16 +68,11 @@ ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Named:
-    """What one scene was and what it was taken for."""
-
-    kind: str
-    outcome: str
-    seconds: float
+Named = tuple[str, str]
+"""What a scene was and what it was taken for."""
 
 
-def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
+def turns(geometry: TwoViewGeometry, F: Array, scene: KnownMatches) -> bool:
     """Whether F has a significant rotation, by the rules above."""
     costs, points, K = dict(geometry.scores), scene.matches.midpoint, scene.K
     if costs[MotionModel.TRANSLATION] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
@@ -90,7 +83,7 @@ def turns(geometry: TwoViewGeometry, F: Array, scene: DegenerateScene) -> bool:
     return bool(np.median(smears) > INSIGNIFICANT * np.median(scene.matches.length_px))
 
 
-def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
+def outcome(geometry: TwoViewGeometry, scene: KnownMatches) -> str:
     """Return the name of what was found, by the rules above."""
     if geometry.config in NAMES:
         return NAMES[geometry.config]
@@ -100,7 +93,7 @@ def outcome(geometry: TwoViewGeometry, scene: DegenerateScene) -> str:
     return "general" if turns(geometry, geometry.F, scene) else "translation"
 
 
-def erring(scene: DegenerateScene, seed: int, direction_deg: float) -> DegenerateScene:
+def erring(scene: KnownMatches, seed: int, direction_deg: float) -> KnownMatches:
     """Return smears that err as a network's: correlated over 40 px, lengths by 15 %, stated truly."""
     found = scene.matches
     ends = with_shared_errors(found.ends, np.random.default_rng([seed, 7]), direction_deg, LENGTH_SHARE)
@@ -116,17 +109,14 @@ def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
     scene = draw_scene(kind, seed)
     if direction_deg > 0:
         scene = erring(scene, seed, direction_deg)
-    start = time.thread_time()
-    geometry = estimate_two_view(scene.matches)
-    seconds = time.thread_time() - start
-    return Named(kind=kind, outcome=outcome(geometry, scene), seconds=seconds)
+    return kind, outcome(estimate_two_view(scene.matches), scene)
 
 
 def confusions(rows: list[Named]) -> list[str]:
     """Return confusions as Markdown: one row per kind, one column per outcome, the share named correctly."""
     lines, total = [], 0
     for kind in KINDS:
-        counts = Counter(row.outcome for row in rows if row.kind == kind)
+        counts = Counter(found for true, found in rows if true == kind)
         correct = sum(counts[name] for name in RIGHT[kind])
         total += correct
         cells = [f"**{counts[n]}**" if n in RIGHT[kind] else str(counts[n] or "") for n in OUTCOMES]
@@ -144,15 +134,11 @@ def true_structure(scene: TestScene) -> str:
     return next(name for name, bound in STRUCTURES.items() if off < bound)
 
 
-def estimated(folder: Path, network: blur2view.SmearNetwork) -> list[tuple[TestScene, TwoViewGeometry]]:
-    """Return the scenes of a folder with what the network and the estimator make of them."""
-    return [(s, blur2view.estimate(s.image, network=network).geometry) for s in read_test_set(folder)]
-
-
-def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
+def photograph_table(groups: dict[str, list[TestScene]], network: blur2view.SmearNetwork) -> list[str]:
     """Return the verdicts on photographs as Markdown, a row for each kind."""
     rows = []
-    for name, found in groups.items():
+    for name, scenes in groups.items():
+        found = [blur2view.estimate(scene.image, network=network).geometry for scene in scenes]
         counts = [sum(g.config is config for g in found) or "" for config in REPORTED]
         proven = sum(g.parallax is Parallax.PROVEN for g in found)
         right = [g.config is NAMED[name] for g in found] if name in NAMED else []
@@ -163,14 +149,13 @@ def photograph_table(groups: dict[str, list[TwoViewGeometry]]) -> list[str]:
 
 def report(independent: list[Named], shared: list[Named], photographs: dict[str, list[str]]) -> str:
     """Return the whole page; ``photographs`` are tables by what stands over them."""
-    ms = 1e3 * float(np.median([row.seconds for row in independent]))
-    off = [row for row in independent if row.kind in ("pure rotation", "plane")]
-    confident = sum(row.outcome in ("translation", "general") for row in off)
+    off = [found for true, found in independent if true in ("pure rotation", "plane")]
+    confident = sum(found in ("translation", "general") for found in off)
     return joined(
-        f"Written by `python -m tools.evaluation.degeneracy`; {machine()}, one thread a scene.",
+        "Written by `python -m tools.evaluation.degeneracy`.",
         f"{len(independent)} synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to "
         "30 % outliers. Bold: correct. Pure rotations and planes that came back as UNCALIBRATED with F: "
-        f"{confident} of {len(off)}. Median {ms:.0f} ms a scene.",
+        f"{confident} of {len(off)}.",
         confusions(independent),
         f"{len(shared)} of these scenes with errors that neighbours share besides (direction "
         f"{SHARED_DEG:.0f} degrees, length 15 %, correlated over 40 px). Small parallax cannot be "
@@ -193,18 +178,19 @@ def main(
     photographs: dict[str, list[str]] = {}
     network = blur2view.SmearNetwork()
     if scenes is not None:
-        split = [(true_structure(scene), found) for scene, found in estimated(scenes, network)]
-        groups = {k: [g for name, g in split if name == k] for k in ("pure rotation", *STRUCTURES)}
+        split: dict[str, list[TestScene]] = {name: [] for name in ("pure rotation", *STRUCTURES)}
+        for scene in read_test_set(scenes):
+            split[true_structure(scene)].append(scene)
         title = "Photographs of the rendered test split, by what is true of them."
-        photographs[title] = photograph_table(groups)
+        photographs[title] = photograph_table(split, network)
     if kinds is not None:
         title = (
             "Photographs of four kinds of motion (`python -m tools.datasets.motion_kinds`); general motion "
             "has a parallax of at least a fifth of the smears. Correct are PANORAMIC, PLANAR, DEGENERATE "
             "and UNCALIBRATED; beside an F parallax of the first two is undecided."
         )
-        groups = {k: [g for _, g in estimated(kinds / k, network)] for k in motion_kinds.KINDS}
-        photographs[title] = photograph_table(groups)
+        groups = {kind: read_test_set(kinds / kind) for kind in motion_kinds.KINDS}
+        photographs[title] = photograph_table(groups, network)
 
     def named(number: int, direction_deg: float) -> list[Named]:
         tasks = [(kind, seed + i) for kind in KINDS for i in range(number)]

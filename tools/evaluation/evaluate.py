@@ -7,22 +7,20 @@ prints the tables and writes ``evaluation.md`` and ``evaluation.json``.
 Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 import blur2view
+from blur2view import SmearGrid, SmearMatches, select_matches
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
-from blur2view.smears.grid import SmearGrid
-from blur2view.smears.matches import SmearMatches
-from blur2view.smears.selection import select_matches
-from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import Existing, Target, run
+from tools.datasets.synthetic_matches import KnownMatches
 from tools.datasets.testset import TestScene, read_test_set
-from tools.estimators import baselines
+from tools.estimators.baselines import METHODS, OURS, against
 from tools.evaluation.smear_figures import evaluate_smears, pooled, smear_tables
 from tools.metrics import PAPER_INLIER, epipole_angle_deg, rho, share_under
 from tools.pages import Record, joined, publish, record_table, write_json
@@ -38,27 +36,19 @@ ROW = (
 )
 
 
-def methods(scene: TestScene) -> dict[str, Callable[[SmearMatches], AnyArray | None]]:
-    """Return every method of the table, as a function of the matches."""
+NAMES = (
+    OURS, "two-parameter F", "unordered, OpenCV MAGSAC", "u > 0 order, OpenCV MAGSAC",
+    "true order, OpenCV MAGSAC", "true order, pycolmap", "true order, PoseLib",
+)  # fmt: skip
 
-    def truly(m: SmearMatches) -> AnyArray:
-        return baselines.in_true_order(m.ends, scene.truth_at(m))
 
-    def scrambled(m: SmearMatches) -> AnyArray:
-        return baselines.scrambled(m.ends, np.random.default_rng(0))
-
-    return {
-        "ours": lambda m: estimate_two_view(m, rng=np.random.default_rng(0)).F,
-        "two-parameter F": baselines.two_parameter_fundamental,
-        "unordered, OpenCV MAGSAC": lambda m: baselines.solve(baselines.opencv, scrambled(m)),
-        "u > 0 order, OpenCV MAGSAC": lambda m: baselines.solve(
-            baselines.opencv, baselines.rightward(m.ends)
-        ),
-        "true order, OpenCV MAGSAC": lambda m: baselines.solve(baselines.opencv, truly(m)),
-        "true order, pycolmap": lambda m: baselines.solve(baselines.pycolmap_ransac, truly(m)),
-        "true order, PoseLib": lambda m: baselines.solve(baselines.poselib_ransac, truly(m)),
-        "true F": lambda _: scene.F,
-    }
+def known_matches(scene: TestScene, matches: SmearMatches) -> KnownMatches:
+    """Return matches read in a photograph, with what is true of it; their order is by true smears."""
+    swapped = against(matches.ends, scene.truth_at(matches))
+    return KnownMatches(
+        K=scene.K, R=scene.R, t=scene.t, matches=matches, true_ends=scene.true_ends, swapped=swapped,
+        outlier=np.zeros_like(swapped),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,10 +101,10 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
     for scene, grid in scenes:
         if scene.F is None:
             continue
-        matches, ends = select_matches(grid), scene.true_ends
-        for name, method in methods(scene).items():
-            F = method(matches)
-            table.setdefault(name, []).append(judge(F, scene.F, scene.K, ends))
+        known = known_matches(scene, select_matches(grid))
+        found = {name: METHODS[name](known) for name in NAMES} | {"true F": scene.F}
+        for name, F in found.items():
+            table.setdefault(name, []).append(judge(F, scene.F, scene.K, known.true_ends))
             missing[name] = missing.get(name, 0) + (F is None)
     return [summarise(name, rows, table["true F"], missing[name]) for name, rows in table.items()]
 

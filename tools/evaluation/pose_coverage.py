@@ -8,36 +8,26 @@ without outliers. "correlated": directions and lengths err as one over 40 px, as
 the standard deviation of every displacement and the share of independent smears are stated truly.
 """
 
-from dataclasses import dataclass
 from functools import partial
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 
-from blur2view.camera.camera import Camera
-from blur2view.geometry.pose import RigidTransform
-from blur2view.smears.matches import SmearMatches
+from blur2view import Camera, RigidTransform, SmearMatches, estimate_two_view
 from blur2view.smears.noise import SharedErrors
-from blur2view.two_view.estimate import estimate_two_view
 from tools.arguments import Target, run
 from tools.datasets.degenerate_scenes import with_shared_errors
-from tools.datasets.synthetic_matches import (
-    IMAGE_SIZE,
-    Kind,
-    SyntheticOptions,
-    SyntheticSmears,
-    synthetic_smears,
-)
+from tools.datasets.synthetic_matches import IMAGE_SIZE, Kind, SyntheticOptions, synthetic_smears
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
 from tools.pages import joined, publish, table
 from tools.processes import mapped
 
 CORRELATED_PX = 40.0  # standard deviation of the Gaussian that makes errors of neighbours alike
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
+HEAD = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Case:
+class Case(NamedTuple):
     """A kind of scene and of noise: outliers' share, or the direction's and the length's errors."""
 
     kind: Kind
@@ -45,9 +35,7 @@ class Case:
     direction_deg: float = 0.0
     length_share: float = 0.0
 
-    @property
-    def name(self) -> str:
-        """What the table calls it."""
+    def __str__(self) -> str:
         if self.direction_deg:
             errors = f"{self.direction_deg:g} degrees, {100 * self.length_share:g} %"
             return f"correlated, {self.kind} depth, {errors}"
@@ -55,33 +43,33 @@ class Case:
 
 
 CASES = (
-    *(Case(kind=kind, outliers=share) for kind in get_args(Kind) for share in (0.0, 0.3)),
-    Case(kind="smooth", direction_deg=2.0, length_share=0.05),
-    *(Case(kind=kind, direction_deg=4.0, length_share=0.1) for kind in get_args(Kind)),
+    *(Case(kind, share) for kind in get_args(Kind) for share in (0.0, 0.3)),
+    Case("smooth", 0.0, 2.0, 0.05),
+    *(Case(kind, 0.0, 4.0, 0.1) for kind in get_args(Kind)),
 )
 Outcome = tuple[bool, bool, bool, float, float]
 """Whether the regions of pose, rotation and translation held the truth; the relative error of the rotation
 and that of the translation's direction, degrees."""
 
 
-def observed(seed: int, case: Case) -> tuple[SyntheticSmears, SmearMatches]:
-    """Return the smears of a seed, and what is seen of them."""
-    if not case.direction_deg:
-        scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=case.outliers))
-        return scene, scene.matches
-    scene = synthetic_smears(seed, SyntheticOptions(kind=case.kind, outliers=0.0, noise_px=0.0))
-    rng = np.random.default_rng([seed, 1])
-    ends = with_shared_errors(scene.ends, rng, case.direction_deg, case.length_share, CORRELATED_PX)
+def correlated(ends: np.ndarray, seed: int, case: Case) -> SmearMatches:
+    """Return exact smears (N, 2, 2) as a network sees them."""
+    rng, errors = np.random.default_rng([seed, 1]), (case.direction_deg, case.length_share)
+    ends = with_shared_errors(ends, rng, *errors, CORRELATED_PX)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    sigma_px = np.maximum(length * np.hypot(np.radians(case.direction_deg), case.length_share), 1e-2)
+    sigma_px = np.maximum(length * np.hypot(np.radians(errors[0]), errors[1]), 1e-2)
     patches = IMAGE_SIZE[0] * IMAGE_SIZE[1] / (4 * np.pi * CORRELATED_PX**2)
     shared = SharedErrors(effective_share=min(1.0, patches / len(ends)))
-    return scene, SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
+    return SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
 
 
 def outcome(case: Case, seed: int) -> Outcome | None:
     """Return whether the regions of one seed hold its pose; None without a pose."""
-    scene, matches = observed(seed, case)
+    noise_px = 0.0 if case.direction_deg else 1.0
+    scene = synthetic_smears(
+        seed, SyntheticOptions(kind=case.kind, outliers=case.outliers, noise_px=noise_px)
+    )
+    matches = correlated(scene.matches.ends, seed, case) if case.direction_deg else scene.matches
     camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
     geometry = estimate_two_view(matches, camera=camera)
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
@@ -92,30 +80,21 @@ def outcome(case: Case, seed: int) -> Outcome | None:
         squared_distance(covariance, pose, true, part) < CHI_SQUARED_90[part.stop - part.start]
         for part in PARTS
     )
-    errors = (
-        rotation_error(pose.rotation, scene.R)[1],
-        translation_direction_error_deg(pose.translation, scene.t),
-    )
-    return whole, rotation, translation, *errors
-
-
-def markdown(outcomes: dict[Case, list[Outcome | None]]) -> str:
-    """Return a table of the shares of seeds whose regions hold the truth."""
-    rows = []
-    for case, of_seeds in outcomes.items():
-        found = np.array([one for one in of_seeds if one is not None], float).reshape(-1, 5)
-        rotation, translation = np.median(found[:, 3:], axis=0)
-        shares = (f"{share:.2f}" for share in found[:, :3].mean(axis=0))
-        rows.append((case.name, len(found), *shares, f"{rotation:.0%}", f"{translation:.1f}"))
-    seeds = max(map(len, outcomes.values()))
-    words = f"Share of {seeds} seeds whose nominal 90 % region holds the truth, and median errors."
-    head = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
-    return joined(words, table(head, rows))
+    turned = rotation_error(pose.rotation, scene.R)[1]
+    return whole, rotation, translation, turned, translation_direction_error_deg(pose.translation, scene.t)
 
 
 def main(*, out: Target | None = None, seeds: int = 200, jobs: int = 2) -> None:
-    """Print the table, and write it where a path is given."""
-    publish(markdown({case: mapped(partial(outcome, case), range(seeds), jobs) for case in CASES}), out)
+    """Print the table of the shares of seeds whose regions hold the truth, and write it."""
+    rows = []
+    for case in CASES:
+        of_seeds = mapped(partial(outcome, case), range(seeds), jobs)
+        found = np.array([one for one in of_seeds if one is not None], float).reshape(-1, 5)
+        rotation, translation = np.median(found[:, 3:], axis=0)
+        shares = (f"{share:.2f}" for share in found[:, :3].mean(axis=0))
+        rows.append((case, len(found), *shares, f"{rotation:.0%}", f"{translation:.1f}"))
+    words = f"Share of {seeds} seeds whose nominal 90 % region holds the truth, and median errors."
+    publish(joined(words, table(HEAD, rows)), out)
 
 
 if __name__ == "__main__":

@@ -96,7 +96,7 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
     return Smears(*map(np.concatenate, zip(*parts, strict=True))), len(parts)
 
 
-def evaluate_smears(smears: Smears, images: int) -> SmearFigures:
+def evaluate_smears(smears: Smears, images: int = 1) -> SmearFigures:
     """Return the figures of all smears together; "top 50 %" is the more certain half of each image."""
     error, length = epe_s(smears.found, smears.true), np.linalg.norm(smears.true, axis=1)
     angle, clear = direction_error_deg(smears.found, smears.true), length >= DIRECTION_MIN_PX

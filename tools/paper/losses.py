@@ -22,10 +22,11 @@ Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Imag
 arXiv 2605.01552.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import torch
@@ -39,7 +40,7 @@ from tools.datasets.shards import Example, load_shard, require_shards
 from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.pages import filled, table
 from tools.training.reader import Reader, ReaderOptions, doubled
-from tools.training.run import Schedule, batched, fit
+from tools.training.run import Schedule, Task, fit
 from tools.training.train_reader import Batch, batch_of
 
 Representation = Literal["local", "restricted", "double"]
@@ -79,6 +80,7 @@ SIX = tuple(
 )
 ALPHA_STUDY = tuple(Variant(alpha=alpha) for alpha in (0.005, 0.01, 0.02, 0.05))
 VARIANTS = tuple(dict.fromkeys((*SIX, *ALPHA_STUDY)))
+VERDICTS = "epe_s_top50", "sparsification_area"
 BEST = Variant()  # the one that the paper found best
 
 
@@ -140,28 +142,24 @@ def paper_loss(raw: Tensor, d: Tensor, valid: Tensor, variant: Variant) -> Tenso
     return (valid * likelihood + torch.relu((1 - valid) / sigma**2 - variant.alpha)).mean()
 
 
-class LossTask:
+class LossTask(Task):
     """One loss, shards of examples to learn from, and those that the figures are of."""
 
     def __init__(self, variant: Variant, shards: Sequence[Example], held: Sequence[Example]) -> None:
-        self.variant, self.shards, self.held, self.network = variant, list(shards), held, SmearVectors()
-        self.groups: list[dict[str, Any]] = [{"params": list(self.network.parameters())}]
-        self.facts: dict[str, Any] = {"loss": variant.name, "alpha": variant.alpha}
+        super().__init__(SmearVectors(), {"loss": variant.name, "alpha": variant.alpha})
+        self.variant, self.shards, self.held = variant, list(shards), held
 
-    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
-        """Return the loss of a batch, twice."""
+    def loss(self, rng: np.random.Generator, step: int) -> Tensor:
+        """Return the loss of a batch."""
         batch = batch_of(self.shards, rng, BATCH)
-        loss = paper_loss(self.network(batch), batch["d0"], batch["v0"], self.variant)
-        return loss, loss
+        return paper_loss(self.network(batch), batch["d0"], batch["v0"], self.variant)
 
     @torch.no_grad()
     def figures(self, network: nn.Module) -> dict[str, float]:
         """Return the MEASURES of a network on all valid smears of the held-out shards."""
         parts = []
         for shard in self.held:
-            batch = batched(
-                [{key: array[k] for key, array in shard.items()} for k in range(len(shard["d0"]))]
-            )
+            batch = {key: torch.from_numpy(array).float() for key, array in shard.items()}
             raw, seen = network(batch), shard["v0"] > 0
             v = raw[..., :2].numpy()
             found = from_double_angle(v) if self.variant.representation == "double" else v
@@ -173,18 +171,6 @@ class LossTask:
         every = Smears(found=found, true=true, sigma=sigma, sure=sure, blocks=np.empty(0))
         figures = vars(evaluate_smears(every, len(self.held)))
         return {name: float(figures[name]) for name in MEASURES}
-
-
-def trained(variant: Variant, seed: int, shards: Sequence[Example], held: Sequence[Example],
-            work: Path, steps: int) -> dict[str, float]:  # fmt: skip
-    """Return the figures of a variant and a seed, trained unless it is."""
-    torch.manual_seed(seed)
-    name = f"{variant.representation}_{'map' if variant.cross_check else 'nomap'}_{variant.alpha:g}_{seed}"
-    schedule = Schedule(
-        out=work / name, steps=steps, rate=RATE, largest_gradient=2.0, seed=seed, save_every=steps,
-        validate_every=steps, warm_up=steps // 10,
-    )  # fmt: skip
-    return fit(LossTask(variant, shards, held), schedule).figures
 
 
 Found = dict[Variant, list[dict[str, float]]]
@@ -202,17 +188,16 @@ def variant_table(found: Found, variants: Sequence[Variant]) -> list[str]:
     return table(" | ".join(["loss", "alpha", "seeds", *MEASURES.values()]), rows)
 
 
-def verdicts(found: Found) -> Iterator[str]:
-    """Yield which of the six is best by two measures, and whether it is the paper's."""
-    for measure in ("epe_s_top50", "sparsification_area"):
-        values = {variant: [one[measure] for one in found[variant]] for variant in SIX}
-        best, second = sorted(SIX, key=lambda variant: float(np.mean(values[variant])))[:2]
-        mean, after = (float(np.mean(values[variant])) for variant in (best, second))
-        within = "within" if after - mean <= np.std(values[best]) else "beyond"
-        yield (
-            f"- Best of the six by {MEASURES[measure]}: {best.name} (in the paper: {BEST.name}), {mean:.3f}; "
-            f"next {second.name}, {after:.3f}: {within} its deviation over seeds."
-        )
+def verdict(found: Found, measure: str) -> str:
+    """Say which of the six is best by a measure, and whether it is the paper's."""
+    values = {variant: [one[measure] for one in found[variant]] for variant in SIX}
+    best, second = sorted(SIX, key=lambda variant: float(np.mean(values[variant])))[:2]
+    mean, after = (float(np.mean(values[variant])) for variant in (best, second))
+    within = "within" if after - mean <= np.std(values[best]) else "beyond"
+    return (
+        f"- Best of the six by {MEASURES[measure]}: {best.name} (in the paper: {BEST.name}), {mean:.3f}; "
+        f"next {second.name}, {after:.3f}: {within} its deviation over seeds."
+    )
 
 
 def main(
@@ -226,9 +211,17 @@ def main(
     """Train what is missing, and write the page with its tables."""
     torch.set_num_threads(1)
     shards, others = ([load_shard(path) for path in require_shards(folder)] for folder in (examples, held))
-    found = {v: [trained(v, seed, shards, others, work, steps) for seed in SEEDS] for v in VARIANTS}
+    found: Found = {}
+    for variant, seed in product(VARIANTS, SEEDS):
+        torch.manual_seed(seed)
+        check = "map" if variant.cross_check else "nomap"
+        schedule = Schedule(
+            out=work / f"{variant.representation}_{check}_{variant.alpha:g}_{seed}", steps=steps, rate=RATE,
+            largest_gradient=2.0, seed=seed, save_every=steps, validate_every=steps, warm_up=steps // 10,
+        )  # fmt: skip
+        found.setdefault(variant, []).append(fit(LossTask(variant, shards, others), schedule))
     parts = {
-        "losses": [*variant_table(found, SIX), "", *verdicts(found)],
+        "losses": [*variant_table(found, SIX), "", *(verdict(found, measure) for measure in VERDICTS)],
         "alpha": variant_table(found, ALPHA_STUDY),
     }
     out.write_text(filled(PAGE.read_text(), parts))

@@ -54,13 +54,6 @@ def texel_spacing(texel: AnyArray) -> AnyArray:
     return spacing
 
 
-def mirrored(texture: AnyArray, texel: AnyArray) -> AnyArray:
-    """Return a texture at texels (h, w, 2), bilinearly, repeated in mirror images."""
-    period = np.array([2 * texture.shape[1], 2 * texture.shape[0]], np.float32)
-    at = texel - np.floor(texel / period) * period  # remap itself walks back one period at a time
-    return np.asarray(cv2.remap(texture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT))
-
-
 def textured(plane: Plane, rays: AnyArray) -> AnyArray:
     """Return linear RGB (h, w, 3) of a plane along rays, filtered by the level of detail each pixel needs."""
     texel = plane.texel(rays).astype(np.float32)
@@ -70,7 +63,12 @@ def textured(plane: Plane, rays: AnyArray) -> AnyArray:
     for k in range(int(np.ceil(level.max())) + 1):
         weight = np.clip(1 - np.abs(level - k), 0, 1)
         if weight.max() > 0:
-            result += weight[..., None] * mirrored(pyramid, texel * np.float32(0.5**k))
+            at = texel * np.float32(0.5**k)
+            period = np.array([2 * pyramid.shape[1], 2 * pyramid.shape[0]], np.float32)
+            at = at - np.floor(at / period) * period  # remap itself walks back one period at a time
+            columns, rows = at[..., 0], at[..., 1]
+            shown = cv2.remap(pyramid, columns, rows, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT)
+            result += weight[..., None] * shown
         pyramid = np.asarray(cv2.pyrDown(pyramid))
     return result
 

@@ -1,12 +1,9 @@
 """Blur without a direction: point spreads of lenses out of focus, discs, apertures with blades, rings."""
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from blur2view.arrays import AnyArray as Array
 
 KINDS = ("disc", "blades", "gaussian", "ring")
 SHARES = (0.45, 0.25, 0.18, 0.12)

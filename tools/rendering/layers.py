@@ -1,15 +1,12 @@
 """Surfaces of photographs that move along paths: cut, outlined, warped, averaged over an exposure."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from tools.rendering.exposure import GRID
-
-Array = NDArray[Any]
 
 DECODE = ((np.arange(256) / 255.0) ** 2.2).astype(np.float32)
 

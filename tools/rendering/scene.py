@@ -21,14 +21,9 @@ SIZE = 160  # side of a stencil in its own cells; a card stretches it over its b
 FRACTION_BITS = 3  # OpenCV draws with coordinates in eighths of a cell
 
 
-def blank() -> Alpha:
-    """Return a stencil that covers nothing."""
-    return np.zeros((SIZE, SIZE), np.float32)
-
-
 def polygon(rng: np.random.Generator) -> Alpha:
     """Return a random star-shaped polygon of three to eight corners."""
-    alpha = blank()
+    alpha = np.zeros((SIZE, SIZE), np.float32)
     angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
     radius = SIZE * rng.uniform(0.25, 0.5, len(angles))
     corners = SIZE / 2 + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
@@ -38,18 +33,16 @@ def polygon(rng: np.random.Generator) -> Alpha:
 
 def ellipse(rng: np.random.Generator) -> Alpha:
     """Return a random turned ellipse about the centre."""
-    alpha, scale = blank(), SIZE * 8
-    centre, axes = (
-        (scale // 2, scale // 2),
-        (int(scale * rng.uniform(0.15, 0.48)), int(scale * rng.uniform(0.15, 0.48))),
-    )
-    cv2.ellipse(alpha, centre, axes, rng.uniform(0, 180), 0, 360, 1.0, -1, cv2.LINE_AA, FRACTION_BITS)
+    alpha, scale = np.zeros((SIZE, SIZE), np.float32), SIZE * 8
+    axes = int(scale * rng.uniform(0.15, 0.48)), int(scale * rng.uniform(0.15, 0.48))
+    centre, turn = (scale // 2, scale // 2), rng.uniform(0, 180)
+    cv2.ellipse(alpha, centre, axes, turn, 0, 360, 1.0, -1, cv2.LINE_AA, FRACTION_BITS)
     return alpha
 
 
 def bars(rng: np.random.Generator) -> Alpha:
     """Return one to eight straight bars, thin or thick."""
-    alpha = blank()
+    alpha = np.zeros((SIZE, SIZE), np.float32)
     for _ in range(int(rng.integers(1, 9))):
         first, last = (rng.uniform(-0.2, 1.2, (2, 2)) * SIZE * 8).astype(int).tolist()
         cv2.line(alpha, first, last, 1.0, int(rng.integers(1, 12)), cv2.LINE_AA, FRACTION_BITS)
@@ -72,7 +65,7 @@ def letters(rng: np.random.Generator) -> Alpha:
 
 def box(rng: np.random.Generator) -> Alpha:
     """Return a stencil filled up to a thin margin; `rng` is not used."""
-    alpha = blank()
+    alpha = np.zeros((SIZE, SIZE), np.float32)
     alpha[2:-2, 2:-2] = 1.0
     return alpha
 
@@ -173,13 +166,8 @@ def sample_plane(
 ) -> Plane:
     """Return a random plane whose texture has about one texel a pixel or finer where it faces the camera."""
     density = focal_px / offset * rng.uniform(0.9, 2.2)
-    return Plane(
-        normal=normal,
-        offset=offset,
-        texture=sample_texture(rng, pool),
-        texels_per_unit=density,
-        turn=rng.uniform(0, 2 * np.pi),
-    )
+    texture, turn = sample_texture(rng, pool), rng.uniform(0, 2 * np.pi)
+    return Plane(normal=normal, offset=offset, texture=texture, texels_per_unit=density, turn=turn)
 
 
 def tilted_normal(rng: np.random.Generator, largest: float) -> AnyArray:

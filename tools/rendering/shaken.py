@@ -7,17 +7,14 @@ a radius of its own.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from tools.rendering.defocus import defocused
 from tools.rendering.layers import Path, blob, composed, sample_path, smears_of, surface
 from tools.rendering.sensor import SensorOptions, compress, expose, log_uniform, photograph, soften, tone
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)

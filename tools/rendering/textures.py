@@ -31,12 +31,6 @@ LARGEST_PX = 3000  # photographs are halved until their longer side is at most t
 HELD_OUT_EVERY = 4  # every fourth photograph of an added folder (by sorted name) is held out of training
 
 
-def srgb_to_linear(coded: NDArray[np.floating]) -> Image:
-    """Return sRGB-coded values in [0, 1] as linear light (IEC 61966-2-1)."""
-    coded = np.asarray(coded, np.float32)
-    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4).astype(np.float32)
-
-
 def split_files(split: str, folder: Path) -> list[Path]:
     """Return the PNG and JPEG files of one split ("train" or "test") of a folder, by name."""
     files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
@@ -77,8 +71,11 @@ def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
     coded = [np.asarray(getattr(data, name)()) for name in names]
     if folder is not None:
         coded += [read_photograph(path) for path in split_files(split, folder)]
-    rgb = [c if c.ndim == 3 else np.repeat(c[..., None], 3, axis=2) for c in coded]
-    return tuple(srgb_to_linear(c[..., :3] / 255.0) for c in rgb)
+    rgb = [c[..., :3] if c.ndim == 3 else np.repeat(c[..., None], 3, axis=2) for c in coded]
+    scaled = [np.asarray(c / 255.0, np.float32) for c in rgb]  # sRGB, IEC 61966-2-1
+    return tuple(
+        np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32) for c in scaled
+    )
 
 
 def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:

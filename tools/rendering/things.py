@@ -6,23 +6,19 @@ colours under such a piece's light. A camera follows a thing, moves otherwise, o
 what is nearer to it only smears longer, or nothing moves at all.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from blur2view.arrays import AnyArray as Array
 from tools.rendering.defocus import defocused
 from tools.rendering.layers import Path as Motion
 from tools.rendering.layers import blob, composed, sample_path, smears_of, surface
 from tools.rendering.sensor import log_uniform
-
-Array = NDArray[Any]
 
 FONT = Path("/usr/share/fonts/truetype/noto/NotoColorEmoji.ttf")
 FONT_PX = 109
@@ -189,14 +185,7 @@ def flat(rng: np.random.Generator, options: ThingOptions) -> Paths:
     return camera, [(camera, False)] * int(rng.integers(0, 3))
 
 
-KINDS: tuple[Callable[[np.random.Generator, ThingOptions], Paths], ...] = (
-    following,
-    crossing,
-    standing,
-    deep,
-    unmoved,
-    flat,
-)
+KINDS = (following, crossing, standing, deep, unmoved, flat)
 
 
 def photographed_things(rng: np.random.Generator, sources: list[Array], options: ThingOptions) -> Things:
@@ -204,7 +193,7 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
     width, height = options.size
     kind = KINDS[int(rng.choice(len(KINDS), p=options.kinds))]
     camera, things = kind(rng, options)
-    things = with_clutter(rng, camera, with_parts(rng, things, options), options)
+    things = with_others(rng, camera, things, options)
     paths = [camera, *(path for path, _ in things)]
     _, longest = smears_of(paths, options.size)
     margin = int(0.75 * longest) + 24
@@ -233,30 +222,23 @@ def photographed_things(rng: np.random.Generator, sources: list[Array], options:
     )
 
 
-def with_parts(
-    rng: np.random.Generator, things: list[tuple[Motion, bool]], options: ThingOptions
+def with_others(
+    rng: np.random.Generator, camera: Motion, things: list[tuple[Motion, bool]], options: ThingOptions
 ) -> list[tuple[Motion, bool]]:
-    """Return things and, beside some, a further one that moves relative to it."""
+    """Return things; beside some a part that moves relative to it, among some what stands, but nearer."""
     found = []
     for path, by_itself in things:
         found.append((path, by_itself))
         if by_itself and rng.random() < options.part_share:
             length = 0.5 * log_uniform(rng, options.smear_px)
             found.append((relative(rng, path, length, options.size[1]), True))
-    return found[:5]
-
-
-def with_clutter(
-    rng: np.random.Generator, camera: Motion, things: list[tuple[Motion, bool]], options: ThingOptions
-) -> list[tuple[Motion, bool]]:
-    """Return things and, among some, one or two that stand, nearer to the camera than the surroundings."""
-    if not any(by_itself for _, by_itself in things) or rng.random() >= options.clutter_share:
-        return things
-    for _ in range(rng.integers(1, 3)):
-        k = float(rng.uniform(1.0, 2.0))
-        nearer = replace(camera, shift=k * camera.shift, bend=k * camera.bend)
-        things.insert(int(rng.integers(len(things) + 1)), (nearer, False))
-    return things
+    found = found[:5]
+    if any(by_itself for _, by_itself in found) and rng.random() < options.clutter_share:
+        for _ in range(rng.integers(1, 3)):
+            k = float(rng.uniform(1.0, 2.0))
+            nearer = replace(camera, shift=k * camera.shift, bend=k * camera.bend)
+            found.insert(int(rng.integers(len(found) + 1)), (nearer, False))
+    return found
 
 
 def sample_radii(rng: np.random.Generator, count: int, *, still: bool, options: ThingOptions) -> list[float]:

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
+from blur2view import draw_overlay, segment
 from blur2view.results.drawing import INK, PAPER, write
 from blur2view.results.mask_overlay import draw_motion
-from blur2view.results.overlay import draw_overlay
-from blur2view.segmentation.mask import segment
 from tools.arguments import Existing, Target, run
 from tools.pages import write_picture
 

@@ -18,11 +18,15 @@ from PIL.PngImagePlugin import PngInfo
 
 from blur2view.networks.model_file import shipped_file
 from tools.robustness.mutations import Rng
-from tools.robustness.traps import trapped_path
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = (sys.executable, "-m", "blur2view")
-TRAPS = "traps"  # beside the folder of a call, see `tools.robustness.traps`
+TRAPS = "traps"  # beside the folder of a call, see `set_traps`
+TRAPPED = (
+    "gs", "gswin64c", "djpeg", "xv", "convert", "magick", "identify", "ffmpeg", "ffprobe", "dcraw",
+    "exiftool", "colmap", "sh", "bash",
+)  # fmt: skip
+"""Programs that libraries for pictures, videos and models are known to call, and shells: none may start."""
 GOOD, OTHER, SIZE = "good.jpg", "other.jpg", (240, 180)
 FORMATS = {  # that Pillow writes, and modes of each
     "JPEG": "RGB L CMYK", "PNG": "RGB RGBA L LA P 1 I;16", "TIFF": "RGB RGBA L CMYK 1 I;16 F I",
@@ -32,9 +36,18 @@ FORMATS = {  # that Pillow writes, and modes of each
 ODD_SIZES = ((1, 1), (15, 400), (16, 16), (17, 900), (2000, 16), (64, 65), (31, 33))
 
 
+def set_traps(folder: Path) -> None:
+    """Write programs of these names into a new folder; one that is started writes its name to "ran" there."""
+    folder.mkdir()
+    for name in TRAPPED:
+        program = folder / name
+        program.write_text(f"#!{sys.executable}\nopen({str(folder / 'ran')!r}, 'a').write('{name}\\n')\n")
+        program.chmod(0o755)
+
+
 def start(folder: Path, words: list[str], **streams: Any) -> Popen[Any]:
-    """Start a call in a folder, in a group of processes of its own."""
-    path = trapped_path(folder.parent / TRAPS)
+    """Start a call in a folder, in a group of processes of its own, the traps before all other programs."""
+    path = f"{folder.parent / TRAPS}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": f"{folder}-home", "PATH": path}
     streams = {"stdout": DEVNULL, "stderr": PIPE} | streams
     return Popen([*PROGRAM, *words], cwd=folder, env=environment, start_new_session=True, **streams)

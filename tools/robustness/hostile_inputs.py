@@ -30,10 +30,9 @@ import numpy as np
 
 from tools.arguments import Target, run
 from tools.pages import joined, publish, table
-from tools.robustness.corpus import GOOD, OTHER, TRAPS, make_corpus, start
+from tools.robustness.corpus import GOOD, OTHER, TRAPS, make_corpus, set_traps, start
 from tools.robustness.mutations import Rng, damage, drawn
 from tools.robustness.politeness import MOST_S, Call, complaints, rows, snapshot
-from tools.robustness.traps import set_traps, trapped
 
 PATIENCE_S = 180.0  # of any time; a call shares the machine with others
 MORE = 4  # damaged photographs in a call
@@ -129,7 +128,7 @@ def run_call(words: list[str], folder: Path, kind: str = "results", largest: int
     """
     before, database = snapshot(folder), folder / dict(pairwise(words)).get("--db", "none")
     kept = rows(database) if "--link" in words else set()
-    listed = folder / ("list.txt" if "-" in words else "none")
+    listed, mark = folder / ("list.txt" if "-" in words else "none"), folder.parent / TRAPS / "ran"
     stdin = listed if listed.is_file() or listed.is_char_device() else Path(os.devnull)
     with tempfile.TemporaryFile() as printed, tempfile.TemporaryFile() as said, stdin.open("rb") as stream:
         child = start(folder, words, stdin=stream, stdout=printed, stderr=said)
@@ -143,22 +142,23 @@ def run_call(words: list[str], folder: Path, kind: str = "results", largest: int
         with contextlib.suppress(ProcessLookupError):  # and the processes that it started
             os.killpg(child.pid, signal.SIGKILL)
         child.returncode = os.waitstatus_to_exitcode(status)
-        printed.seek(0)
-        said.seek(0)
-        return Call(
-            words=words, folder=folder, before=before, code=child.returncode, printed=printed.read(),
-            said=said.read(), seconds=usage.ru_utime + usage.ru_stime, peak_gib=usage.ru_maxrss / 2**20,
-            photographs=KINDS[kind].photographs, lost=len(kept - rows(database)) if kept else 0,
-            ran=trapped(folder.parent / TRAPS),
-            whole=largest is None and kind != "results",
-        )  # fmt: skip
+        texts = [(stream.seek(0), stream.read())[1] for stream in (printed, said)]
+    ran = tuple(mark.read_text().split()) if mark.exists() else ()
+    mark.unlink(missing_ok=True)
+    return Call(
+        words=words, folder=folder, before=before, code=child.returncode, printed=texts[0], said=texts[1],
+        seconds=usage.ru_utime + usage.ru_stime, peak_gib=usage.ru_maxrss / 2**20, ran=ran,
+        photographs=KINDS[kind].photographs, lost=len(kept - rows(database)) if kept else 0,
+        whole=largest is None and kind != "results",
+    )  # fmt: skip
 
 
-Tried = tuple[str, Call, list[str]]
+Tried = tuple[str, int, list[str]]
+"""The kind of a case, the exit code of its call, and what is wrong with it."""
 
 
 def try_all(cases: Sequence[int], seed: int) -> list[Tried]:
-    """Return kinds and calls of the cases of these numbers, or of those before Ctrl-C, and what is wrong."""
+    """Return what came of the cases of these numbers, or of those before Ctrl-C."""
     tried: list[Tried] = []
     with tempfile.TemporaryDirectory() as name, contextlib.suppress(KeyboardInterrupt):
         corpus, folder = Path(name) / "corpus", Path(name) / "case"
@@ -169,7 +169,7 @@ def try_all(cases: Sequence[int], seed: int) -> list[Tried]:
             kind, words = make_case(corpus, folder, rng)
             largest = int(10 ** rng.uniform(3.6, 5.7)) if kind == "full disks" else None
             call = run_call(words, folder, kind, largest)
-            tried.append((kind, call, complaints(call)))
+            tried.append((kind, call.code, complaints(call)))
             shutil.rmtree(folder)
             for complaint in tried[-1][2]:
                 print(f"RUDE {kind}, --seed {seed} --only {number}: {complaint}: {words}", flush=True)
@@ -178,21 +178,15 @@ def try_all(cases: Sequence[int], seed: int) -> list[Tried]:
     return tried
 
 
-def page(tried: Sequence[Tried], seed: int) -> str:
-    """Return what came of the cases as Markdown."""
-    lines = []
-    for kind in [*KINDS, "all"]:
-        some = [one for one in tried if kind in (one[0], "all")]
-        codes, rude = Counter(call.code for _, call, _ in some), sum(bool(found) for _, _, found in some)
-        lines.append((kind, len(some), f"{codes[0]}, {codes[1]}, {codes[2]}", rude))
-    words = f"Seed {seed}, {len(tried)} cases; `--help` says when a call is rude."
-    return joined(words, table("hostile | calls | exit codes 0, 1, 2 | rude", lines))
-
-
 def main(*, cases: int = 1000, seed: int = 0, only: int | None = None, out: Target | None = None) -> None:
     """Print every rude call and the table; exit with 1 if there is one. ``only`` is the number of a case."""
-    tried = try_all(range(cases) if only is None else [only], seed)
-    publish(page(tried, seed), out)
+    tried, lines = try_all(range(cases) if only is None else [only], seed), []
+    for kind in [*KINDS, "all"]:
+        some = [one for one in tried if kind in (one[0], "all")]
+        codes, rude = Counter(code for _, code, _ in some), sum(bool(found) for _, _, found in some)
+        lines.append((kind, len(some), f"{codes[0]}, {codes[1]}, {codes[2]}", rude))
+    words = f"Seed {seed}, {len(tried)} cases; `--help` says when a call is rude."
+    publish(joined(words, table("hostile | calls | exit codes 0, 1, 2 | rude", lines)), out)
     raise SystemExit(any(rude for _, _, rude in tried))
 
 

@@ -29,7 +29,6 @@ def export(
     axes: dict[str, dict[int, str]],
     properties: Callable[[str], dict[str, str]],
     samples: Sequence[Tensor],
-    fold: bool = True,
     eight_bits: bool = False,
 ) -> None:
     """Write a network, when complete and checked; ModelError if it does not compute what torch does.
@@ -44,10 +43,9 @@ def export(
         What the file says of itself, given the first digits of its own digest.
     samples : sequence of Tensor
         Further inputs, on which the file is compared with torch.
-    fold : bool
-        Whether what is constant is computed; weights then lose their names.
     eight_bits : bool
-        Whether products with stored matrices are computed on integers, which takes a third of the time.
+        Whether products with stored matrices are computed on integers, which takes a third of the time, and
+        weights keep their names, as what is constant is not computed.
     """
     temporary = target.with_suffix(".tmp.onnx")
     with warnings.catch_warnings():
@@ -61,7 +59,7 @@ def export(
             dynamic_axes=axes,
             opset_version=17,
             dynamo=False,
-            do_constant_folding=fold,
+            do_constant_folding=not eight_bits,
         )
     graph = onnx.load(temporary)
     separate_weights(graph)

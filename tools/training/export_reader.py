@@ -106,7 +106,6 @@ def main(checkpoint: Existing, target: Target) -> None:
             {name: cells for name in (*INPUTS, *OUTPUTS)} | {"grey": {2: "height", 3: "width"}},
             partial(metadata, state),
             list(inputs_of(network, grey).values()),
-            fold=False,
             eight_bits=True,
         )
     except ModelError as error:

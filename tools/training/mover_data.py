@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from blur2view import SmearNetwork, estimate
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.inputs import Picture, of_cells, of_places
 from blur2view.movers.probability import at_cells
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import estimate
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, write_shards
 from tools.rendering.render import RenderOptions, render

@@ -3,9 +3,10 @@
 import copy
 import json
 import math
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,21 +15,22 @@ from torch import Tensor, nn
 from tools.datasets.shards import Example
 
 
-class Task(Protocol):
-    """What a training learns: a network, and its losses on examples."""
+class Task(ABC):
+    """What a training learns: a network, its losses on examples, and facts that the checkpoint states.
 
-    @property
-    def network(self) -> nn.Module:
-        """What is trained."""
+    ``groups`` are the parameters as the optimiser takes them; ``factor`` is a group's learning rate over the
+    common one.
+    """
 
-    groups: list[dict[str, Any]]
-    """Parameters as the optimiser takes them; ``factor`` is a group's learning rate over the common one."""
-    facts: dict[str, Any]
-    """What the checkpoint says besides."""
+    def __init__(self, network: nn.Module, facts: dict[str, Any]) -> None:
+        self.network, self.facts = network, facts
+        self.groups: list[dict[str, Any]] = [{"params": list(network.parameters())}]
 
-    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
-        """Return the loss to descend on a batch, and the one to report."""
+    @abstractmethod
+    def loss(self, rng: np.random.Generator, step: int) -> Tensor:
+        """Return the loss of a batch."""
 
+    @abstractmethod
     def figures(self, network: nn.Module) -> dict[str, Any]:
         """Return how good a network is on examples that train nothing."""
 
@@ -47,71 +49,53 @@ class Schedule:
     warm_up: int = 200
 
 
-@dataclass(kw_only=True)
-class TrainingRun:
-    """What a training has come to after so many steps: weights, and their moving average, which ships."""
+def fit(task: Task, schedule: Schedule) -> dict[str, Any]:
+    """Run the schedule to its end; return the last figures of the moving average of the weights, which ships.
 
-    network: nn.Module
-    average: nn.Module
-    optimiser: torch.optim.Optimizer
-    step: int = 0
-    figures: dict[str, Any] = field(default_factory=dict)
-
-    def descend(self, loss: Tensor, rate: float, largest_gradient: float) -> None:
-        """Make one step down a loss at a learning rate, the gradient's norm bounded."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate * group.get("factor", 1.0)
-        self.optimiser.zero_grad(set_to_none=True)
-        torch.autograd.backward(loss)
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), largest_gradient)
-        self.optimiser.step()
-        self.step += 1
-        follow(self.average, self.network, self.step)
-
-    def restore(self, path: Path) -> None:
-        """Go on where a checkpoint stands."""
-        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-        for name in ("network", "average", "optimiser"):
-            getattr(self, name).load_state_dict(state[name])
-        self.step, self.figures = int(state["step"]), state.get("figures", {})
-
-    def save(self, path: Path, facts: dict[str, Any]) -> None:
-        """Write a checkpoint with further facts; a run killed meanwhile keeps the one before."""
-        parts = ("network", "average", "optimiser")
-        state = {name: getattr(self, name).state_dict() for name in parts}
-        temporary = path.with_suffix(".tmp")
-        torch.save(state | {"step": self.step, "figures": self.figures} | facts, temporary)
-        temporary.replace(path)
-
-
-def fit(task: Task, schedule: Schedule) -> TrainingRun:
-    """Run the schedule to its end; ``last.pt`` stays fresh, figures are printed and lines of ``log.jsonl``.
-
-    Step k draws its examples by a generator of the seed and k.
+    ``last.pt`` stays fresh, figures are printed and lines of ``log.jsonl``. Step k draws its examples by a
+    generator of the seed and k.
     """
     s, checkpoint = schedule, schedule.out / "last.pt"
     s.out.mkdir(parents=True, exist_ok=True)
+    network, average = task.network, copy.deepcopy(task.network)
     optimiser = torch.optim.AdamW(task.groups, lr=s.rate, weight_decay=1e-4)
-    run = TrainingRun(network=task.network, average=copy.deepcopy(task.network), optimiser=optimiser)
+    parts: dict[str, Any] = {"network": network, "average": average, "optimiser": optimiser}
+    step, figures, losses = 0, dict[str, Any](), list[float]()
     if checkpoint.exists():
-        run.restore(checkpoint)
-    losses: list[float] = []
-    while run.step < s.steps:
-        run.network.train()
-        loss, shown = task.losses(np.random.default_rng([s.seed, run.step]), run.step)
-        run.descend(loss, warm_cosine(run.step, s.steps, s.rate, s.warm_up), s.largest_gradient)
-        losses.append(float(shown.detach()))
-        done = run.step == s.steps
-        if done or run.step % s.validate_every == 0:
-            run.figures = task.figures(run.average.eval())
-            line = json.dumps({"step": run.step, "loss": round(float(np.mean(losses)), 4), **run.figures})
+        state: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
+        for name, part in parts.items():
+            part.load_state_dict(state[name])
+        step, figures = int(state["step"]), state.get("figures", {})
+    while step < s.steps:
+        network.train()
+        loss = task.loss(np.random.default_rng([s.seed, step]), step)
+        for group in optimiser.param_groups:
+            group["lr"] = group.get("factor", 1.0) * warm_cosine(step, s.steps, s.rate, s.warm_up)
+        optimiser.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        torch.nn.utils.clip_grad_norm_(network.parameters(), s.largest_gradient)
+        optimiser.step()
+        step += 1
+        follow(average, network, step)
+        losses.append(float(loss.detach()))
+        if step == s.steps or step % s.validate_every == 0:
+            figures = task.figures(average.eval())
+            line = json.dumps({"step": step, "loss": round(float(np.mean(losses)), 4), **figures})
             print(line, flush=True)
             with (s.out / "log.jsonl").open("a") as file:
                 file.write(line + "\n")
             losses = []
-        if done or run.step % s.save_every == 0:
-            run.save(checkpoint, task.facts)
-    return run
+        if step == s.steps or step % s.save_every == 0:
+            stored = {name: part.state_dict() for name, part in parts.items()}
+            save(checkpoint, stored | {"step": step, "figures": figures} | task.facts)
+    return figures
+
+
+def save(path: Path, state: dict[str, Any]) -> None:
+    """Write a checkpoint; a run killed meanwhile keeps the one before."""
+    temporary = path.with_suffix(".tmp")
+    torch.save(state, temporary)
+    temporary.replace(path)
 
 
 def warm_cosine(step: int, steps: int, peak: float, warm_up: int) -> float:

@@ -6,7 +6,6 @@ of photographs and scenes that train nothing. Shards that are added meanwhile ar
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -18,7 +17,7 @@ from tools.arguments import Existing, run
 from tools.datasets.shards import Example, load_shard
 from tools.metrics import average_precision
 from tools.training.movers import Movers
-from tools.training.run import Schedule, batched, drawn, fit
+from tools.training.run import Schedule, Task, batched, drawn, fit
 
 BATCH, RATE = 8, 3e-3
 READ_WEIGHT = 0.2
@@ -33,29 +32,28 @@ READ_AT_ONCE = 12
 """Shards that a batch is drawn from; one of them is replaced every other step."""
 
 
-class MoverTask:
+class MoverTask(Task):
     """The mover network, and the folders of examples that it learns from and is judged on."""
 
     def __init__(self, examples: Path, held: Path | None, seed: int) -> None:
-        self.examples, self.network = examples, Movers()
-        self.groups: list[dict[str, Any]] = [{"params": list(self.network.parameters())}]
-        self.facts = {"batch": BATCH, "seed": seed}
+        network = Movers()
+        super().__init__(network, {"batch": BATCH, "seed": seed})
+        self.examples = examples
         self.held = sorted(held.glob("*.npz")) if held else []
         self.shards = [load_shard(path) for path in sorted(examples.glob("*.npz"))[:READ_AT_ONCE]]
-        for key, norm in (("places", self.network.of_places), ("cells", self.network.of_cells)):
+        for key, norm in (("places", network.of_places), ("cells", network.of_cells)):
             every = np.concatenate([shard[key] for shard in self.shards]).astype(np.float32)
             norm.learn(torch.from_numpy(every).permute(0, 3, 1, 2))
 
-    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
-        """Return the loss of a batch, twice."""
+    def loss(self, rng: np.random.Generator, step: int) -> Tensor:
+        """Return the loss of a batch; every other time a shard is replaced first."""
         if step % 2 == 0:
             paths = sorted(self.examples.glob("*.npz"))
             self.shards[int(rng.integers(len(self.shards)))] = load_shard(
                 paths[int(rng.integers(len(paths)))]
             )
         places, cells, moving, read = batch_of(self.shards, rng)
-        loss = loss_of(self.network(places, cells), moving, read)
-        return loss, loss
+        return loss_of(self.network(places, cells), moving, read)
 
     @torch.no_grad()
     def figures(self, network: nn.Module) -> dict[str, float]:

@@ -24,9 +24,11 @@ from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
+from blur2view.smears.field import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, load_shard
+from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.metrics import DIRECTION_MIN_PX
 from tools.training.reader import (
     Circular,
@@ -39,7 +41,7 @@ from tools.training.reader import (
     radius_target,
     target_of,
 )
-from tools.training.run import Schedule, TrainingRun, batched, drawn, fit
+from tools.training.run import Schedule, Task, batched, drawn, fit
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
@@ -58,40 +60,43 @@ NEW_RATE = 8.0
 """Learning rate of what a file to start from does not hold, over that of the rest."""
 LONGEST_PX = 60.0
 """Smears up to this length count in the figures: two octaves, which scenes have, read up to 76 px."""
+FIGURES = "direction_deg", "direction_deg_top50", "length_ratio", "length_spread"
 
 Batch = Mapping[str, Tensor]
 
 
-class ReaderTask:
+class ReaderTask(Task):
     """The reader, the newest of its shards in memory, and the shards that figures are of."""
+
+    network: Reader
 
     def __init__(
         self, folder: Path, held: Path, weights: Path | None, batch: int, shards: int, pool: int, seed: int
     ) -> None:
+        network = Reader()
+        options = {"batch": batch, "seed": seed, "train": str(folder), "weights": str(weights)}
+        super().__init__(network, {"widths": asdict(network.options), "options": options})
         self.folder, self.batch, self.most, self.pool = folder, batch, shards, pool
         self.shards: dict[int, Example] = {}
         self.held = {path.stem: load_shard(path) for path in sorted(held.glob("*.npz"))}
-        self.network = Reader()
-        own = exported_weights(weights, self.network) if weights else self.network.state_dict()
-        missing = self.network.load_state_dict(own, strict=False).missing_keys
-        named = dict(self.network.named_parameters())
+        own = exported_weights(weights, network) if weights else network.state_dict()
+        missing = network.load_state_dict(own, strict=False).missing_keys
+        named = dict(network.named_parameters())
         groups = [
             {"params": [each for name, each in named.items() if (name in missing) == new], "factor": factor}
             for new, factor in ((False, 1.0), (True, NEW_RATE))
         ]
-        self.groups: list[dict[str, Any]] = [group for group in groups if group["params"]]
-        options = {"batch": batch, "seed": seed, "train": str(folder), "weights": str(weights)}
-        self.facts = {"widths": asdict(self.network.options), "options": options}
+        self.groups = [group for group in groups if group["params"]]
 
-    def losses(self, rng: np.random.Generator, step: int) -> tuple[Tensor, Tensor]:
-        """Return the loss of all octaves of a batch, and that of the finest."""
+    def loss(self, rng: np.random.Generator, step: int) -> Tensor:
+        """Return the loss of all octaves of a batch."""
         count = min(FIRST_SHARDS + step // STEPS_PER_SHARD, self.most)
         wanted = range(max(0, count - self.pool), count)
         held = self.shards
         self.shards = {k: held[k] if k in held else load_shard(self.folder / f"{k:06d}.npz") for k in wanted}
         batch = batch_of(list(self.shards.values()), rng, self.batch)
         (fine, *smaller), _ = losses_of(self.network, batch, half=True)
-        return fine + COARSE_WEIGHT * torch.stack(smaller).sum(), fine
+        return fine + COARSE_WEIGHT * torch.stack(smaller).sum()
 
     def figures(self, network: nn.Module) -> dict[str, dict[str, float]]:
         """Return the figures of every shard that trains nothing."""
@@ -178,20 +183,16 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
         radii.append((sizes.argmax(-1) - truth_bin).abs()[out_of_focus].float())
         rows = read_smears(logits.flatten(0, 1).numpy())
         smears.append(rows.reshape(*logits.shape[:3], 4))
-    read = np.concatenate(smears)
-    truth = shard["d0"].astype(np.float32).mean(-2)
-    length = np.hypot(truth[..., 0], truth[..., 1])
+    true = shard["d0"].astype(np.float32).mean(-2)
+    length = np.hypot(true[..., 0], true[..., 1])
     keep = shard["v0"].min(-1) & (length >= DIRECTION_MIN_PX) & (length < LONGEST_PX)
-    turn = np.arctan2(read[..., 1], read[..., 0]) - 2 * np.arctan2(truth[..., 1], truth[..., 0])
-    error_deg = np.degrees(np.abs(np.angle(np.exp(1j * turn))))[keep] / 2
-    ratio = np.log(np.hypot(read[..., 0], read[..., 1])[keep] / length[keep])
-    certain = read[..., 3][keep] <= np.median(read[..., 3][keep])
+    read, true = np.concatenate(smears)[keep], true[keep]
+    sigma, sure = read[:, 2], read[:, 3] <= np.median(read[:, 3])
+    found = from_double_angle(read[:, :2])
+    every = Smears(found=found, true=true, sigma=sigma, sure=sure, blocks=np.zeros(0))
     return {
         "loss": float(np.mean(losses)),
-        "direction_deg": float(np.median(error_deg)),
-        "direction_deg_top50": float(np.median(error_deg[certain])),
-        "length_ratio": float(np.exp(np.median(ratio))),
-        "length_spread": float(np.median(np.abs(ratio - np.median(ratio)))),
+        **{name: getattr(evaluate_smears(every), name) for name in FIGURES},
         "kinds_right": float(torch.cat(kinds).mean()),
         "radius_bins": float(torch.cat(radii).sum() / max(len(torch.cat(radii)), 1)),
     }
@@ -238,12 +239,11 @@ def main(
     shards: int = 400,
     pool: int = 100,
     seed: int = 0,
-    threads: int = 1,
     save_every: int = 100,
     validate_every: int = 250,
-) -> TrainingRun:
-    """Train; return what it has come to. Two processes of one thread do more than one of two."""
-    torch.set_num_threads(threads)
+) -> None:
+    """Train by one thread: two processes do more than two threads."""
+    torch.set_num_threads(1)
     torch.manual_seed(seed)
     try:
         task = ReaderTask(train, val, weights, batch, shards, pool, seed)
@@ -253,7 +253,7 @@ def main(
         out=out, steps=steps, rate=learning_rate, largest_gradient=1.0, seed=seed,
         save_every=save_every, validate_every=validate_every,
     )  # fmt: skip
-    return fit(task, schedule)
+    fit(task, schedule)
 
 
 if __name__ == "__main__":

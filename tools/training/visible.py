@@ -1,14 +1,10 @@
 """Which cells of a picture show their blur at all, given the noise of its camera: the others cannot tell."""
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray as Array
 from blur2view.networks.spectra import STEP
-
-Array = NDArray[Any]
 
 NARROW_PX, WIDE_PX = 0.75, 1.5
 """Deviations of the two Gaussians whose difference is the band of a blur of `EXTENT_PX`."""

@@ -7,7 +7,7 @@ import pytest
 
 from tools.benchmarks import benchmark_estimators as benchmark
 from tools.benchmarks.benchmark_estimators import HARD, KINDS, synthetic_problem
-from tools.benchmarks.estimator_methods import METHODS, OURS, PAPER, PYCOLMAP_NAME, TRUE_ORDER
+from tools.estimators.baselines import METHODS, ORDERED, OURS, PAPER, PYCOLMAP_NAME
 from tools.pages import Record, sweep
 
 EASY = {"seed": 0, "cell": "noise 0.25 px", "kind": "scattered"}
@@ -26,7 +26,7 @@ def test_method_runs_and_is_judged(name: str) -> None:
     problem = synthetic_problem(EASY)
     measured = benchmark.measure(METHODS[name], problem)
     assert measured["ms"] > 0 and 0 <= measured["rho"] <= 1 and 0 <= measured["pose_deg"] <= 180
-    if name == OURS or name in TRUE_ORDER:
+    if name == OURS or name in ORDERED:
         assert measured["rho"] < 0.01 and measured["pose_deg"] < 10
     worst = benchmark.measure(lambda _: None, problem)
     assert worst["rho"] == 1 and worst["pose_deg"] == 180

@@ -9,8 +9,7 @@ import pytest
 from blur2view.geometry.sampson import sampson
 from tools.datasets import testset
 from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, off_plane
-from tools.datasets.shards import training_record, write_scenes
-from tools.rendering.render import RenderOptions, render
+from tools.rendering.render import render
 
 SIZE = (160, 128)
 OPTIONS = testset.test_options(None, SIZE)
@@ -62,18 +61,3 @@ def test_each_kind_is_what_it_says(kind: str) -> None:
     else:
         assert 4 <= scene.median_px <= 60
         assert share < 0.01 if kind != "general" else share >= LEAST_PARALLAX
-
-
-TINY = RenderOptions(size=(64, 48), mover_share=1.0)
-
-
-@pytest.mark.slow
-def test_stopped_dataset_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    kept = tmp_path / "train_00000000.npz"
-    np.savez(kept, labels=[3, 3])
-    before = kept.read_bytes()
-    write_scenes(tmp_path, range(0, 4), TINY, jobs=1, shard=2)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [kept.name, "train_00000002.npz"]
-    with np.load(tmp_path / "train_00000002.npz") as merged:
-        np.testing.assert_array_equal(merged["linear"][1], training_record(3, TINY)["linear"])
-    assert kept.read_bytes() == before

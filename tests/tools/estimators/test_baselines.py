@@ -2,7 +2,6 @@
 
 from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,13 +15,7 @@ SCENE = disturb(
     np.random.default_rng(1),
     noise_px=0.05,
 )
-SOLVERS: dict[str, baselines.Solver] = {
-    "magsac": baselines.opencv,
-    "accurate": partial(baselines.opencv, method=cv2.USAC_ACCURATE),
-    "pycolmap": baselines.pycolmap_ransac,
-    "poselib": baselines.poselib_ransac,
-    "poselib calibrated": partial(baselines.poselib_calibrated, K=SCENE.K),
-}
+SOLVERS = baselines.ORDERED | {"poselib calibrated": partial(baselines.poselib_calibrated, K=SCENE.K)}
 
 
 @pytest.mark.parametrize("name", SOLVERS)

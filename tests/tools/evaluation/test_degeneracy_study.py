@@ -11,7 +11,7 @@ from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Two
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene
-from tools.evaluation.degeneracy import RIGHT, Named, confusions, outcome
+from tools.evaluation.degeneracy import RIGHT, confusions, outcome
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -44,9 +44,8 @@ def test_outcomes_name_configurations_and_the_table_counts_what_is_right() -> No
     costs = ((MotionModel.CAMERA, 0.0), (MotionModel.TRANSLATION, 1.0))
     uncalibrated = replace(either, F=np.eye(3), config=Configuration.UNCALIBRATED)
     assert outcome(replace(uncalibrated, model=MotionModel.CAMERA, scores=costs), scene) == "translation"
-    rows = [Named(kind=kind, outcome=RIGHT[kind][0], seconds=0.0) for kind in KINDS for _ in range(3)]
-    rows += [Named(kind="plane", outcome="general", seconds=0.0)]
-    lines = confusions(rows)
+    rows = [(kind, RIGHT[kind][0]) for kind in KINDS for _ in range(3)]
+    lines = confusions([*rows, ("plane", "general")])
     assert len(lines) == 2 + len(KINDS) + 1
     assert "| 75.0 |" in next(line for line in lines if line.startswith("| plane"))
     assert lines[-1].endswith(f"| {100 * 18 / 19:.1f} |")

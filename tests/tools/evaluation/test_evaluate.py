@@ -1,17 +1,13 @@
 """The evaluation: what perfect and absent answers score, and that the command writes both tables."""
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from blur2view import SmearField, SmearGrid
 from blur2view.geometry.sampson import sampson
-from blur2view.smears.field import SmearField
-from blur2view.smears.grid import SmearGrid
 from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
@@ -90,17 +86,3 @@ def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScen
     assert rows["ours"]["without_F"] == 0 and rows["ours"]["rho"] < rows["two-parameter F"]["rho"]
     for told in ("OpenCV MAGSAC", "pycolmap", "PoseLib"):
         assert rows[f"true order, {told}"]["rho"] < 0.05
-
-
-@pytest.mark.slow
-def test_command_writes_both_tables(
-    tiny_model: Path, tmp_path: Path, call_tool: Callable[[str], None], capsys: pytest.CaptureFixture[str]
-) -> None:
-    testset.write_scene(4, tmp_path, testset.test_options(None, SIZE))  # its camera translates
-    call_tool(f"evaluation.evaluate {tmp_path} --model {tiny_model} --out {tmp_path}/tables/result")
-    text = (tmp_path / "tables" / "result.md").read_text()
-    assert text in capsys.readouterr().out and "colour-code" in text and "| two-parameter F |" in text
-    stored = json.loads((tmp_path / "tables" / "result.json").read_text())
-    assert stored["model_id"] == "colour-code" and stored["smears"]["images"] == 1
-    with pytest.raises(SystemExit, match="no scenes"):
-        call_tool(f"evaluation.evaluate {tmp_path}/tables")

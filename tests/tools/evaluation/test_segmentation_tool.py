@@ -2,18 +2,14 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from blur2view.segmentation.mask import MotionMask
 from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, with_mover
-from tools.datasets import mover_scenes
-from tools.datasets.mover_scenes import LARGEST
-from tools.datasets.testset import TestScene, read_test_set
+from tools.datasets.testset import TestScene
 from tools.evaluation.segmentation import judge, overlap
 from tools.metrics import average_precision
-from tools.rendering.render import RenderOptions
 
 
 def test_average_precision_and_overlap_of_known_cases() -> None:
@@ -59,19 +55,3 @@ def test_masks_are_judged_by_what_moves() -> None:
     assert figures.counts[0].sum() == 19200 and figures.counts[1].sum() == figures.counts[1][9] == 40 * 48
     unseen = judge(scene(), masked(np.zeros_like(true)))
     assert unseen.iou == 0 and unseen.called == 0 and unseen.precision < 0.2
-
-
-@pytest.mark.slow
-def test_mover_scenes_hold_movers_or_give_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    options = RenderOptions(size=(96, 64), smear_px=(3.0, 20.0), sharp_share=0, split="test", mover_share=1.0)
-    mover_scenes.write_rendered(
-        tmp_path, 2, options, 6_000_000, lambda s: 0.02 <= (s.valid & ~s.static).mean() <= LARGEST
-    )
-    scenes = read_test_set(tmp_path)
-    assert [one.name for one in scenes] == ["0000", "0001"]
-    for one in scenes:
-        assert 0.02 <= (one.valid & ~one.static).mean() <= LARGEST
-        assert cv2.imread(str(one.image_path)) is not None
-    monkeypatch.setattr(mover_scenes, "TRIES", 2)
-    with pytest.raises(SystemExit, match="only 0 of 1 scenes suit, of 2 seeds"):
-        mover_scenes.write_rendered(tmp_path, 1, RenderOptions(size=(48, 32)), 0, lambda _: False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tools.robustness import corpus, hostile_inputs
-from tools.robustness.hostile_inputs import KINDS, page, run_call, try_all
+from tools.robustness.hostile_inputs import KINDS, run_call, try_all
 from tools.robustness.mutations import SHARES, mutated
 from tools.robustness.politeness import Call, complaints
 
@@ -48,19 +48,6 @@ def test_what_is_wrong_is_found(call: Call, change: dict[str, object], words: st
     assert any(words in complaint for complaint in complaints(replace(call, **change)))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("out/.a.json.12.tmp", b"", "leaves out/.a.json.12.tmp"),
-        ("out/new.db", b"SQLite format 3", "new.db is damaged"),
-        ("out/b.json", b"{}", "leaves out/b without .png, .smear.npz"),
-    ],
-)
-def test_files_that_are_not_whole_are_found(call: Call, name: str, content: bytes, words: str) -> None:
-    (call.folder / name).write_bytes(content)
-    assert any(words in complaint for complaint in complaints(call))
-
-
 def test_a_mutation_is_drawn_from_its_seed() -> None:
     data = b'{"image": "a.jpg", "rows": [1, 2.5]}' * 9
     for seed in range(50):
@@ -90,6 +77,4 @@ def test_a_planted_fault_is_found(
 
 @pytest.mark.slow
 def test_commands_are_polite() -> None:
-    tried = try_all(range(4), 5)
-    assert [rude for _, _, rude in tried] == [[]] * 4
-    assert page(tried, 5).splitlines()[-1].startswith("| all | 4 | ")
+    assert [rude for _, _, rude in try_all(range(4), 5)] == [[]] * 4

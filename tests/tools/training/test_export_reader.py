@@ -8,8 +8,7 @@ import onnx
 import pytest
 import torch
 
-from blur2view.errors import ModelError
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view import ModelError, SmearNetwork
 from tests.support.colour_code import colour_code_network
 from tools.training import export
 from tools.training.export import MOST_ROUNDED, differences

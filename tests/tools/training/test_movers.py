@@ -37,13 +37,6 @@ def test_what_moves_by_itself_is_what_is_told(seed: int) -> None:
     assert np.median(np.linalg.norm(stands.displacement[stands.moving > 0.9], axis=-1)) > 2
 
 
-@pytest.mark.skipif(not things.FONT.exists(), reason="the font of the silhouettes is not installed")
-def test_silhouettes_have_an_inside_and_an_outside() -> None:
-    every = things.silhouettes()
-    assert len(every) > 300
-    assert all(0.08 < (one[..., 3] > 127).mean() < 0.85 for one in every)
-
-
 def shard(count: int = 4) -> dict[str, np.ndarray]:
     """Make pictures in which what is bright moves."""
     rng = np.random.default_rng(1)

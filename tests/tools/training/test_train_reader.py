@@ -1,22 +1,19 @@
-"""Training of the reader: examples made twice are equal, a stopped run ends the same; the whole recipe."""
+"""Training of the reader: examples made twice are equal, a stopped run ends the same."""
 
 import json
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import torch
 
-from blur2view.networks.smear_network import SmearNetwork
 from tools.datasets.shards import write_shards
 from tools.rendering.shaken import ShakeOptions
-from tools.training import reader_data, recipe
+from tools.training import reader_data, run
 from tools.training.reader import Reader
 from tools.training.reader_data import Sources, examples
-from tools.training.run import TrainingRun
 from tools.training.train_reader import load_average, main
 
 MOVING = partial(ShakeOptions, still_share=0.0, rest_share=0.0, focus_still_share=0.0)
@@ -56,47 +53,25 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
         "save_every": 1,
     }
     out = tmp_path / "whole", tmp_path / "parted"
-    whole = main(out=out[0], **words)
+    main(out=out[0], **words)
     line = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert line["step"] == 2 and line == json.loads((out[0] / "log.jsonl").read_text())
     figures = [line["loss"], *line["000000"].values(), *line["000001"].values()]
     assert len(figures) == 15 and np.isfinite(figures).all()
 
-    save = TrainingRun.save
+    save = run.save
 
-    def stopped(run: TrainingRun, *words: Any) -> None:
-        save(run, *words)
+    def stopped(*words: Any) -> None:
+        save(*words)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(TrainingRun, "save", stopped)
+        patch.setattr(run, "save", stopped)
         main(out=out[1], **words)
     main(out=out[1], **words)
     (first, state), (second, resumed) = (load_average(one / "last.pt") for one in out)
     assert state["step"] == resumed["step"] == 2 and state["figures"] == resumed["figures"]
     for one, other in zip(first.state_dict().values(), second.state_dict().values(), strict=True):
         assert torch.equal(one, other)
-    assert whole.figures == state["figures"]
     start = Reader().state_dict()
     assert any(not torch.equal(value, start[name]) for name, value in first.state_dict().items())
-
-
-def test_recipe_makes_the_smear_network_and_goes_on_where_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(recipe, "SHARD", 2)
-    monkeypatch.setattr(recipe, "LARGE", (320, 256))
-    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
-    photos = tmp_path / "photos"
-    photos.mkdir()
-    pixels = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
-    assert cv2.imwrite(str(photos / "noise.png"), pixels)
-    given: dict[str, Any] = {"photos": [photos], "work": tmp_path / "work", "models": tmp_path / "models"}
-    given |= {"scenes": 2, "large_scenes": 2, "val_scenes": 2, "shards": 1, "steps": 1, "processes": 1}
-    recipe.main(**given)
-    made = capfd.readouterr().out.count(".npz")
-    network = SmearNetwork(tmp_path / "models" / "smear.onnx")
-    assert network.info.training["steps"] == 1
-    assert network.predict(np.asarray(pixels[:64, :96] / 255, np.float32)).shape == (64, 96)
-    recipe.main(**given)
-    assert made == 5 and ".npz" not in capfd.readouterr().out  # nothing is made twice
