@@ -91,11 +91,13 @@ def _end_with_parent() -> None:
 
 def _end(executor: ProcessPoolExecutor) -> None:
     """Kill the processes, which write nothing."""
-    processes = list((executor._processes or {}).values())
+    processes, results = list((executor._processes or {}).values()), executor._result_queue
     executor.shutdown(wait=False, cancel_futures=True)
     for process in processes:
         process.kill()
         process.join()
+    # without it a thread of the pool waits for ever for the rest of a result (CPython gh-94777)
+    results._writer.close()  # type: ignore[attr-defined]
 
 
 def processes(count: int) -> Engine:
