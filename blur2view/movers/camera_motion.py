@@ -125,10 +125,10 @@ def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.rando
     constant[:, 0] = seen[triples[:, 0]]
     models = np.concatenate([(inverse[:, None] @ signed).reshape(-1, 3, 2), constant])
     scored = rng.permutation(len(seen))[:SCORED]
-    predicted = np.einsum("nk,mkc->mnc", basis[scored], models)
-    error = np.minimum(
-        ((predicted - seen[scored]) ** 2).sum(-1), ((predicted + seen[scored]) ** 2).sum(-1)
-    ) / (4 * sigma[scored] ** 2)
+    x, y = (models[..., k] @ basis[scored].T for k in (0, 1))  # (M, SCORED)
+    seen_x, seen_y = seen[scored].T
+    squared = x * x + y * y + (seen_x**2 + seen_y**2) - 2 * np.abs(x * seen_x + y * seen_y)
+    error = squared / (4 * sigma[scored] ** 2)
     cost = (weight[scored] / sigma[scored] * error / (1 + error)).sum(axis=1)
     return np.asarray(models[np.argmin(cost)])
 
