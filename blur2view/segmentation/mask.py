@@ -9,26 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
-from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.movers.camera_motion import Cells
-from blur2view.movers.inputs import off_lines_error_px, off_lines_px
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import moving_probability
 from blur2view.networks.smear_network import photograph_of
 from blur2view.pipeline import Estimate
-from blur2view.segmentation.pixels import MovingRegion, moving_parts, moving_regions, parts_above, to_pixels
+from blur2view.segmentation.pixels import MovingRegion, moving_parts, moving_regions, to_pixels
 
 STILL_PX = 1.0
 """Median displacement of the camera's motion below which it stands still."""
 SHARED = 0.4
 """Share of what is read in the picture from which on it is open which motion is the camera's."""
-SURE_OF_LINES = 0.99
-"""Probability of parallax from which on the lines judge what moves, which may pass for parallax itself."""
-OFF_LINES = 1.35
-"""Mean deviations off these lines below which a part is at another depth: of ten such parts of 175
-development scenes the eight that stand still have 0.1 to 1.3, the two that move 1.5 and 1.7."""
-DEPTH_MOVES = 0.1
-"""Probability of moving that is left to these."""
 
 
 class MotionLabel(IntEnum):
@@ -74,9 +64,8 @@ def segment(
     The camera's motion is one smooth field through the smears (`movers.camera_motion`), none where the camera
     did not move (`Estimate.blur`), and, where there is one and the photograph has at most 2.5 megapixels, F.
     A network (`movers.network`) weighs what departs from both, and where the picture is blurred otherwise
-    than the camera's motion blurs it; the camera's motion is then fitted again without what moves. Where
-    parallax is proven, parts on the epipolar lines are at another depth and do not move. Unobservable is what
-    does not seem to move and is smooth, or whose smear is not read.
+    than the camera's motion blurs it; the camera's motion is then fitted again without what moves.
+    Unobservable is what does not seem to move and is smooth, or whose smear is not read.
 
     Parameters
     ----------
@@ -95,26 +84,20 @@ def segment(
     ValueError
         If the image has another shape than the estimate, or the threshold is no such probability.
     """
-    image, grid, geometry = photograph_of(image), estimate.grid, estimate.geometry
+    image, grid = photograph_of(image), estimate.grid
     if image.shape[:2] != grid.shape:
         raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
     if not 0 < threshold < 1:
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(0) if rng is None else rng
-    F = geometry.F if estimate.shutter is None else None  # a shutter's F is not of the ends as recorded
+    # the F of a rolling shutter is not of the ends as recorded
+    F = estimate.geometry.F if estimate.shutter is None else None
     found = estimate.moving  # of a camera at rest
     if found is None or estimate.blur.kind.of_camera:
         starts = rng if estimate.blur.kind.of_camera else None
         found = moving_probability(image, grid, F, estimate.camera, starts, estimate.execution)
     probability = to_pixels(found.moving, image, found.place_px)
     parts = moving_parts(found.part, image, threshold, found.place_px)
-    proven = geometry.parallax is Parallax.PROVEN and (geometry.parallax_probability or 1) >= SURE_OF_LINES
-    if F is not None and proven and found.camera_px >= STILL_PX:
-        cells = Cells.of(grid, estimate.camera)
-        off_lines = off_lines_px(cells, F) / off_lines_error_px(cells)
-        depth = parts & ~parts_above(parts, off_lines, OFF_LINES, grid.stride)
-        probability[depth] = np.minimum(probability[depth], DEPTH_MOVES)
-        parts &= ~depth
     labels = np.full(probability.shape, MotionLabel.UNOBSERVABLE, np.uint8)
     seen = np.kron((found.read >= 0.5) & ~found.smooth, np.ones((found.place_px, found.place_px), bool))
     labels[seen[: image.shape[0], : image.shape[1]]] = MotionLabel.STATIC

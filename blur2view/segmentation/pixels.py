@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import AnyArray
 from blur2view.movers.inputs import PLACE_PX
 
 Mask = NDArray[np.bool_]
@@ -76,19 +76,6 @@ def moving_parts(part: Floats, image: AnyArray, threshold: float, place_px: int 
     kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PIECES * place_px**2
     kept[0] = False
     return np.asarray(kept[piece])
-
-
-def parts_above(moving: Mask, values: Array, least: float, stride: int) -> Mask:
-    """Keep the connected parts of a mask (H, W) over which values of cells (h, w) have so high a mean."""
-    count, part = cv2.connectedComponents(moving.astype(np.uint8), connectivity=4)
-    rows, columns = (np.arange(side) // stride for side in moving.shape)
-    size, total = np.zeros(count), np.zeros(count)
-    for row, line in zip(part, rows, strict=True):
-        size += np.bincount(row, minlength=count)
-        total += np.bincount(row, weights=values[line, columns], minlength=count)
-    above = total >= least * size
-    above[0] = False
-    return np.asarray(above[part])
 
 
 def moving_regions(moving: Mask, probability: NDArray[np.float32]) -> tuple[MovingRegion, ...]:

@@ -89,19 +89,6 @@ def test_mover_is_found_with_the_cameras_F() -> None:
 
 
 @pytest.mark.slow
-def test_what_follows_the_lines_is_depth_where_parallax_is_proven() -> None:
-    smears = sideways()
-    smears[BOX] = (1.0, 0.0)  # along the lines, as of what is far away
-    image, undecided = photo(smears), estimate_of(smears, F=SIDEWAYS)
-    geometry = replace(undecided.geometry, config=Configuration.UNCALIBRATED)
-    assert segment(undecided, image).regions
-    assert not segment(replace(undecided, geometry=geometry), image).regions
-    off = estimate_of(with_mover(), F=SIDEWAYS)
-    proven = replace(off, geometry=replace(off.geometry, config=Configuration.UNCALIBRATED))
-    assert overlap(segment(proven, photo(with_mover()))) > 0.5
-
-
-@pytest.mark.slow
 def test_F_of_a_rolling_shutter_is_not_compared_with_smears_as_recorded() -> None:
     result = estimate_of(with_mover(), F=SIDEWAYS)
     shutter = RollingShutter(readout_s=0.01, exposure_s=0.02)
