@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.movers.alike import alike_mean
 from blur2view.movers.parts import parts_of
 from blur2view.movers.probability import Moving, factor_of, moving_probability, reduced
