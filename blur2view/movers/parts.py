@@ -2,7 +2,7 @@
 
 A network's probabilities of neighbouring places are alike, and so are its errors: a part is judged as a
 whole, by its highest log-odds. How far it reaches is relative to them, as the network is surer of one
-photograph than of another: to halfway down to the median of the picture.
+photograph than of another: to halfway down to the median of the picture. So no more than half of it moves.
 """
 
 from __future__ import annotations
@@ -19,11 +19,6 @@ THRESHOLD = 0.5
 """Probability from which on a part moves."""
 REACH = 0.5
 """Height of a part's edge between the median and the highest log-odds of the picture; 0.45 to 0.6 do, too."""
-LEAST_PLACES = 100
-"""Smallest part: a window of the smear network shows 24 x 24 places."""
-MOST = 0.45
-"""Share of the picture from which on a part may as well be the surroundings that a camera passes: it does not
-count as one that moves."""
 CONSTANT, PEAK = 0.29, 0.36
 """Log-odds that a part moves: a constant, and a share of its highest log-odds."""
 
@@ -49,10 +44,7 @@ def described(odds: Floats, known: NDArray[np.bool_]) -> tuple[NDArray[np.int32]
         return np.zeros(odds.shape, np.int32), np.zeros(0)
     low, high = np.median(odds[known]), odds[known].max()
     likely = known & (odds > low + REACH * (high - low))
-    _, part, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
-    large = (stats[:, cv2.CC_STAT_AREA] >= LEAST_PLACES) & (stats[:, cv2.CC_STAT_AREA] <= MOST * odds.size)
-    large[0] = False
-    part = np.where(large, np.cumsum(large), 0).astype(np.int32)[part]
-    highest = np.full(large.sum() + 1, -np.inf)
+    count, part = cv2.connectedComponents(likely.astype(np.uint8), connectivity=4)
+    highest = np.full(count, -np.inf)
     np.maximum.at(highest, part.ravel(), odds.ravel())
     return part, highest[1:]
