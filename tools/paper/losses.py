@@ -1,7 +1,7 @@
 """The paper's six losses (its Table 1) and its study of alpha, on the features of the network that ships.
 
     python -m tools.training.reader_data examples --photos FOLDER... --shards 24
-    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1
+    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1 --rendered-share 0
     python -m tools.paper.losses examples --held held
 
 trains a small network for every loss and seed (`VARIANTS`, `SEEDS`), all on the same examples and for as many
@@ -36,7 +36,7 @@ from torch.nn import functional as nnf
 from blur2view.smears.field import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
-from tools.datasets.shards import Example, load_shard, require_shards
+from tools.datasets.shards import Example, load_shards
 from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.pages import filled, table
 from tools.training.reader import Reader, ReaderOptions, doubled
@@ -210,7 +210,7 @@ def main(
 ) -> None:
     """Train what is missing, and write the page with its tables."""
     torch.set_num_threads(1)
-    shards, others = ([load_shard(path) for path in require_shards(folder)] for folder in (examples, held))
+    shards, others = load_shards(examples), load_shards(held)
     found: Found = {}
     for variant, seed in product(VARIANTS, SEEDS):
         torch.manual_seed(seed)

@@ -27,7 +27,7 @@ def sources() -> Sources:
     rng = np.random.default_rng(0)
     coarse = rng.integers(0, 200, (60, 80, 3)).repeat(8, 0).repeat(8, 1)
     photo = (coarse + rng.integers(0, 56, coarse.shape)).astype(np.uint8)
-    return Sources(photos=[photo], scenes=[], rendered_share=0.0)
+    return Sources(photos=[photo], rendered_share=0.0)
 
 
 @pytest.fixture(scope="module")
