@@ -11,7 +11,7 @@ from PIL import Image
 
 Record = dict[str, Any]  # a JSON object
 Each = Callable[[Callable[[Record], Record], Sequence[Record]], Iterable[Record]]
-"""`map`, or what does the same in several processes and any order."""
+"""`map`, or what does the same in several processes."""
 
 
 def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:

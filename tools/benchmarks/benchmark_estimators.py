@@ -31,7 +31,7 @@ from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge, known_matches
 from tools.metrics import NO_POSE_DEG, pose_auc, pose_error_deg
 from tools.pages import Record, filled, finished_lines, joined, publish, record_table, sweep, table
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARIES = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
@@ -243,8 +243,7 @@ def main(
         keys = instances(first_seed, seeds, len(moving_scenes(scenes)))
         slow = range(first_seed, first_seed + paper_seeds)
         work = partial(run_instance, paper_seeds=slow, scenes=scenes)
-        with single_threaded_pool(processes) as pool:
-            sweep(log, head(), keys, work, pool.imap_unordered)
+        sweep(log, head(), keys, work, partial(mapped, processes=processes))
     first, *records = finished_lines(log) or [{}]
     publish(markdown(records, first), out)
 
