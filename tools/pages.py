@@ -58,12 +58,6 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     Image.fromarray(picture).save(path, "WEBP", quality=85, method=6)
 
 
-def write_json(path: Path, document: object) -> None:
-    """Write a document, making its folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document, indent=1) + "\n")
-
-
 def sweep(
     path: Path, head: Record, keys: Iterable[Record], work: Callable[[Record], Record], each: Each = map
 ) -> list[Record]:

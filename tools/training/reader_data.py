@@ -11,7 +11,6 @@ Shard k depends on k and the sources only. Run again it goes on; several process
 import copy
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -58,24 +57,11 @@ DIM_SHARE, DIMMEST = 0.15, 20.0
 """Share of pictures that were coded this many times darker at most, log-uniform, and so in fewer levels."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sources:
-    """What pictures are made of.
-
-    Attributes
-    ----------
-    photos : list of ndarray
-        Sharp photographs, uint8 RGB.
-    rendered_share, procedural_share, small_share, wide_share : float
-        Shares of shards of rendered scenes, of pictures that show procedural textures (the rest are
-        photographs under a moving camera), and of shards of 320x256 and of 1280x1024 among these.
-    """
-
-    photos: list[Array]
-    rendered_share: float = 0.4
-    procedural_share: float = 0.1
-    small_share: float = 0.35
-    wide_share: float = 0.2
+RENDERED_SHARE, PROCEDURAL_SHARE = 0.4, 0.1
+"""Shares of shards of rendered scenes, and of pictures that show procedural textures; the rest are
+photographs under a moving camera."""
+SMALL_SHARE, WIDE_SHARE = 0.35, 0.2
+"""Shares of shards of 320x256 and of 1280x1024 among those of no rendered scenes."""
 
 
 def procedural(rng: np.random.Generator, count: int) -> list[Array]:
@@ -184,33 +170,33 @@ def example_of(rng: np.random.Generator, picture: Shaken, options: ShakeOptions,
 
 
 def shaken_picture(
-    rng: np.random.Generator, sources: Sources, made: list[Array], options: ShakeOptions
+    rng: np.random.Generator, photos: list[Array], made: list[Array], options: ShakeOptions
 ) -> Shaken:
     """Return a photograph or texture under a moving camera."""
     width, height = options.size
-    fitting = [p for p in sources.photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
-    photos = fitting or sources.photos
-    textured = bool(made) and rng.random() * (1 - sources.rendered_share) < sources.procedural_share
+    fitting = [p for p in photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
+    photos = fitting or photos
+    textured = bool(made) and rng.random() * (1 - RENDERED_SHARE) < PROCEDURAL_SHARE
     surfaces = made if textured else photos
     if made and rng.random() < 0.1:  # a photograph before a texture, or the reverse
         surfaces = [*made, *[photos[int(rng.integers(len(photos)))]] * len(made)]
     return shake(rng, surfaces, options)
 
 
-def examples(number: int, sources: Sources) -> Iterator[Example]:
-    """Yield the examples of one shard."""
+def examples(number: int, photos: list[Array], rendered_share: float) -> Iterator[Example]:
+    """Yield the examples of one shard, of sharp photographs, uint8 RGB, or of rendered scenes."""
     torch.set_num_threads(1)  # the number of threads decides how sums are rounded
     rng, options = np.random.default_rng(number), ShakeOptions()
     draw: Callable[[], Shaken]  # of one size
-    if rng.random() < sources.rendered_share:
+    if rng.random() < rendered_share:
         options = options if rng.random() < LARGE_SCENES else SMALL
         draw = partial(next, scene_pictures(rng, options.size))
     else:
         kind = rng.random()
-        options = WIDE if kind < sources.wide_share else options
-        options = SMALL if kind > 1 - sources.small_share else options
+        options = WIDE if kind < WIDE_SHARE else options
+        options = SMALL if kind > 1 - SMALL_SHARE else options
         made = [] if options is WIDE else procedural(rng, TEXTURES)
-        draw = partial(shaken_picture, rng, sources, made, options)
+        draw = partial(shaken_picture, rng, photos, made, options)
     left = SHARD_PX
     while left > 0:
         picture = draw()
@@ -223,14 +209,14 @@ def main(
     out: Path,
     *,
     photos: list[Existing],
-    rendered_share: float = Sources.rendered_share,
+    rendered_share: float = RENDERED_SHARE,
     shards: int = 400,
     first: int = 0,
     every: int = 1,
 ) -> None:
     """Write shards of sharp photographs in folders, and a share of them of rendered scenes."""
-    sources = Sources(photos=load_photos(photos), rendered_share=rendered_share)
-    write_shards(out, range(first, first + shards, every), partial(examples, sources=sources))
+    work = partial(examples, photos=load_photos(photos), rendered_share=rendered_share)
+    write_shards(out, range(first, first + shards, every), work)
 
 
 if __name__ == "__main__":
