@@ -1,9 +1,8 @@
 """Every F of seven smears whose ends have no order, exactly: a baseline, which no command needs.
 
-With F = S + [a]x and its features Q (7x6) and L (7x3), as in `epipolar`, and signs sigma (one per smear, the
-unknown orders), the seven equations are Q vec(S) + diag(sigma) L a = 0. For each pattern of signs they leave
-a pencil of F, in which det F = 0 is one cubic: one or three real F. Flipping every sign transposes F, so
-sigma_1 = +1 is enough.
+Each of the 2^7 ways to order the ends leaves seven linear equations ``points2^T F points1 = 0``, hence a
+pencil of F, in which det F = 0 is one cubic: one or three real F. Exchanging all ends transposes F, so the
+first smear keeps its order.
 """
 
 from __future__ import annotations
@@ -14,17 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix, denormalise, quadratic_features
+from blur2view.geometry.epipolar import denormalise, homogeneous
 
 SAMPLE_SIZE = 7
-ALL_SIGNS: Array = np.array(list(itertools.product([1.0], *[[1.0, -1.0]] * 6)))  # (64, 7)
+SWAPPED: NDArray[np.bool_] = np.array(list(itertools.product([False], *[[False, True]] * 6)))  # (64, 7)
 DOUBLE_ROOT_SLACK = 1e-6  # imaginary part, relative, of a double root that is rounded
-
-
-def symmetric_from_vector(vector: Array) -> Array:
-    """Return the symmetric (..., 3, 3) of (S11, S12, S13, S22, S23, S33), shape (..., 6)."""
-    full: Array = vector[..., [0, 1, 2, 1, 3, 4, 2, 4, 5]]
-    return full.reshape(*vector.shape[:-1], 3, 3)
 
 
 def solve_seven_smears(ends: Array) -> Array:
@@ -50,13 +43,23 @@ def solve_seven_smears(ends: Array) -> Array:
     if ends.ndim != 4 or ends.shape[1:] != (SAMPLE_SIZE, 2, 2):
         raise ValueError(f"ends must have shape (B, 7, 2, 2), got {ends.shape}")
     T = shared_normalisation(ends)  # (B, 3, 3)
-    q, skew = quadratic_features(apply_similarity(T[:, None], ends))  # (B, 7, 6), (B, 7, 3)
-    skew = skew[:, None] * ALL_SIGNS[..., None]  # (B, 64, 7, 3)
-    rows = np.concatenate([np.broadcast_to(q[:, None], (*skew.shape[:3], 6)), skew], axis=-1)
-    pencil = np.linalg.svd(rows)[2][..., 7:, :].reshape(-1, 2, 9)  # (64 B, 2, 9)
-    one, other = np.moveaxis(symmetric_from_vector(pencil[..., :6]) + cross_matrix(pencil[..., 6:]), 1, 0)
+    kept, swapped = (rows[:, None] for rows in constraint_rows(apply_similarity(T[:, None], ends)))
+    rows = np.where(SWAPPED[..., None], swapped, kept)  # (B, 64, 7, 9)
+    pencil = np.linalg.svd(rows)[2][..., SAMPLE_SIZE:, :].reshape(-1, 2, 3, 3)
+    one, other = pencil[:, 0], pencil[:, 1]
     index, root = real_roots(one, other)
-    return denormalise(root[:, None, None] * one[index] + other[index], T[index // len(ALL_SIGNS)])
+    return denormalise(root[:, None, None] * one[index] + other[index], T[index // len(SWAPPED)])
+
+
+def constraint_rows(ends: Array) -> tuple[Array, Array]:
+    """Return what ``points2^T F points1`` is of F's entries, row by row, for both orders of smears.
+
+    Two of (..., 9) of ends (..., 2, 2).
+    """
+    x, y = homogeneous(ends[..., 0, :]), homogeneous(ends[..., 1, :])
+    products = np.stack([y[..., :, None] * x[..., None, :], x[..., :, None] * y[..., None, :]])
+    forward, backward = products.reshape(2, *ends.shape[:-2], 9)
+    return forward, backward
 
 
 def real_roots(one: Array, other: Array) -> tuple[NDArray[np.intp], Array]:
@@ -69,8 +72,7 @@ def real_roots(one: Array, other: Array) -> tuple[NDArray[np.intp], Array]:
     companion[:, :, 2] = -np.stack([c0, c1, c2], axis=1)[numbers] / c3[numbers, None]
     roots = np.linalg.eigvals(companion)
     which, k = np.nonzero(np.abs(roots.imag) <= DOUBLE_ROOT_SLACK * np.abs(roots))
-    real: Array = np.asarray(roots[which, k].real, float)
-    return numbers[which], real
+    return numbers[which], np.asarray(roots[which, k].real, float)
 
 
 def shared_normalisation(ends: Array) -> Array:
