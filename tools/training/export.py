@@ -67,7 +67,6 @@ def export(
             do_constant_folding=not eight_bits,
         )
     graph = onnx.load(temporary)
-    separate_weights(graph)
     compared = dict(zip(inputs, samples, strict=True))
     worst = max(np.abs(one).max() for one in differences(temporary, network, compared))
     if not worst <= LARGEST_DIFFERENCE:
@@ -116,16 +115,6 @@ def gather_rounded(graph: onnx.GraphProto) -> None:
         graph.node.remove(rounding)
         graph.node.insert(list(graph.node).index(gather), rounding)
     del graph.value_info[:]
-
-
-def separate_weights(model: onnx.ModelProto) -> None:
-    """Store equal weights, as those of a fresh network are, once for each name."""
-    weights = {tensor.name: tensor for tensor in model.graph.initializer}
-    for node in [node for node in model.graph.node if node.op_type == "Identity"]:
-        copy = model.graph.initializer.add()
-        copy.CopyFrom(weights[node.input[0]])
-        copy.name = node.output[0]
-        model.graph.node.remove(node)
 
 
 def differences(path: Path, network: nn.Module, inputs: Mapping[str, Tensor]) -> list[AnyArray]:
