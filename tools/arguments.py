@@ -6,7 +6,7 @@ Paths are looked at before any work, so that a wrong one costs one line.
 import argparse
 import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -37,23 +37,22 @@ Target = Annotated[Path, target]
 def run(main: Callable[..., object]) -> None:
     """Call a tool's ``main`` with what the command line gives; the help is the docstring of its module.
 
-    A parameter is an argument if it has no default, else, and if it is keyword-only, an option. ``list[T]``
-    and ``Sequence[T]`` take one or more, ``tuple[T, T]`` two, ``Literal`` one of its values, a bool is a
-    switch; of ``Annotated[T, ...]`` a function reads the text, and a string is the help.
+    A parameter is an argument or, if it is keyword-only, an option, required without a default. ``list[T]``
+    takes one or more, ``tuple[T, T]`` two, ``Literal`` one of its values, a bool is a switch; of
+    ``Annotated[T, read]`` the function reads the text.
     """
     text, raw = sys.modules[main.__module__].__doc__, argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=text, formatter_class=raw)
     hints = get_type_hints(main, include_extras=True)
     for name, parameter in inspect.signature(main).parameters.items():
         words, default = _words(hints[name]), parameter.default
-        option = parameter.kind is parameter.KEYWORD_ONLY
-        if default is not parameter.empty:
-            option, words["default"] = True, default
-            if default is not None and default is not False and default != ():
-                words["help"] = f"{words.get('help', '')} (default: %(default)s)".strip()
-        elif option:
-            words["required"] = True
-        parser.add_argument(f"--{name.replace('_', '-')}" if option else name, **words)
+        if parameter.kind is not parameter.KEYWORD_ONLY:
+            parser.add_argument(name, **words)
+        elif default is parameter.empty:
+            parser.add_argument(f"--{name.replace('_', '-')}", required=True, **words)
+        else:
+            shown = "" if default is None or default is False else "(default: %(default)s)"
+            parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=shown, **words)
     given = vars(parser.parse_args())
     pairs = {name for name, hint in hints.items() if get_origin(hint) is tuple}
     main(**{name: tuple(value) if name in pairs else value for name, value in given.items()})
@@ -63,13 +62,11 @@ def _words(hint: Any) -> dict[str, Any]:
     """Return what argparse is told of a type."""
     origin, of = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return _words(of[0]) | {"help" if isinstance(one, str) else "type": one for one in of[1:]}
+        return {"type": of[1]}
     if origin in (Union, UnionType):
         return _words(next(one for one in of if one is not NoneType))
-    if origin in (list, Sequence):
-        return _words(of[0]) | {"nargs": "+"}
-    if origin is tuple:
-        return _words(of[0]) | {"nargs": len(of)}
+    if origin in (list, tuple):
+        return _words(of[0]) | {"nargs": "+" if origin is list else len(of)}
     if origin is Literal:
         return {"choices": of}
     return {"action": "store_true"} if hint is bool else {"type": hint}

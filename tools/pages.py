@@ -11,7 +11,7 @@ from PIL import Image
 
 Record = dict[str, Any]  # a JSON object
 Each = Callable[[Callable[[Record], Record], Sequence[Record]], Iterable[Record]]
-"""`map`, or what does the same in several processes and any order."""
+"""`map`, or what does the same in several processes."""
 
 
 def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:
@@ -56,12 +56,6 @@ def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     """Write a picture (H, W, 3) RGB that holds photographs as WebP, which has a tenth of a PNG's bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(picture).save(path, "WEBP", quality=85, method=6)
-
-
-def write_json(path: Path, document: object) -> None:
-    """Write a document, making its folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document, indent=1) + "\n")
 
 
 def sweep(

@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from functools import cache, partial
 from importlib import metadata
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, get_args
 
@@ -31,7 +30,7 @@ from tools.evaluation.benchmark import machine
 from tools.evaluation.evaluate import judge, known_matches
 from tools.metrics import NO_POSE_DEG, pose_auc, pose_error_deg
 from tools.pages import Record, filled, finished_lines, joined, publish, record_table, sweep, table
-from tools.processes import single_threaded_pool
+from tools.processes import mapped
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARIES = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
@@ -75,8 +74,8 @@ def instances(first_seed: int, seeds: int | None, scenes: int) -> list[Record]:
     counts = {cell: seeds or (HARD_SEEDS if cell == HARD else SEEDS) for cell in CELLS}
     places = {(cell, kind): range(first_seed, first_seed + counts[cell]) for cell in CELLS for kind in KINDS}
     places |= {(cell, NETWORK): range(min(scenes, 2 * counts[BASE])) for cell in NETWORK_CELLS}
-    rounds = zip_longest(*([{"seed": k, "cell": c, "kind": d} for k in of] for (c, d), of in places.items()))
-    return [instance for some in rounds for instance in some if instance]
+    every = [{"seed": seed, "cell": c, "kind": d} for (c, d), of in places.items() for seed in of]
+    return sorted(every, key=lambda instance: instance["seed"])
 
 
 def synthetic_problem(instance: Record) -> KnownMatches:
@@ -243,8 +242,7 @@ def main(
         keys = instances(first_seed, seeds, len(moving_scenes(scenes)))
         slow = range(first_seed, first_seed + paper_seeds)
         work = partial(run_instance, paper_seeds=slow, scenes=scenes)
-        with single_threaded_pool(processes) as pool:
-            sweep(log, head(), keys, work, pool.imap_unordered)
+        sweep(log, head(), keys, work, partial(mapped, processes=processes))
     first, *records = finished_lines(log) or [{}]
     publish(markdown(records, first), out)
 

@@ -130,7 +130,7 @@ def main(
     for kind in KINDS:
         (out / kind).mkdir(parents=True, exist_ok=True)
     tasks = [(kind, seed + i) for i in range(scenes) for kind in KINDS]
-    mapped(partial(write_scene, out=out, photos=photos, size=size), tasks, jobs)
+    list(mapped(partial(write_scene, out=out, photos=photos, size=size), tasks, jobs))
 
 
 if __name__ == "__main__":

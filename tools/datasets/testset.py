@@ -138,7 +138,8 @@ def main(
 ) -> None:
     """Write so many scenes, numbers from 0; a folder's photographs are further textures."""
     out.mkdir(parents=True, exist_ok=True)
-    mapped(partial(write_scene, out=out, options=test_options(photos, size)), range(scenes), jobs)
+    work = partial(write_scene, out=out, options=test_options(photos, size))
+    list(mapped(work, range(scenes), jobs))
 
 
 if __name__ == "__main__":

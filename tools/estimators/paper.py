@@ -2,28 +2,20 @@
 
 Tran, Forssen and Viksten minimise sum min(|m f|, |m f^T|)^2 over seven smears (m a smear's row of the
 epipolar constraint, f and f^T the entries of F and of its transpose) with SciPy, under det F = 0 and
-|F| = 1; here by SLSQP from one random start, with the derivatives given. In symmetric and skew parts the
-cost is sum (|q| - |l|)^2 (see `epipolar`). It has many local minima, and zeros that are not the true F.
+|F| = 1; here by SLSQP from one random start, with the derivatives given. The cost has many local minima, and
+zeros that are not the true F.
 """
 
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import cross_matrix, denormalise, quadratic_features, unit_norm
+from blur2view.geometry.epipolar import denormalise, unit_norm
 from blur2view.geometry.sampson import serrmin
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.consensus import insufficient_data, still
-from tools.estimators.seven_smears import (
-    SAMPLE_SIZE,
-    apply_similarity,
-    shared_normalisation,
-    symmetric_from_vector,
-)
+from tools.estimators.seven_smears import SAMPLE_SIZE, apply_similarity, constraint_rows, shared_normalisation
 
-# Entries of F, row by row, to (S11, S12, S13, S22, S23, S33) and to a: S = (F + F^T) / 2, F - S = [a]x.
-SYMMETRIC: Array = np.asarray(np.linalg.pinv(symmetric_from_vector(np.eye(6)).reshape(6, 9).T), float)
-SKEW: Array = 0.5 * cross_matrix(np.eye(3)).reshape(3, 9)  # (3, 9)
 STEPS = 100  # of SLSQP, SciPy's default
 PRECISION = 1e-12  # of SLSQP on the cost; at SciPy's 1e-6 it stops beside the zeros
 
@@ -100,18 +92,15 @@ def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
     return denormalise(nearest_rank_two(found.x.reshape(3, 3)), T)
 
 
-def constraint_rows(ends: Array) -> tuple[Array, Array]:
-    """Return rows (n, 9) that give q and l of smears (n, 2, 2) as products with the entries of F."""
-    q, skew = quadratic_features(ends)
-    return q @ SYMMETRIC, skew @ SKEW
+def ambiguous_cost(f: Array, forward: Array, backward: Array) -> tuple[float, Array]:
+    """Return sum min(|m f|, |m f^T|)^2 and its gradient (9,) at the entries f (9,) of F.
 
-
-def ambiguous_cost(f: Array, q_rows: Array, l_rows: Array) -> tuple[float, Array]:
-    """Return sum (|q| - |l|)^2 and its gradient (9,) at the entries f (9,) of F."""
-    q, skew = q_rows @ f, l_rows @ f
-    gap = np.abs(q) - np.abs(skew)
-    gradient: Array = 2 * ((gap * np.sign(q)) @ q_rows - (gap * np.sign(skew)) @ l_rows)
-    return float(gap @ gap), gradient
+    ``forward`` and ``backward`` (n, 9) are the rows m of both orders of the smears.
+    """
+    nearer = np.abs(forward @ f) < np.abs(backward @ f)
+    rows = np.where(nearer[:, None], forward, backward)
+    error = rows @ f
+    return float(error @ error), 2 * error @ rows
 
 
 def determinant(f: Array) -> float:

@@ -194,7 +194,7 @@ def main(
 
     def named(number: int, direction_deg: float) -> list[Named]:
         tasks = [(kind, seed + i) for kind in KINDS for i in range(number)]
-        return mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4)
+        return list(mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4))
 
     publish(report(named(count, 0.0), named(max(count // 5, 1), SHARED_DEG), photographs), out)
 

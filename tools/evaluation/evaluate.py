@@ -7,6 +7,7 @@ prints the tables and writes ``evaluation.md`` and ``evaluation.json``.
 Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
 """
 
+import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.estimators.baselines import METHODS, OURS, against
 from tools.evaluation.smear_figures import evaluate_smears, pooled, smear_tables
 from tools.metrics import PAPER_INLIER, epipole_angle_deg, rho, share_under
-from tools.pages import Record, joined, publish, record_table, write_json
+from tools.pages import Record, joined, publish, record_table
 
 SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
 HEAD = (
@@ -124,7 +125,7 @@ def main(scenes: Path, *, model: Existing | None = None, out: Target | None = No
             "smears": asdict(figures),
             "fundamentals": fundamentals,
         }
-        write_json(out.with_suffix(".json"), document)
+        out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """The paper's six losses (its Table 1) and its study of alpha, on the features of the network that ships.
 
     python -m tools.training.reader_data examples --photos FOLDER... --shards 24
-    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1
+    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1 --rendered-share 0
     python -m tools.paper.losses examples --held held
 
 trains a small network for every loss and seed (`VARIANTS`, `SEEDS`), all on the same examples and for as many
@@ -36,7 +36,7 @@ from torch.nn import functional as nnf
 from blur2view.smears.field import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
-from tools.datasets.shards import Example, load_shard, require_shards
+from tools.datasets.shards import Example, load_shards
 from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.pages import filled, table
 from tools.training.reader import Reader, ReaderOptions, doubled
@@ -108,24 +108,17 @@ def sigma_of(raw: Tensor) -> Tensor:
     return nnf.softplus(raw[..., 2]) + LEAST_SIGMA_PX
 
 
-def rightward(d: Tensor) -> Tensor:
-    """Return smears (..., 2) pointing to the right, upright ones downward."""
-    x, y = d[..., :1], d[..., 1:]
-    return torch.where((x < 0) | ((x == 0) & (y < 0)), -d, d)
-
-
-def double_angle(d: Tensor) -> Tensor:
-    """Return |d| (cos 2 phi, sin 2 phi) of smears (..., 2); the torch twin of `field.to_double_angle`."""
-    x, y = d[..., 0], d[..., 1]
-    length = torch.sqrt(x * x + y * y + 1e-12)
-    return torch.stack([x * x - y * y, 2 * x * y], -1) / length[..., None]
-
-
 def squared_error(vector: Tensor, d: Tensor, representation: Representation) -> Tensor:
     """Return the squared error (...), px^2, of vectors (..., 2) against true smears (..., 2)."""
     if representation == "local":
-        return torch.minimum(*(((vector - sign * d) ** 2).sum(-1) for sign in (1, -1)))
-    truth = double_angle(d) if representation == "double" else rightward(d)
+        truth = torch.where((vector * d).sum(-1, keepdim=True) < 0, -d, d)
+    elif representation == "restricted":  # upright ones point downward
+        x, y = d[..., :1], d[..., 1:]
+        truth = torch.where((x < 0) | ((x == 0) & (y < 0)), -d, d)
+    else:  # the torch twin of `field.to_double_angle`
+        x, y = d[..., 0], d[..., 1]
+        length = torch.sqrt(x * x + y * y + 1e-12)
+        truth = torch.stack([x * x - y * y, 2 * x * y], -1) / length[..., None]
     return ((vector - truth) ** 2).sum(-1)
 
 
@@ -210,13 +203,12 @@ def main(
 ) -> None:
     """Train what is missing, and write the page with its tables."""
     torch.set_num_threads(1)
-    shards, others = ([load_shard(path) for path in require_shards(folder)] for folder in (examples, held))
+    shards, others = load_shards(examples), load_shards(held)
     found: Found = {}
     for variant, seed in product(VARIANTS, SEEDS):
         torch.manual_seed(seed)
-        check = "map" if variant.cross_check else "nomap"
         schedule = Schedule(
-            out=work / f"{variant.representation}_{check}_{variant.alpha:g}_{seed}", steps=steps, rate=RATE,
+            out=work / f"{variant.name}, alpha {variant.alpha:g}, seed {seed}", steps=steps, rate=RATE,
             largest_gradient=2.0, seed=seed, save_every=steps, validate_every=steps, warm_up=steps // 10,
         )  # fmt: skip
         found.setdefault(variant, []).append(fit(LossTask(variant, shards, others), schedule))

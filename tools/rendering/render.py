@@ -2,8 +2,7 @@
 
 A scene (`scene`) is painted (`canvas`) and moved along a camera path
 (`motion`); sub-frames are averaged in linear light, at least one per pixel of the longest smear;
-the truth (`truth`) is computed from the geometry, not from the picture. `shards`
-writes many scenes.
+the truth (`truth`) is computed from the geometry, not from the picture.
 """
 
 from dataclasses import dataclass, replace

@@ -1,8 +1,9 @@
 """What every export of a trained network to an ONNX file does."""
 
 import hashlib
+import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +28,10 @@ def export(
     inputs: Mapping[str, Tensor],
     outputs: Sequence[str],
     axes: dict[str, dict[int, str]],
-    properties: Callable[[str], dict[str, str]],
     samples: Sequence[Tensor],
+    kind: str,
+    facts: Mapping[str, object],
+    properties: Mapping[str, str] | None = None,
     eight_bits: bool = False,
 ) -> None:
     """Write a network, when complete and checked; ModelError if it does not compute what torch does.
@@ -39,10 +42,12 @@ def export(
         Replaced only by a whole file.
     network : Module
         Traced on these ``inputs``, whose ``axes`` may have any length.
-    properties : callable
-        What the file says of itself, given the first digits of its own digest.
     samples : sequence of Tensor
         Further inputs, on which the file is compared with torch.
+    kind : str
+        The file's ``model_id`` is this and the first digits of its digest.
+    facts, properties : mapping
+        How it was trained, and what else the file says of itself.
     eight_bits : bool
         Whether products with stored matrices are computed on integers, which takes a third of the time, and
         weights keep their names, as what is constant is not computed.
@@ -62,7 +67,6 @@ def export(
             do_constant_folding=not eight_bits,
         )
     graph = onnx.load(temporary)
-    separate_weights(graph)
     compared = dict(zip(inputs, samples, strict=True))
     worst = max(np.abs(one).max() for one in differences(temporary, network, compared))
     if not worst <= LARGEST_DIFFERENCE:
@@ -73,7 +77,8 @@ def export(
         if not worst <= MOST_ROUNDED:
             raise ModelError(f"{temporary}: integers change it by {worst:.2g}; {target} is not replaced")
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()[:12]
-    onnx.helper.set_model_props(graph, properties(digest))
+    said = {"model_id": f"{kind}-{digest}", "license": "Apache-2.0", "training": json.dumps(facts)}
+    onnx.helper.set_model_props(graph, {**said, **(properties or {})})
     onnx.checker.check_model(graph)
     onnx.save(graph, temporary)
     temporary.replace(target)
@@ -110,16 +115,6 @@ def gather_rounded(graph: onnx.GraphProto) -> None:
         graph.node.remove(rounding)
         graph.node.insert(list(graph.node).index(gather), rounding)
     del graph.value_info[:]
-
-
-def separate_weights(model: onnx.ModelProto) -> None:
-    """Store equal weights, as those of a fresh network are, once for each name."""
-    weights = {tensor.name: tensor for tensor in model.graph.initializer}
-    for node in [node for node in model.graph.node if node.op_type == "Identity"]:
-        copy = model.graph.initializer.add()
-        copy.CopyFrom(weights[node.input[0]])
-        copy.name = node.output[0]
-        model.graph.node.remove(node)
 
 
 def differences(path: Path, network: nn.Module, inputs: Mapping[str, Tensor]) -> list[AnyArray]:

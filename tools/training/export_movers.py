@@ -5,8 +5,6 @@ and checks the file against torch. Of several checkpoints of one training, as af
 mean: it ranks as well, and errs less where nothing moves.
 """
 
-import json
-
 import torch
 
 from blur2view.movers.network import INPUTS, OUTPUT
@@ -37,11 +35,10 @@ def main(checkpoints: list[Existing], target: Target) -> None:
         dict(zip(INPUTS, shown, strict=True)),
         [OUTPUT],
         {name: {2: "rows", 3: "columns"} for name in (*INPUTS, OUTPUT)},
-        lambda digest: {
-            "model_id": f"movers-{digest}", "license": "Apache-2.0", "training": json.dumps(facts),
-        },
         odd,
-    )  # fmt: skip
+        "movers",
+        facts,
+    )
 
 
 if __name__ == "__main__":

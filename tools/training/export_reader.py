@@ -5,10 +5,6 @@ with the metadata that :mod:`blur2view.networks.model_file` reads, and checks th
 rendered picture.
 """
 
-import json
-from functools import partial
-from typing import Any
-
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -35,6 +31,13 @@ CONVENTION = (
     "up, four an octave, larger), kinds (1,H/32,W/32,5): sharp, out of focus, smeared, both, cannot tell; "
     "features (1,H/32,W/32,32,C); cell j is centred at pixel 32*j + 15.5"
 )
+PROPERTIES = {
+    "blur2view_format": FORMAT,
+    "stride": str(STEP),
+    "multiple_of": str(STEP),
+    "brightness": str(BRIGHT),
+    "convention": CONVENTION,
+}
 
 
 class ExportedOctave(nn.Module):
@@ -52,26 +55,6 @@ class ExportedOctave(nn.Module):
         cepstra, scales, coarser = inputs
         scalars = torch.cat([scales, clipped_shares(grey)], -1)
         return self.network.octave(self.network.windows(cepstra, scalars), coarser)
-
-
-def metadata(state: dict[str, Any], digest: str) -> dict[str, str]:
-    """Describe the file: format, geometry, licence and how it was trained."""
-    training = {
-        "seed": state["options"]["seed"],
-        "steps": state["step"],
-        "pictures": state["step"] * state["options"]["batch"],
-        "figures": state["figures"],
-    }
-    return {
-        "blur2view_format": FORMAT,
-        "model_id": f"smear-{digest}",
-        "stride": str(STEP),
-        "multiple_of": str(STEP),
-        "brightness": str(BRIGHT),
-        "convention": CONVENTION,
-        "license": "Apache-2.0",
-        "training": json.dumps(training),
-    }
 
 
 def sample_picture() -> Tensor:
@@ -95,6 +78,9 @@ def main(checkpoint: Existing, target: Target) -> None:
     ONNX Runtime rearranges them when it loads it.
     """
     network, state = load_average(checkpoint)
+    options, steps = state["options"], state["step"]
+    facts = {"seed": options["seed"], "steps": steps, "pictures": steps * options["batch"]}
+    facts["figures"] = state["figures"]
     cells, grey = {1: "rows", 2: "columns"}, sample_picture()
     shown = inputs_of(network, grey[..., :128, :192].contiguous())
     try:
@@ -104,8 +90,10 @@ def main(checkpoint: Existing, target: Target) -> None:
             shown,
             OUTPUTS,
             {name: cells for name in (*INPUTS, *OUTPUTS)} | {"grey": {2: "height", 3: "width"}},
-            partial(metadata, state),
             list(inputs_of(network, grey).values()),
+            "smear",
+            facts,
+            PROPERTIES,
             eight_bits=True,
         )
     except ModelError as error:

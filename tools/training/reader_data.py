@@ -1,17 +1,16 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
-``python -m tools.training.reader_data OUT --photos FOLDER... --scenes render/train --shards 400`` writes
-numbered shards of pictures of one size: rendered scenes, or photographs and textures of 320x256, 640x512 or
+``python -m tools.training.reader_data OUT --photos FOLDER... --shards 400`` writes numbered shards of
+pictures of one size: rendered scenes of 320x256 or 640x512, or photographs and textures of these or of
 1280x1024.
 Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in three, and so on.
 Shard k depends on k and the sources only. Run again it goes on; several processes may share the work
-(``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB.
+(``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB. ``--rendered-share 0`` makes no scenes.
 """
 
 import copy
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -23,10 +22,11 @@ from blur2view.arrays import AnyArray as Array
 from blur2view.networks.brightness import gain_of
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from tools.arguments import Existing, run
-from tools.datasets.shards import Example, decode_linear, load_shard, require_shards, write_shards
+from tools.datasets.shards import Example, write_shards
 from tools.rendering import textures
 from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
+from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import log_uniform
 from tools.rendering.shaken import Shaken, ShakeOptions, processed, shake
 from tools.rendering.textures import load_photos
@@ -44,38 +44,24 @@ WIDE = ShakeOptions(size=(1280, 1024), smear_px=(2.0, 320.0))
 """Smaller and larger pictures; the others are as :class:`ShakeOptions` has them."""
 SMOOTH_PX = 20.0
 """Deviation of the Gaussian that leaves no detail of a picture, for what noise alone looks like."""
+OF_A_SCENE, LARGE_SCENES = 4, 0.2
+"""Pictures of each rendered scene; and the share of shards of scenes that are of 640x512."""
 SCENE_FOCUS_SHARE = 0.25
-"""Share of rendered scenes that are out of focus."""
+"""Share of pictures of rendered scenes that are out of focus."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
 LONGEST_PX = 400
-"""Smears from here on, and those that overflowed when stored, become hidden zeros."""
+"""Smears from here on become hidden zeros."""
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 DIM_SHARE, DIMMEST = 0.15, 20.0
 """Share of pictures that were coded this many times darker at most, log-uniform, and so in fewer levels."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sources:
-    """What pictures are made of.
-
-    Attributes
-    ----------
-    photos : list of ndarray
-        Sharp photographs, uint8 RGB.
-    scenes : list of Path
-        Shards of rendered scenes of 320x256 or 640x512.
-    rendered_share, procedural_share, small_share, wide_share : float
-        Shares of shards of rendered scenes, of pictures that show procedural textures (the rest are
-        photographs under a moving camera), and of shards of 320x256 and of 1280x1024 among these.
-    """
-
-    photos: list[Array]
-    scenes: list[Path]
-    rendered_share: float = 0.4
-    procedural_share: float = 0.1
-    small_share: float = 0.35
-    wide_share: float = 0.2
+RENDERED_SHARE, PROCEDURAL_SHARE = 0.4, 0.1
+"""Shares of shards of rendered scenes, and of pictures that show procedural textures; the rest are
+photographs under a moving camera."""
+SMALL_SHARE, WIDE_SHARE = 0.35, 0.2
+"""Shares of shards of 320x256 and of 1280x1024 among those of no rendered scenes."""
 
 
 def procedural(rng: np.random.Generator, count: int) -> list[Array]:
@@ -104,24 +90,28 @@ def slanted(rng: np.random.Generator, linear: Array, side: int = 640) -> Array:
     )
 
 
-def scene_picture(rng: np.random.Generator, scenes: Example) -> Shaken:
-    """Return one of rendered scenes, mirrored at random; some are out of focus as a whole."""
-    index = int(rng.integers(len(scenes["labels"])))
-    linear = decode_linear(scenes["linear"][index])
-    smears, labels = scenes["displacement"][index].astype(np.float32), scenes["labels"][index]
-    if rng.random() < 0.5:
-        linear, labels = linear[:, ::-1], labels[:, ::-1]
-        smears = smears[:, ::-1] * np.array([-1, 1], np.float32)
-    if rng.random() < 0.5:
-        linear, labels = linear[::-1], labels[::-1]
-        smears = smears[::-1] * np.array([1, -1], np.float32)
+def scene_pictures(rng: np.random.Generator, size: tuple[int, int]) -> Iterator[Shaken]:
+    """Yield pictures of rendered scenes, some of each, without end."""
+    while True:
+        scene = render(int(rng.integers(2**31)), RenderOptions(size=size))
+        for _ in range(OF_A_SCENE):
+            yield scene_picture(rng, scene)
+
+
+def scene_picture(rng: np.random.Generator, scene: Rendering) -> Shaken:
+    """Return a rendered scene, mirrored at random; some are out of focus as a whole."""
+    linear, smears, valid = scene.linear, scene.displacement, scene.valid
+    for axis, signs in ((1, (-1, 1)), (0, (1, -1))):
+        if rng.random() < 0.5:
+            linear, smears, valid = (np.flip(each, axis) for each in (linear, smears, valid))
+            smears = smears * np.array(signs, np.float32)
     radius = log_uniform(rng, SMALL.radius_px) if rng.random() < SCENE_FOCUS_SHARE else 0.0
     usable = np.all(np.abs(smears) < LONGEST_PX, axis=-1)  # false for NaN, too
     return Shaken(
         linear=defocused(rng, np.ascontiguousarray(linear), radius),
         displacement=np.where(usable[..., None], smears, 0),
-        radius_px=np.full(labels.shape, radius, np.float32),
-        valid=(labels & 1 > 0) & usable,
+        radius_px=np.full(valid.shape, radius, np.float32),
+        valid=valid & usable,
     )
 
 
@@ -180,33 +170,33 @@ def example_of(rng: np.random.Generator, picture: Shaken, options: ShakeOptions,
 
 
 def shaken_picture(
-    rng: np.random.Generator, sources: Sources, made: list[Array], options: ShakeOptions
+    rng: np.random.Generator, photos: list[Array], made: list[Array], options: ShakeOptions
 ) -> Shaken:
     """Return a photograph or texture under a moving camera."""
     width, height = options.size
-    fitting = [p for p in sources.photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
-    photos = fitting or sources.photos
-    textured = bool(made) and rng.random() * (1 - sources.rendered_share) < sources.procedural_share
+    fitting = [p for p in photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
+    photos = fitting or photos
+    textured = bool(made) and rng.random() * (1 - RENDERED_SHARE) < PROCEDURAL_SHARE
     surfaces = made if textured else photos
     if made and rng.random() < 0.1:  # a photograph before a texture, or the reverse
         surfaces = [*made, *[photos[int(rng.integers(len(photos)))]] * len(made)]
     return shake(rng, surfaces, options)
 
 
-def examples(number: int, sources: Sources) -> Iterator[Example]:
-    """Yield the examples of one shard."""
+def examples(number: int, photos: list[Array], rendered_share: float) -> Iterator[Example]:
+    """Yield the examples of one shard, of sharp photographs, uint8 RGB, or of rendered scenes."""
     torch.set_num_threads(1)  # the number of threads decides how sums are rounded
     rng, options = np.random.default_rng(number), ShakeOptions()
     draw: Callable[[], Shaken]  # of one size
-    if sources.scenes and rng.random() < sources.rendered_share:
-        scenes = load_shard(sources.scenes[int(rng.integers(len(sources.scenes)))])
-        draw = partial(scene_picture, rng, scenes)
+    if rng.random() < rendered_share:
+        options = options if rng.random() < LARGE_SCENES else SMALL
+        draw = partial(next, scene_pictures(rng, options.size))
     else:
         kind = rng.random()
-        options = WIDE if kind < sources.wide_share else options
-        options = SMALL if kind > 1 - sources.small_share else options
+        options = WIDE if kind < WIDE_SHARE else options
+        options = SMALL if kind > 1 - SMALL_SHARE else options
         made = [] if options is WIDE else procedural(rng, TEXTURES)
-        draw = partial(shaken_picture, rng, sources, made, options)
+        draw = partial(shaken_picture, rng, photos, made, options)
     left = SHARD_PX
     while left > 0:
         picture = draw()
@@ -219,14 +209,14 @@ def main(
     out: Path,
     *,
     photos: list[Existing],
-    scenes: Existing | None = None,
+    rendered_share: float = RENDERED_SHARE,
     shards: int = 400,
     first: int = 0,
     every: int = 1,
 ) -> None:
-    """Write shards of sharp photographs in folders, and of scenes of tools.datasets.shards."""
-    sources = Sources(photos=load_photos(photos), scenes=require_shards(scenes) if scenes else [])
-    write_shards(out, range(first, first + shards, every), partial(examples, sources=sources))
+    """Write shards of sharp photographs in folders, and a share of them of rendered scenes."""
+    work = partial(examples, photos=load_photos(photos), rendered_share=rendered_share)
+    write_shards(out, range(first, first + shards, every), work)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 ::
 
-    python -m tools.training.reader_data examples/train --photos FOLDER... --scenes render/train &
+    python -m tools.training.reader_data examples/train --photos FOLDER... &
     python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 

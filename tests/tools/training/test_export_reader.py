@@ -22,9 +22,11 @@ SMALL = ReaderOptions(window=8, region=12)
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write what a run of random weights would."""
+    """Write what a run of random weights would, no two of which are equal."""
     torch.manual_seed(0)
-    weights = Reader(SMALL).state_dict()
+    weights = {
+        name: value + 0.01 * torch.randn_like(value) for name, value in Reader(SMALL).state_dict().items()
+    }
     path = tmp_path_factory.mktemp("run") / "last.pt"
     state = {"network": weights, "average": weights, "widths": asdict(SMALL), "step": 40}
     torch.save(state | {"figures": {"held": {"loss": 1.5}}, "options": {"seed": 3, "batch": 16}}, path)

@@ -13,7 +13,7 @@ from tools.datasets.shards import write_shards
 from tools.rendering.shaken import ShakeOptions
 from tools.training import reader_data, run
 from tools.training.reader import Reader
-from tools.training.reader_data import Sources, examples
+from tools.training.reader_data import examples
 from tools.training.train_reader import load_average, main
 
 MOVING = partial(ShakeOptions, still_share=0.0, rest_share=0.0, focus_still_share=0.0)
@@ -22,22 +22,16 @@ pytestmark = pytest.mark.slow  # the maps of the spectra take seconds
 
 
 @pytest.fixture(scope="module")
-def sources() -> Sources:
-    """Return one photograph, of noise of two sizes."""
+def shards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of two shards of two examples of one photograph, of noise of two sizes."""
     rng = np.random.default_rng(0)
     coarse = rng.integers(0, 200, (60, 80, 3)).repeat(8, 0).repeat(8, 1)
     photo = (coarse + rng.integers(0, 56, coarse.shape)).astype(np.uint8)
-    return Sources(photos=[photo], scenes=[], rendered_share=0.0)
-
-
-@pytest.fixture(scope="module")
-def shards(tmp_path_factory: pytest.TempPathFactory, sources: Sources) -> Path:
-    """Return a folder of two shards of two examples."""
     folder = tmp_path_factory.mktemp("examples")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reader_data, "SHARD_PX", 2 * 640 * 512)
         patch.setattr(reader_data, "ShakeOptions", MOVING)
-        write_shards(folder, range(2), partial(examples, sources=sources))
+        write_shards(folder, range(2), partial(examples, photos=[photo], rendered_share=0.0))
     return folder
 
 
