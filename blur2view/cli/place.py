@@ -13,7 +13,7 @@ from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
 from blur2view.errors import DatabaseError, ImageError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.output_files import write_files, writing
+from blur2view.output_files import writable_folders, write_file
 from blur2view.photographs.inputs import list_photographs
 
 if TYPE_CHECKING:
@@ -97,8 +97,8 @@ def refuse_foreign(folder: Path) -> None:
 
 def write_model(model: Any, folder: Path, text: str) -> None:
     """Write a pycolmap.Reconstruction and the text of `project_text`; each file whole or not at all."""
-    with writing(folder):
-        write_files({folder / PROJECT_FILE: os.fsencode(text)})
+    with writable_folders(folder):
+        write_file(folder / PROJECT_FILE, os.fsencode(text))
         with tempfile.TemporaryDirectory(dir=folder) as beside:
             model.write(beside)
             for name in FILES:

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Collection, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,14 +11,13 @@ from blur2view.arrays import Array
 from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
-from blur2view.cli.run import End, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
+from blur2view.cli.run import LISTS, End, jobs_of, open_manifest, run_over
 from blur2view.cli.terminal import complain
-from blur2view.cli.uses import BLURRED, KEPT, LISTS, SHARP, Classifier, closing_line, use_line
+from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.input_files import read_regular
 from blur2view.networks.smear_network import Detail
-from blur2view.output_files import check_file, writable_folders, write_text
+from blur2view.output_files import write_file
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import (
@@ -33,7 +31,7 @@ from blur2view.photographs.selection import (
 from blur2view.results.table import Row
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
-from blur2view.runs.manifest import ENDING, Manifest
+from blur2view.runs.manifest import ENDING
 
 MAX_SMEAR = Amount(number=3.0)
 """Longest median smear, pixels, of a photograph that is called sharp: at most this, half of the SIFT features
@@ -143,6 +141,12 @@ class TriageOptions(PhotographOptions):
         return {name: path for name, path in named.items() if path is not None}
 
     @property
+    def targets(self) -> dict[str, Path]:
+        """The lists, the folder of pictures and the table."""
+        folder = {} if self.extract is None else {"--extract": self.extract}
+        return self.lists | folder | super().targets
+
+    @property
     def selects(self) -> bool:
         """Whether photographs are kept by their order of blur, whatever they are of use for."""
         return self.best is not None or self.every_best is not None
@@ -158,19 +162,8 @@ class TriageOptions(PhotographOptions):
         A run that was ended early extracts nothing, and chooses nothing of neighbours.
         """
         lists, names = self.lists, colmap_names(self.inputs)
-        targets = [one for one in (*lists.values(), self.extract, self.csv) if one is not None]
-        folders = [one.parent for one in targets]  # whose manifests say what is done
-        for name, target in lists.items():
-            refuse_shared(self, target, [other for key, other in lists.items() if key != name], name)
         files = extracted_names(names)
-        with (
-            writable_folders(*folders),
-            open_manifest(
-                self, manifest_of(self, next(iter(targets), None)), lists.values(), folders
-            ) as manifest,
-        ):
-            for name, target in lists.items():
-                self._check_list(target, name, names.values(), manifest)
+        with open_manifest(self) as manifest:
             self._check_folder(files.values())
             classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
             line = partial(use_line, limit_px=self.limit.number, meaning=self.verbose)
@@ -191,7 +184,8 @@ class TriageOptions(PhotographOptions):
                 uses = KEPT.get(name, ())
                 of_use = [one for one, row in zip(paths, finished.rows, strict=True) if row.use in uses]
                 listed = [names[one] for one in (of_use if uses else kept)]
-                write_text(target, "".join(f"{one}\n" for one in listed if listable(one)))
+                text = "".join(f"{one}\n" for one in listed if listable(one))
+                write_file(target, text.encode("utf-8", "surrogateescape"))
                 if manifest is not None:
                     manifest.append_target(target)
             if self.extract is not None and whole:
@@ -225,19 +219,6 @@ class TriageOptions(PhotographOptions):
             wanted = (SHARP, BLURRED) if self.blurred else (SHARP,)
             return {index for index in read if rows[index].use in wanted}
         return {read[index] for index in chosen}
-
-    def _check_list(self, target: Path, name: str, names: Collection[str], manifest: Manifest | None) -> None:
-        """Refuse a list that would replace what it must not.
-
-        Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
-        changed since is replaced, too, if it names nothing but these photographs.
-        """
-        wrote = manifest is not None and manifest.wrote(target)
-        if target.is_file() and (self.overwrite or self.resume or len(names) == 1):
-            with suppress(OSError, ValueError):
-                wrote = wrote or set(read_regular(target).decode().splitlines()) <= set(names)
-        if not (target.is_file() and wrote):
-            check_file(target, "list", self.inputs.paths, option=name)
 
     def _check_folder(self, files: Collection[str]) -> None:
         """Refuse a folder for the pictures that holds others than these, or what the call reads or writes."""
