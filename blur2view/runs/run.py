@@ -38,9 +38,9 @@ def outcomes(
                         yield pair
                     turn += 1
     except KeyboardInterrupt:
-        yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+        yield from filter(None, (waiting[index] for index in sorted(waiting)))
         raise
-    yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+    yield from filter(None, (waiting[index] for index in sorted(waiting)))
 
 
 def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, sends: bool) -> Iterator[Job]:
@@ -55,12 +55,8 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
                 raise job.refusal
             if manifest is not None and (outcome := manifest.find(job)) is not None:
                 waiting[job.index] = job, outcome
-            elif (frame := frame_of(job.path)) is not None:  # a video is read once, in order
-                yield _read_frame(job, *frame)
-            elif sends:
-                yield replace(job, content=job.encoded, neighbours=with_contents(job.neighbours))
-            else:
-                yield job
+            else:  # a video is read once, in order
+                yield _read(job) if sends or frame_of(job.path) else job
         except EndOfVideo as end:
             said = end.whole or job.path.parent in cut
             waiting[job.index] = None if said else (job, failed(end))
@@ -69,10 +65,12 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
             waiting[job.index] = job, failed(error)
 
 
-def _read_frame(job: Job, video: Path, number: int) -> Job:
-    """Return the job of a frame with what is read of its video, in order: before it, itself, after it."""
+def _read(job: Job) -> Job:
+    """Return a job with its content and those before and after it, of a frame with its place in the video."""
     before = with_contents(one for one in job.neighbours if one.steps < 0)
-    read = replace(job, content=job.encoded, digest=photograph_digest(job.path))
-    after = with_contents(one for one in job.neighbours if one.steps > 0)
-    time_s = frame_time(video, number)
-    return replace(read, frame=number, timestamp_s=time_s, neighbours=before + after)
+    read = replace(job, content=job.encoded)
+    read = replace(read, neighbours=before + with_contents(one for one in job.neighbours if one.steps > 0))
+    if (frame := frame_of(job.path)) is None:
+        return read
+    digest, time_s = photograph_digest(job.path), frame_time(*frame)
+    return replace(read, digest=digest, frame=frame[1], timestamp_s=time_s)
