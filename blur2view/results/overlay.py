@@ -169,15 +169,15 @@ def _draw_epipolar_lines(
     chosen = inliers[spread_subset(points, matches.length_px[inliers], spacing)]
     order = geometry.swapped[chosen].astype(int)
     lines = homogeneous(matches.ends[chosen, order]) @ F.T  # (n, 3)
-    norms = np.hypot(lines[:, 0], lines[:, 1])
+    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-300)[:, None]
+    close_ends = matches.ends[chosen, 1 - order]
+    away = (lines * homogeneous(close_ends)).sum(axis=1, keepdims=True)
+    feet = view.to_canvas(close_ends - away * lines[:, :2])
+    reach = sum(canvas.shape[:2]) + np.abs(feet).max(axis=1, keepdims=True)
+    across = reach * np.column_stack([-lines[:, 1], lines[:, 0]])
     layer = canvas.copy()
-    for line, close_end in zip(
-        lines / np.maximum(norms, 1e-300)[:, None], matches.ends[chosen, 1 - order], strict=True
-    ):
-        foot = close_end - (line @ [*close_end, 1.0]) * line[:2]
-        point, direction = view.to_canvas(foot), np.array([-line[1], line[0]])
-        across = (sum(canvas.shape[:2]) + np.abs(point).max()) * direction
-        draw_line(layer, np.stack([point - across, point + across]), (255, 255, 255), thickness=1)
+    for ends in np.stack([feet - across, feet + across], axis=1):
+        draw_line(layer, ends, (255, 255, 255), thickness=1)
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
 
 
