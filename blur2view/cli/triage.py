@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -12,7 +12,6 @@ from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
 from blur2view.cli.run import LISTS, End, jobs_of, open_manifest, run_over
-from blur2view.cli.terminal import complain
 from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
@@ -163,41 +162,36 @@ class TriageOptions(PhotographOptions):
         """
         lists, names = self.lists, colmap_names(self.inputs)
         files = extracted_names(names)
+        jobs = [replace(job, refusal=unlistable(job)) if lists else job for job in jobs_of(self)]
         with open_manifest(self) as manifest:
             self._check_folder(files.values())
             classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
             line = partial(use_line, limit_px=self.limit.number, meaning=self.verbose)
-            finished = run_over(self, jobs_of(self), manifest, classify=classify, line=line)
+            finished = run_over(self, jobs, manifest, classify=classify, line=line)
             if finished.end is End.BROKEN or not finished.rows:
                 return finished.exit_code
             paths = [one for one, _ in finished.outcomes if not self.inputs.is_folder(one)]
+            of = dict(zip(paths, finished.rows, strict=True))
             kept = [paths[index] for index in sorted(self._selected(paths, finished.rows))]
             whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
             if whole:
                 self._check_folder(pictures.values())
-            refused = [names[one] for one in kept if lists and not listable(names[one])]
-            for name in refused:
-                why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
-                complain(OutputError(f"{name}: {why}"))
             written = {name: lists[name] for name in lists if name in KEPT or whole or not self.selects}
             for name, target in written.items():
-                uses = KEPT.get(name, ())
-                of_use = [one for one, row in zip(paths, finished.rows, strict=True) if row.use in uses]
-                listed = [names[one] for one in (of_use if uses else kept)]
-                text = "".join(f"{one}\n" for one in listed if listable(one))
+                chosen = [one for one in of if of[one].use in KEPT[name]] if name in KEPT else kept
+                text = "".join(f"{names[one]}\n" for one in chosen)
                 write_file(target, text.encode("utf-8", "surrogateescape"))
                 if manifest is not None:
                     manifest.append_target(target)
             if self.extract is not None and whole:
                 extract(self.extract, pictures)
         if not self.quiet:
-            count, words = len(kept) - len(refused), ""
-            if self.keep is not None or self.extract is not None:
-                words = f"{count} kept" if count else f"none is kept: {self._remedy}"
+            words = f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}"
+            words *= self.keep is not None or self.extract is not None
             made = self.csv if finished.has_table else None, *written.values()
-            made = *made, self.extract if count and whole else None
+            made = *made, self.extract if kept and whole else None
             print(closing_line(finished, words, list(lists), [one for one in made if one is not None]))
-        return finished.exit_code or int(bool(refused))
+        return finished.exit_code
 
     @property
     def _remedy(self) -> str:
@@ -238,6 +232,9 @@ def view(path: Path) -> Array | None:
         return None
 
 
-def listable(name: str) -> bool:
-    """Return whether COLMAP's list of images, one name a line, can hold a name."""
-    return name.splitlines() == [name.strip()]
+def unlistable(job: Job) -> OutputError | None:
+    """Return why COLMAP's list of images, one name a line, cannot hold a photograph, if so."""
+    if job.name.splitlines() == [job.name.strip()]:
+        return None
+    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
+    return OutputError(f"{job.path}: {why}")
