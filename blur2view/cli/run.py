@@ -5,7 +5,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, auto
 from pathlib import Path
@@ -77,24 +77,24 @@ def open_manifest(options: PhotographOptions, others: Iterable[Path] = ()) -> It
     None if nothing is written down. ``others`` are files that it writes besides its targets.
     """
     network_of(options.model, options.provider, options.digest)  # which is named first if it is none
-    folders = {one.parent for one in options.targets.values()}
-    with writable_folders(*folders), ExitStack() as stack:
-        manifest, path = None, options.manifest_path
-        if path is not None and path.parent.is_dir():
-            manifest = stack.enter_context(_opened(options, path, folders))
-            if manifest.complaint is not None:
-                complain(manifest.complaint)
-        _check_targets(options, manifest, (*others, *([] if path is None else [path])))
+    path, folders = options.manifest_path, {one.parent for one in options.targets.values()}
+    with (
+        writable_folders(*folders),
+        nullcontext() if path is None else _opened(options, path, folders) as manifest,
+    ):
+        if manifest is not None and manifest.complaint is not None:
+            complain(manifest.complaint)
+        _check_targets(options, manifest, (*others, *filter(None, [path])))
         yield manifest
 
 
 def _opened(options: PhotographOptions, path: Path, folders: set[Path]) -> AbstractContextManager[Manifest]:
     """Open the manifest at a path, with all that results depend on beside their photographs."""
     camera = options.run.intrinsics.camera
-    database = camera.database if isinstance(camera, StoredCamera) else Path()
+    files = [camera.database] if isinstance(camera, StoredCamera) else []
     digests = {
         "network": options.digest,
-        "camera_files": [file_digest(database)] if database.is_file() else [],
+        "camera_files": [file_digest(one) for one in files if one.is_file()],
     }
     of_result = [one.name for one in fields(options) if one.metadata.get("result")]
     return opened(
