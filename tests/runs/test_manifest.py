@@ -52,9 +52,7 @@ def complaint(path: Path, settings: Any = SETTINGS) -> str:
         return str(manifest.complaint or "")
 
 
-def test_what_other_options_or_another_version_made_is_not_found(path: Path) -> None:
-    other = SETTINGS | {"options": {"seed": 1, "network": "cd"}}
-    assert found(path, other) is None and "other options (network, seed) made it" in complaint(path, other)
+def test_what_another_version_made_is_not_found(path: Path) -> None:
     later = SETTINGS | {"version": "2"}
     assert found(path, later) is None and "is of another version of blur2view" in complaint(path, later)
 
@@ -74,7 +72,7 @@ def test_a_neighbour_is_part_of_the_source(tmp_path: Path) -> None:
         assert [manifest.find(job) is not None for job in jobs] == [True, False, False]
 
 
-@pytest.mark.parametrize("keep", [1, 20, -1])
+@pytest.mark.parametrize("keep", [20, -1])
 def test_line_that_was_cut_off_is_dropped_and_the_others_are_kept(path: Path, keep: int) -> None:
     whole = path.read_bytes()
     b: dict[str, Any] = {"path": path.parent / "b.jpg", "files": ()}
@@ -97,15 +95,11 @@ def test_line_that_makes_no_sense_or_was_changed_is_dropped(path: Path, text: st
     assert kept is not None and kept.row.inliers == 3
 
 
-@pytest.mark.parametrize("kind", ["theirs", "fifo", "/dev/zero", "folder"])
+@pytest.mark.parametrize("kind", ["theirs", "fifo"])
 def test_what_is_no_manifest_of_ours_is_refused_at_once_and_stays(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "m.jsonl"
     if kind == "fifo":
         os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-    elif kind.startswith("/"):
-        path.symlink_to(kind)
     else:
         path.write_text('{"mine": 1}\n')
     with pytest.raises(OutputError), opened(path, **SETTINGS, resume=True):
