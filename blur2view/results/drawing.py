@@ -50,6 +50,10 @@ class View:
         small = cv2.resize(image, (self.width, self.height), interpolation=interpolation)
         return floats_of(small.reshape(self.height, self.width, *image.shape[2:]))
 
+    def picture(self, image: AnyArray) -> Picture:
+        """Return the photograph at this scale, of 8 bits."""
+        return np.round(255 * np.clip(self.resized(image), 0, 1)).astype(np.uint8)
+
     def backdrop(self, image: AnyArray) -> Picture:
         """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
         mixed = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 0.08)])  # grey, colour and a constant

@@ -23,7 +23,7 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
     view = View.of(image.shape)
-    canvas = np.round(255 * np.clip(view.resized(image), 0, 1)).astype(np.uint8)
+    canvas = view.picture(image)
     labels = cv2.resize(mask.labels, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
     moving, unseen = labels == MotionLabel.MOVING, labels == MotionLabel.UNOBSERVABLE
     canvas[unseen] = (0.45 * canvas[unseen]).astype(np.uint8)
