@@ -1,18 +1,29 @@
 """``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
+import io
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
-from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, estimate_contents, with_files
-from blur2view.cli.summary import estimate_summary
-from blur2view.cli.work import estimated
-from blur2view.networks.smear_network import Detail
-from blur2view.results.estimate import EstimateDocument
-from blur2view.runs.job import Job, Outcome
+import numpy as np
 
+from blur2view.arrays import Array
+from blur2view.cli.arguments.option import Rows, option
+from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
+from blur2view.cli.terminal import seconds_lines, verdict_line
+from blur2view.cli.work import estimated
+from blur2view.geometry.epipolar import epipoles
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.networks.smear_network import Detail
+from blur2view.pipeline import FileEstimate
+from blur2view.results.estimate import PER_SECOND, EstimateDocument
+from blur2view.results.overlay import draw_overlay
+from blur2view.runs.job import Job, Outcome
+from blur2view.smears.stored import stored_smears
+
+AXES = ("wx", "wy", "wz")
+FAR_PX = 1e4  # an epipole that is farther away is given as a direction
 CONFIGURATIONS = """
 UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
@@ -80,6 +91,94 @@ class EstimateOptions(FolderOptions):
         document = EstimateDocument.of(one)
         geometry, summary = one.estimate.geometry, ""
         if self.prints:
-            summary = estimate_summary(document, geometry, job.files, verbose=self.verbose)
+            summary = estimate_summary(document, geometry, self.ending(job), verbose=self.verbose)
         contents = partial(estimate_contents, one, full_field=self.full_field)
         return with_files(job, one, document, summary, contents)
+
+
+def estimate_contents(one: FileEstimate, *, full_field: bool = False) -> list[bytes]:
+    """Return the arrays and the overlay of a photograph.
+
+    With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
+    """
+    found, geometry, matches, arrays = one.estimate, one.estimate.geometry, one.estimate.matches, io.BytesIO()
+    np.savez(
+        arrays,
+        **stored_smears(found.grid, full_field=full_field),  # type: ignore[arg-type]
+        ends=matches.ends,
+        match_sigma_px=matches.sampson_px,
+        inlier_mask=geometry.inlier_mask,
+        swapped=geometry.swapped,
+    )
+    picture = draw_overlay(one.image, found.grid, matches, geometry, one.run.exposure_s, found.blur)
+    return [arrays.getvalue(), png(picture)]
+
+
+def estimate_summary(
+    document: EstimateDocument, geometry: TwoViewGeometry, ending: str, *, verbose: bool
+) -> str:
+    """Return two lines about one photograph, or everything, with an ending on where the results are."""
+    lines = [verdict_line(document.image, document.meaning, document.config), _figures(document, geometry)]
+    if verbose:
+        lines += [
+            document.reason,
+            *_details(document),
+            *geometry.table.lines(),
+            *seconds_lines(document.timings_s),
+        ]
+    return "\n  ".join(lines) + ending
+
+
+def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
+    """Return one line: how many smears fit, without a pose the epipole, the camera if it was scaled."""
+    if document.F is None and document.H is None:
+        return f"{document.num_matches} smears used"
+    fit = f"{document.num_inliers} of {document.num_matches} smears fit"
+    share = 100 * document.num_inliers // max(document.num_matches, 1)  # rounded down: not all are 100%
+    by_chance = f"{share}%, {100 * document.support_by_chance:.0f}% would by chance"
+    # beside H a share of F would read as certainty
+    both = document.F is not None and document.H is not None
+    parts = [f"{fit} F, but H explains them, too" if both else f"{fit} ({by_chance})"]
+    if geometry.F is not None and document.H is None and document.cam2_from_cam1 is None:
+        epipole = f"moved to or from the epipole at {_point(epipoles(geometry.F)[0])}"
+        parts.append(epipole if document.readout_s else f"{epipole}, if the shutter is global")
+    if document.camera is not None and "scaled" in document.camera["source"]:
+        parts.append(document.camera["source"])
+    return "; ".join(parts)
+
+
+def _details(document: EstimateDocument) -> list[str]:
+    """Return F, H, E, the pose, the intrinsics and the costs of the families, as far as there are such."""
+    lines = []
+    for name in ("F", "H", "E"):
+        rows = ["  ".join(f"{value: .6e}" for value in row) for row in getattr(document, name) or ()]
+        lines += [f"{name} = {row}" if index == 0 else f"    {row}" for index, row in enumerate(rows)]
+    pose, covariance, backward = document.cam2_from_cam1, document.pose_covariance, document.backward
+    if pose is not None:
+        what = "angular velocity" if document.rate_unit == PER_SECOND else "rotation"
+        line = f"{what} {_vector([getattr(document, axis) for axis in AXES])} {document.rate_unit}"
+        if backward is not None and not document.time_known:
+            line += f" or, in the other order in time, {_vector([backward[axis] for axis in AXES])}"
+        if any(pose["translation"]):
+            line += f"; translation towards {_vector(pose['translation'])}"
+            line += f" (+/- {covariance['translation_sigma_deg']:.1f} degrees)" if covariance else ""
+        lines.append(line)
+    if document.camera is not None:
+        hint = "" if document.camera["known"] else ", a hint"
+        lines.append(f"intrinsics: {document.camera['source']}{hint}")
+    if document.scores:
+        costs = ", ".join(f"{name} {cost:.1f}" for name, cost in document.scores.items())
+        lines.append(f"penalised costs: {costs}; {document.iterations} samples")
+    return lines
+
+
+def _vector(values: list[float]) -> str:
+    return f"({', '.join(f'{value:z.3f}' for value in values)})"
+
+
+def _point(epipole: Array) -> str:
+    """Return where an epipole lies in the photograph, or its direction if it is far away."""
+    x, y, w = epipole
+    if abs(w) * FAR_PX > np.hypot(x, y):
+        return f"({x / w:z.0f}, {y / w:z.0f})"
+    return f"infinity at {np.degrees(np.arctan2(y, x)) % 180:.0f} degrees"

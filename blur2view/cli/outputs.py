@@ -4,36 +4,27 @@ import io
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
 from blur2view.cli.arguments.option import option
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.run import jobs_of, manifest_of, open_manifest, refuse_shared, run_over
+from blur2view.cli.run import Files, jobs_of, open_manifest, run_over
+from blur2view.cli.terminal import printable
 from blur2view.cli.work import outcome_of
 from blur2view.errors import OutputError
-from blur2view.output_files import (
-    SIGNED_BY,
-    ResultFiles,
-    below_shared_folder,
-    is_ours,
-    remove_left_over,
-    writable_folders,
-)
+from blur2view.output_files import SIGNED_BY, below_shared_folder, check_file, real_paths, writable_folders
 from blur2view.photographs.inputs import Inputs
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document
-from blur2view.results.overlay import draw_overlay
 from blur2view.runs.job import Job, Outcome
 from blur2view.runs.manifest import ENDING, Manifest
-from blur2view.smears.stored import stored_smears
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
@@ -76,63 +67,61 @@ class FolderOptions(PhotographOptions):
         """Whether the documents are printed at the end."""
         return self.json
 
+    @property
+    def manifest_path(self) -> Path | None:
+        """The hidden manifest in the folder of the results, else that of the table."""
+        return self.output / f".{self.command}{ENDING}" if self.output else super().manifest_path
+
     def execute(self) -> int:
         """Return the exit code, after the work on every photograph, which has files of its own, with -o."""
-        folder = self.output
-        path = manifest_of(self, self.csv) if folder is None else folder / f".{self.command}{ENDING}"
-        with writable_folders(folder), open_manifest(self, path, [folder]) as manifest:
-            jobs = jobs_of(self, [] if folder is None else self._planned(folder, manifest))
-            paths = {path for job in jobs if job.files for path in job.files.paths}
-            if self.csv is not None:
-                refuse_shared(self, self.csv, paths, "--csv")
-            folders = sorted({path.parent for path in paths})
-            with writable_folders(*folders):
-                finished = run_over(self, jobs, manifest)
-                remove_left_over(paths, folders)  # of a call that was killed
+        plan = [] if self.output is None else list(self._plan(self.output))
+        paths = [path for files in plan for path in files]
+        with (
+            writable_folders(self.output, *sorted({path.parent for path in paths})),
+            open_manifest(self, paths) as manifest,
+        ):
+            finished = run_over(self, jobs_of(self, list(self._refused(plan, manifest))), manifest)
         if self.json:
             done = [one.payload for _, one in finished.outcomes if not one.error]
             document = {self.listed: done, "failures": finished.failures}
             print(json.dumps(document, indent=2, allow_nan=False))
         return finished.exit_code
 
-    def _planned(self, folder: Path, manifest: Manifest | None) -> list[ResultFiles | OutputError]:
-        """Return the files of each photograph, or why they must not be written.
+    def _plan(self, folder: Path) -> Iterator[Files]:
+        """Yield the files of each photograph."""
+        for name, image in zip(result_names(self.inputs), self.inputs.paths, strict=True):
+            beside = self.beside(self.inputs.names.get(image, Path(image.name)))
+            yield tuple(folder / path for path in (*beside, *(Path(f"{name}{end}") for end in self.endings)))
+
+    def ending(self, job: Job) -> str:
+        """Return what a summary says of a photograph's files, if it has some."""
+        if not job.files:
+            return ""
+        name = str(job.files[-1]).removesuffix(self.endings[-1])
+        endings = ",".join(ending.removeprefix(".") for ending in reversed(self.endings))
+        return f"; wrote {printable(name)}.{{{endings}}}"
+
+    def _refused(self, plan: Sequence[Files], manifest: Manifest | None) -> Iterator[Files | OutputError]:
+        """Yield the files of each photograph, or why they must not be written.
 
         Photographs and files of others are never replaced; results of another photograph, of which a manifest
         says so, are with --overwrite.
         """
-        inputs, owners = self.inputs, None if self.overwrite else manifest
-        photographs = {os.path.realpath(image) for image in inputs.paths}
-        first_of: dict[Path, Path] = {}
-        plan: list[ResultFiles | OutputError] = []
-        for image, name in zip(inputs.paths, result_names(inputs), strict=True):
-            beside = self.beside(inputs.names.get(image, Path(image.name)))
-            files = ResultFiles(
-                folder=folder / name.parent,
-                stem=name.name,
-                endings=tuple(self.endings),
-                beside=tuple(folder / path for path in beside),
-            )
-            other = next((first_of[path] for path in files.paths if path in first_of), None)
-            first_of |= dict.fromkeys(files.paths, image)
-            refusal = _refusal(files.paths, photographs)
-            if other is not None:
-                refusal = f"its results would replace those of {other}; use another -o"
-            elif refusal is None and owners is not None and (of := owners.other_owner(image, files.paths)):
-                refusal = f"its results would replace those of {of}; use another -o or add --overwrite"
-            plan.append(files if refusal is None else OutputError(f"{image}: {refusal}"))
-        return plan
-
-
-def _refusal(paths: Sequence[Path], inputs: Container[str]) -> str | None:
-    """Return why files must not be written whatever photograph they are of, if so."""
-    foreign = [path for path in paths if os.path.lexists(path) and not is_ours(path)]
-    hit = [path for path in paths if os.path.realpath(path) in inputs]
-    if hit:
-        return f"a result would replace the photograph {hit[0]}; use another -o"
-    if foreign:
-        return f"{foreign[0]} is no result of an earlier call; use another -o or remove it"
-    return None
+        photographs, first_of = real_paths(self.inputs.paths), dict[Path, Path]()
+        for image, files in zip(self.inputs.paths, plan, strict=bool(plan)):
+            other: object = next((first_of[path] for path in files if path in first_of), None)
+            remedy = ""
+            first_of |= dict.fromkeys(files, image)
+            if other is None and manifest is not None and not self.overwrite:
+                other, remedy = manifest.other_owner(image, files), " or add --overwrite"
+            try:
+                for path in files:
+                    check_file(path, "result", photographs)
+                if other is not None:
+                    raise OutputError(f"its results would replace those of {other}; use another -o{remedy}")
+                yield files
+            except OutputError as error:
+                yield OutputError(f"{image}: {error}")
 
 
 def result_names(inputs: Inputs) -> list[Path]:
@@ -160,28 +149,10 @@ def with_files(
 ) -> Outcome:
     """Return what is made of a photograph, its document the last of its files, if it has some."""
     files = {}
-    if job.files is not None:
+    if job.files:
         written = [*contents(), (document.to_json() + "\n").encode()]
-        files = dict(zip(job.files.paths, written, strict=True))
+        files = dict(zip(job.files, written, strict=True))
     return outcome_of(one, document.plain(), summary, files)
-
-
-def estimate_contents(one: FileEstimate, *, full_field: bool = False) -> list[bytes]:
-    """Return the arrays and the overlay of a photograph.
-
-    With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
-    """
-    found, geometry, matches, arrays = one.estimate, one.estimate.geometry, one.estimate.matches, io.BytesIO()
-    np.savez(
-        arrays,
-        **stored_smears(found.grid, full_field=full_field),  # type: ignore[arg-type]
-        ends=matches.ends,
-        match_sigma_px=matches.sampson_px,
-        inlier_mask=geometry.inlier_mask,
-        swapped=geometry.swapped,
-    )
-    picture = draw_overlay(one.image, found.grid, matches, geometry, one.run.exposure_s, found.blur)
-    return [arrays.getvalue(), png(picture)]
 
 
 def png(picture: AnyArray) -> bytes:

@@ -11,9 +11,9 @@ from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.arguments.values import share
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
-from blur2view.errors import DatabaseError, ImageError, OutputError
+from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.output_files import write_files, writing
+from blur2view.output_files import check_file, writable_folders, write_file
 from blur2view.photographs.inputs import list_photographs
 
 if TYPE_CHECKING:
@@ -89,16 +89,14 @@ def frame_names(folder: Path) -> list[str]:
 
 def refuse_foreign(folder: Path) -> None:
     """Raise OutputError where a model that is not of an earlier call would be replaced."""
-    there = [folder / name for name in (*FILES, PROJECT_FILE)]
-    others = [] if is_ours(folder) else [path for path in there if os.path.lexists(path)]
-    if others:
-        raise OutputError(f"{others[0]}: is of no earlier call; name another folder with -o")
+    for name in () if is_ours(folder) else (*FILES, PROJECT_FILE):
+        check_file(folder / name, "model")
 
 
 def write_model(model: Any, folder: Path, text: str) -> None:
     """Write a pycolmap.Reconstruction and the text of `project_text`; each file whole or not at all."""
-    with writing(folder):
-        write_files({folder / PROJECT_FILE: os.fsencode(text)})
+    with writable_folders(folder):
+        write_file(folder / PROJECT_FILE, os.fsencode(text))
         with tempfile.TemporaryDirectory(dir=folder) as beside:
             model.write(beside)
             for name in FILES:

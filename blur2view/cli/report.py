@@ -14,11 +14,10 @@ from blur2view import __version__
 from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.run import End, jobs_of, open_manifest, run_over
-from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import printable
+from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import OutputError
-from blur2view.output_files import below_shared_folder, check_file, writable_folders, write_files, writing
+from blur2view.output_files import below_shared_folder, write_file
 from blur2view.results.report import Entry, report
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
@@ -74,6 +73,15 @@ class ReportOptions(PhotographOptions):
         "blur2view report a.jpg --focal 525 --no-mask",
     )
 
+    @property
+    def targets(self) -> dict[str, Path]:
+        """The page, and the table."""
+        return {"-o": self.output} | super().targets
+
+    @property
+    def manifest_path(self) -> None:
+        """None, as a page is drawn anew."""
+
     def __call__(self, job: Job) -> Outcome:
         """Return the entry of one photograph, by the name that the page shows."""
         one, mask = estimated(self, job), None
@@ -81,7 +89,7 @@ class ReportOptions(PhotographOptions):
         if self.mask:
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
         mask_s = time.perf_counter() - start if self.mask else None
-        summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry)
+        summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry.config.name)
         summary += f"\n  {one.estimate.geometry.reason}" * self.verbose
         return outcome_of(one, Entry.of(replace(one, path=Path(job.target)), mask, mask_s), summary)
 
@@ -92,8 +100,7 @@ class ReportOptions(PhotographOptions):
         run leaves a page of what is done.
         """
         page, shown = self.output, shown_names(self.inputs.paths)
-        check_file(page, "page", self.inputs.paths)
-        with writable_folders(page.parent), open_manifest(self, None, [page]):
+        with open_manifest(self):
             jobs = [replace(job, target=shown[job.path]) for job in jobs_of(self)]
             finished = run_over(self, jobs, None)
             entries = [
@@ -103,8 +110,7 @@ class ReportOptions(PhotographOptions):
             ]
             if finished.end is not End.BROKEN and any(entry.content for entry in entries):
                 content = report(entries, __version__)
-                with writing(page.parent):
-                    write_files({page: content})
+                write_file(page, content)
                 if not self.quiet:
                     print(f"wrote {printable(str(page))} ({len(content) / 1e6:.2f} MB)")
             elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all

@@ -10,15 +10,15 @@ import numpy as np
 from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.values import probability
 from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
-from blur2view.cli.summary import mask_summary
+from blur2view.cli.terminal import printable, seconds_lines
 from blur2view.cli.work import estimated
 from blur2view.movers.parts import THRESHOLD
 from blur2view.results.estimate import EstimateDocument
-from blur2view.results.mask_overlay import draw_motion
+from blur2view.results.mask_overlay import draw_motion, mask_verdict
 from blur2view.results.masks import MaskDocument
 from blur2view.runs.job import Job, Outcome
 from blur2view.segmentation.formats import GREY, MaskFormat
-from blur2view.segmentation.mask import segment
+from blur2view.segmentation.mask import MotionMask, segment
 
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
@@ -29,9 +29,8 @@ masks/...: with --masks: the mask under the name and with the greys that each pr
 <stem>.motion.json: the JSON document of the photograph; written last
 """
 NOT_HERE = """
---readout: a rolling shutter lengthens smears along themselves, which masks hardly notice (with a readout of
-    two exposure times less than 2 % of simulated static scenes is called moving); for the pose use blur2view
-    estimate or report, which corrects it beside the mask
+--readout: masks hardly notice a rolling shutter (with a readout of two exposure times less than 2 % of
+    simulated static scenes is called moving); for the pose use blur2view estimate
 """
 FOLDER = Path("masks")  # below -o, of masks for another program
 
@@ -100,7 +99,7 @@ class SegmentOptions(FolderOptions):
         rng = np.random.default_rng(self.run.seed)
         mask = segment(one.estimate, one.image, rng, threshold=self.threshold)
         document = MaskDocument.of(EstimateDocument.of(one), mask, time.perf_counter() - start)
-        summary = mask_summary(document, mask, job.files, verbose=self.verbose) if self.prints else ""
+        summary = mask_summary(document, mask, self.ending(job), verbose=self.verbose) if self.prints else ""
 
         def contents() -> list[bytes]:
             ignore = self.unobservable == "ignore"
@@ -109,3 +108,16 @@ class SegmentOptions(FolderOptions):
             return list(map(png, (*masks, GREY[mask.labels], levels, draw_motion(one.image, mask))))
 
         return with_files(job, one, document, summary, contents)
+
+
+def mask_summary(document: MaskDocument, mask: MotionMask, ending: str, *, verbose: bool) -> str:
+    """Return two lines about one photograph's mask, or everything, with an ending."""
+    lines = [f"{printable(document.image)}: {mask_verdict(mask)}"]
+    if not verbose:
+        return f"{lines[0]}\n  {mask.reason.partition(';')[0]}{ending}"
+    lines.append(mask.reason)
+    for region in mask.regions:
+        x, y, width, height = region.box
+        size = f"{region.area_px} px at ({x}, {y}), {width}x{height}"
+        lines.append(f"{size}, moves with a probability of {region.probability:.2f}")
+    return "\n  ".join([*lines, *seconds_lines(document.timings_s)]) + ending

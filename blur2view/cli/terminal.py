@@ -1,7 +1,7 @@
 """What is printed: summaries on stdout, one line per failure and progress on stderr."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from blur2view.errors import Blur2ViewError
@@ -24,6 +24,19 @@ def complain(error: Blur2ViewError, say: Say = print) -> None:
 def plural(count: int, noun: str) -> str:
     """Return a count with its noun: "1 pair", "2 pairs"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def verdict_line(name: str, verdict: str, config: str) -> str:
+    """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
+    return f"{printable(name)}: {verdict} [{config}]"
+
+
+def seconds_lines(timings_s: Mapping[str, float] | None) -> list[str]:
+    """Return a line on the seconds of each step, none where nobody wants it."""
+    if timings_s is None:
+        return []
+    steps = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings_s.items())
+    return [f"{sum(timings_s.values()):.2f} s ({steps})"]
 
 
 @contextmanager

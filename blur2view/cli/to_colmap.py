@@ -10,9 +10,8 @@ from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.arguments.option import VIEWS, Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.run import End, manifest_of, open_manifest, run_over
-from blur2view.cli.summary import verdict_line
-from blur2view.cli.terminal import plural
+from blur2view.cli.run import End, open_manifest, run_over
+from blur2view.cli.terminal import plural, verdict_line
 from blur2view.cli.views import document_of, named_jobs, summary, with_time
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
@@ -31,29 +30,25 @@ from blur2view.segmentation.mask import MotionLabel, segment
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
-a fresh database: appears whole or not at all. Equal cameras are shared. Photographs without intrinsics get
-    COLMAP's guess (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that
-    as a prior. Without F and H a photograph has its configuration and no matches: its ends have no order.
-    Where the translation is undecided (no parallax is proven, and known intrinsics leave its direction open)
-    the matches are there, but no inliers of the two-view geometry: a mapper looks at no configuration, and
-    would make points from a rotation. blur2view.triangulate_exposure refuses such, too. With --link the
-    inliers are written all the same: the depth of your points comes from your other photographs
+a fresh database: appears whole or not at all. Photographs without intrinsics get COLMAP's guess
+    (SIMPLE_RADIAL, 1.2 times the longer side, no prior), those with EXIF's focal length that as a prior.
+    Without F and H a photograph has its configuration and no matches: its ends have no order. Where the
+    translation is undecided the matches are there, but no inliers of the two-view geometry: a mapper looks at
+    no configuration, and would make points from a rotation
 --link: finds the image of each photograph by the longest ending of its path, moves its features k to k -
     d(k)/2 and k + d(k)/2, where d is the smear (matched where it is known to half of its length or to 1.5
-    px), and adds the pairs photograph-open, photograph-close and open-close, so that tracks run through all
-    three. Rows of yours are read, never written; one transaction, after a copy to DB.<time>.bak: killed at
-    any moment it leaves the database as before or as after. A second run changes nothing. Our rows are listed
-    in the table blur2view_views, with how sure the direction of time is. Where COLMAP has a prior, the
-    project's focal length is a hint; --camera project.db takes it for true. Whatever maps the project later
-    sees the views, too, unless it is limited to images (image_names) or given the backup. Databases up to
-    COLMAP 4.2 are known; newer, locked, damaged and foreign ones are refused in one line
+    px), and adds the pairs photograph-open, photograph-close and open-close, with all inliers, as depth comes
+    from your other photographs. Rows of yours are read, never written; one transaction, after a copy to
+    DB.<time>.bak: killed at any moment it leaves the database as before or as after. A second run changes
+    nothing. Our rows are listed in the table blur2view_views. Where COLMAP has a prior, the project's focal
+    length is a hint; --camera project.db takes it for true. Whatever maps the project later sees the views,
+    too, unless it is limited to images (image_names) or given the backup
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
 NOT_HERE = """
---readout: COLMAP has one pose for all rows of a view, but a rolling shutter shows each at another time; a
-    correction of the smears would leave that, the larger error, and would double theirs if the order in time,
-    which is mostly unknown, is the other; for the pose use blur2view estimate
+--readout: COLMAP has one pose for all rows of a view, which no correction of the smears mends, and their
+    order in time is mostly unknown; for the pose use blur2view estimate
 """
 
 
@@ -115,6 +110,11 @@ class ToColmapOptions(PhotographOptions):
         super().__post_init__()
 
     @property
+    def targets(self) -> dict[str, Path]:
+        """The database, which is checked when it is read, and the table."""
+        return ({} if self.dry_run else {"--db": self.db}) | super().targets
+
+    @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph while they are gone through: all are at the end."""
         return False
@@ -135,7 +135,9 @@ class ToColmapOptions(PhotographOptions):
             if self.skip_movers:
                 moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
             views = keypoint_views(name, plan.keypoints, one.estimate, self.run.options, moving)
-        return outcome_of(one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry))
+        return outcome_of(
+            one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry.config.name)
+        )
 
     def _project_camera(
         self, plan: ProjectImage, path: Path, size: tuple[int, int], stated: Camera | None
@@ -156,9 +158,7 @@ class ToColmapOptions(PhotographOptions):
         An interrupted run writes what is done, but nothing into a project of the user's.
         """
         jobs, kept = named_jobs(self.inputs, self.db if self.link else None, replace_views=self.replace)
-        path = None if self.dry_run else manifest_of(self, self.db)
-        files = [self.db, *(Path(f"{self.db}{end}") for end in BESIDE)]
-        with open_manifest(self, path, files) as manifest:
+        with open_manifest(self, [Path(f"{self.db}{end}") for end in BESIDE]) as manifest:
             before = self._written_before()
             of_name = {job.name: job for job in jobs if job.refusal is None}
             self._refuse_loss(before, of_name.keys())

@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Collection, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -12,14 +11,12 @@ from blur2view.arrays import Array
 from blur2view.cli.arguments.option import Rows, option
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
-from blur2view.cli.run import End, jobs_of, manifest_of, open_manifest, refuse_shared, run_over
-from blur2view.cli.terminal import complain
-from blur2view.cli.uses import BLURRED, KEPT, LISTS, SHARP, Classifier, closing_line, use_line
+from blur2view.cli.run import LISTS, End, jobs_of, open_manifest, run_over
+from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.input_files import read_regular
 from blur2view.networks.smear_network import Detail
-from blur2view.output_files import check_file, writable_folders, write_text
+from blur2view.output_files import write_file
 from blur2view.photographs.image import read_image
 from blur2view.photographs.inputs import colmap_names
 from blur2view.photographs.selection import (
@@ -33,7 +30,7 @@ from blur2view.photographs.selection import (
 from blur2view.results.table import Row
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
-from blur2view.runs.manifest import ENDING, Manifest
+from blur2view.runs.manifest import ENDING
 
 MAX_SMEAR = Amount(number=3.0)
 """Longest median smear, pixels, of a photograph that is called sharp: at most this, half of the SIFT features
@@ -143,6 +140,12 @@ class TriageOptions(PhotographOptions):
         return {name: path for name, path in named.items() if path is not None}
 
     @property
+    def targets(self) -> dict[str, Path]:
+        """The lists, the folder of pictures and the table."""
+        folder = {} if self.extract is None else {"--extract": self.extract}
+        return self.lists | folder | super().targets
+
+    @property
     def selects(self) -> bool:
         """Whether photographs are kept by their order of blur, whatever they are of use for."""
         return self.best is not None or self.every_best is not None
@@ -158,52 +161,37 @@ class TriageOptions(PhotographOptions):
         A run that was ended early extracts nothing, and chooses nothing of neighbours.
         """
         lists, names = self.lists, colmap_names(self.inputs)
-        targets = [one for one in (*lists.values(), self.extract, self.csv) if one is not None]
-        folders = [one.parent for one in targets]  # whose manifests say what is done
-        for name, target in lists.items():
-            refuse_shared(self, target, [other for key, other in lists.items() if key != name], name)
         files = extracted_names(names)
-        with (
-            writable_folders(*folders),
-            open_manifest(
-                self, manifest_of(self, next(iter(targets), None)), lists.values(), folders
-            ) as manifest,
-        ):
-            for name, target in lists.items():
-                self._check_list(target, name, names.values(), manifest)
+        jobs = [replace(job, refusal=unlistable(job)) if lists else job for job in jobs_of(self)]
+        with open_manifest(self) as manifest:
             self._check_folder(files.values())
             classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
             line = partial(use_line, limit_px=self.limit.number, meaning=self.verbose)
-            finished = run_over(self, jobs_of(self), manifest, classify=classify, line=line)
+            finished = run_over(self, jobs, manifest, classify=classify, line=line)
             if finished.end is End.BROKEN or not finished.rows:
                 return finished.exit_code
             paths = [one for one, _ in finished.outcomes if not self.inputs.is_folder(one)]
+            of = dict(zip(paths, finished.rows, strict=True))
             kept = [paths[index] for index in sorted(self._selected(paths, finished.rows))]
             whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
             if whole:
                 self._check_folder(pictures.values())
-            refused = [names[one] for one in kept if lists and not listable(names[one])]
-            for name in refused:
-                why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
-                complain(OutputError(f"{name}: {why}"))
             written = {name: lists[name] for name in lists if name in KEPT or whole or not self.selects}
             for name, target in written.items():
-                uses = KEPT.get(name, ())
-                of_use = [one for one, row in zip(paths, finished.rows, strict=True) if row.use in uses]
-                listed = [names[one] for one in (of_use if uses else kept)]
-                write_text(target, "".join(f"{one}\n" for one in listed if listable(one)))
+                chosen = [one for one in of if of[one].use in KEPT[name]] if name in KEPT else kept
+                text = "".join(f"{names[one]}\n" for one in chosen)
+                write_file(target, text.encode("utf-8", "surrogateescape"))
                 if manifest is not None:
                     manifest.append_target(target)
             if self.extract is not None and whole:
                 extract(self.extract, pictures)
         if not self.quiet:
-            count, words = len(kept) - len(refused), ""
-            if self.keep is not None or self.extract is not None:
-                words = f"{count} kept" if count else f"none is kept: {self._remedy}"
+            words = f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}"
+            words *= self.keep is not None or self.extract is not None
             made = self.csv if finished.has_table else None, *written.values()
-            made = *made, self.extract if count and whole else None
+            made = *made, self.extract if kept and whole else None
             print(closing_line(finished, words, list(lists), [one for one in made if one is not None]))
-        return finished.exit_code or int(bool(refused))
+        return finished.exit_code
 
     @property
     def _remedy(self) -> str:
@@ -226,19 +214,6 @@ class TriageOptions(PhotographOptions):
             return {index for index in read if rows[index].use in wanted}
         return {read[index] for index in chosen}
 
-    def _check_list(self, target: Path, name: str, names: Collection[str], manifest: Manifest | None) -> None:
-        """Refuse a list that would replace what it must not.
-
-        Ours is as the manifest says that an earlier call wrote it; with --overwrite and --resume one that was
-        changed since is replaced, too, if it names nothing but these photographs.
-        """
-        wrote = manifest is not None and manifest.wrote(target)
-        if target.is_file() and (self.overwrite or self.resume or len(names) == 1):
-            with suppress(OSError, ValueError):
-                wrote = wrote or set(read_regular(target).decode().splitlines()) <= set(names)
-        if not (target.is_file() and wrote):
-            check_file(target, "list", self.inputs.paths, option=name)
-
     def _check_folder(self, files: Collection[str]) -> None:
         """Refuse a folder for the pictures that holds others than these, or what the call reads or writes."""
         if self.extract is not None:
@@ -257,6 +232,9 @@ def view(path: Path) -> Array | None:
         return None
 
 
-def listable(name: str) -> bool:
-    """Return whether COLMAP's list of images, one name a line, can hold a name."""
-    return name.splitlines() == [name.strip()]
+def unlistable(job: Job) -> OutputError | None:
+    """Return why COLMAP's list of images, one name a line, cannot hold a photograph, if so."""
+    if job.name.splitlines() == [job.name.strip()]:
+        return None
+    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
+    return OutputError(f"{job.path}: {why}")

@@ -17,7 +17,6 @@ NEAR = 1.1
 and as MPEG-4, nine in ten frames of RedKitchen's sequence keep their median within 6 and 8 %."""
 KEPT = {"--keep-for-poses": (SHARP, BLURRED), "--keep-for-training": (SHARP,)}
 """The uses of what lists other than --keep name."""
-LISTS = ("--keep", *KEPT)
 COUNTED = {SHARP: "sharp", BLURRED: "blurred but of use", UNUSABLE: "unusable"}
 COUNTED_IF_ANY = {OUT_OF_FOCUS: "out of focus", UNCLEAR: "unclear: smooth or dark", "": "failed"}
 

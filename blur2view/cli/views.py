@@ -1,6 +1,7 @@
 """The photographs of ``blur2view to-colmap``: their names and plans, their order in time, their lines."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +34,15 @@ def named_jobs(
     if project is not None:
         plans = plan_links(project, inputs.paths, replace=replace_views)
     for path, plan in zip(inputs.paths, plans, strict=True):
-        index, name = len(jobs), names[path]
-        if plan is None and not storable(name):
+        job = Job(index=len(jobs), path=path, name=names[path], source=names[path])
+        if plan is None and not storable(job.name):
             plan = DatabaseError(f"{path}: its name is no UTF-8, which a database needs; rename it")
-        if isinstance(plan, DatabaseError):
-            jobs.append(Job(index=index, path=path, name=name, refusal=plan))
-        elif plan is None:
-            jobs.append(Job(index=index, path=path, name=name, source=name))
-        else:  # views depend on the features that are moved, too
-            name, source = plan.name, f"{plan.name} {plan.digest.hex()}"
-            job = Job(index=index, path=path, name=name, target=plan, source=source)
+        if isinstance(plan, ProjectImage):  # views depend on the features that are moved, too
+            source = f"{plan.name} {plan.digest.hex()}"
+            job = replace(job, name=plan.name, target=plan, source=source)
             (kept if plan.step is Step.KEEP else jobs).append(job)
+        else:
+            jobs.append(replace(job, refusal=plan))
     return jobs, kept
 
 

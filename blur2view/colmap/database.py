@@ -22,7 +22,7 @@ from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
-from blur2view.output_files import remove_left_over, write_files
+from blur2view.output_files import write_files
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""
@@ -56,7 +56,6 @@ def write_database(
     if not replace:
         refuse_existing(path)
     try:
-        remove_left_over({path}, [path.parent])
         content = _views_alone(photographs)
         if replace and path.is_file():
             # settle its log or journal, or SQLite would apply it to what takes its place; it may be in use

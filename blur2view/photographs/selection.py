@@ -12,7 +12,7 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
 from blur2view.input_files import read_regular
-from blur2view.output_files import write_files, writing
+from blur2view.output_files import write_file
 from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, read_frame
 
@@ -106,8 +106,7 @@ def extract(folder: Path, files: Mapping[Path, str]) -> None:
         content = read_content(path) if frame is None else bytes(cv2.imencode(".png", read_frame(*frame))[1])
         with suppress(OSError):
             if not os.path.lexists(target):
-                with writing(target.parent):
-                    write_files({target: content})
+                write_file(target, content)
             if read_regular(target) == content:
                 continue
         raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")

@@ -13,6 +13,8 @@ from blur2view.networks.smear_network import floats_of
 Picture = NDArray[np.uint8]  # (H, W, 3), RGB
 INK, PAPER, FAINT = (235, 235, 235), (26, 26, 30), (165, 165, 165)
 TEXT_SIZE, LEADING_PX = 0.42, 17
+HEAD_SIZE, HEAD_LEADING_PX = 0.55, 22  # of the verdict
+NO_AIDS: Picture = np.empty((0, 0, 3), np.uint8)
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
@@ -48,6 +50,10 @@ class View:
         small = cv2.resize(image, (self.width, self.height), interpolation=interpolation)
         return floats_of(small.reshape(self.height, self.width, *image.shape[2:]))
 
+    def picture(self, image: AnyArray) -> Picture:
+        """Return the photograph at this scale, of 8 bits."""
+        return np.round(255 * np.clip(self.resized(image), 0, 1)).astype(np.uint8)
+
     def backdrop(self, image: AnyArray) -> Picture:
         """Return the photograph at this scale, paled and darkened so that colours on it stand out."""
         mixed = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 0.08)])  # grey, colour and a constant
@@ -55,12 +61,23 @@ class View:
         return pale
 
 
-def with_room(canvas: Picture, width: int, below: int) -> Picture:
-    """Return a canvas with room below it, and on both sides if a narrow photograph leaves it narrower."""
+def captioned(canvas: Picture, head: str, text: str, aids: Picture = NO_AIDS) -> Picture:
+    """Return a canvas over its caption: words in two sizes, and on the right pictures of one height.
+
+    A narrow canvas leaves the picture narrower than its words, and gets room on both sides.
+    """
+    top, width = canvas.shape[0], max(canvas.shape[1], MIN_SIDE_PX)
+    room = width - aids.shape[1] - 24
+    verdict, small = wrap(head, room, HEAD_SIZE), wrap(text, room, TEXT_SIZE)
+    below = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small))
     left = (width - canvas.shape[1]) // 2
     right = width - canvas.shape[1] - left
     padded = cv2.copyMakeBorder(canvas, 0, below, left, right, cv2.BORDER_CONSTANT, value=PAPER)
-    return np.asarray(padded, np.uint8)
+    picture = np.asarray(padded, np.uint8)
+    picture[top : top + aids.shape[0], width - aids.shape[1] :] = aids
+    write(picture, verdict, (10, top + 24), size=HEAD_SIZE, leading_px=HEAD_LEADING_PX)
+    write(picture, small, (10, top + 24 + HEAD_LEADING_PX * len(verdict)), colour=FAINT)
+    return picture
 
 
 def draw_line(canvas: Picture, ends: NDArray[np.float64], colour: ArrayLike, thickness: int) -> None:

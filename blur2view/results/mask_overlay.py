@@ -4,17 +4,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.results.drawing import (
-    FAINT,
-    LEADING_PX,
-    MIN_SIDE_PX,
-    TEXT_SIZE,
-    Picture,
-    View,
-    with_room,
-    wrap,
-    write,
-)
+from blur2view.results.drawing import FAINT, Picture, View, captioned
 from blur2view.segmentation.mask import MotionLabel, MotionMask
 
 PINK = (255, 70, 170)
@@ -33,7 +23,7 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
     view = View.of(image.shape)
-    canvas = np.round(255 * np.clip(view.resized(image), 0, 1)).astype(np.uint8)
+    canvas = view.picture(image)
     labels = cv2.resize(mask.labels, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
     moving, unseen = labels == MotionLabel.MOVING, labels == MotionLabel.UNOBSERVABLE
     canvas[unseen] = (0.45 * canvas[unseen]).astype(np.uint8)
@@ -42,13 +32,8 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     canvas[moving] = ((1 - COVER) * canvas[moving] + COVER * np.array(PINK)).astype(np.uint8)
     rims, _ = cv2.findContours(moving.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, rims, -1, (255, 255, 255), 1, cv2.LINE_AA)
-    width = max(view.width, MIN_SIDE_PX)  # a narrow photograph leaves the picture narrower than its words
     words = f"pink moves, hatched is unobservable; {mask.reason.partition(';')[0]}"
-    lines = wrap(words, width - 20, TEXT_SIZE)
-    picture = with_room(canvas, width, 38 + LEADING_PX * len(lines))
-    write(picture, mask_verdict(mask), (10, view.height + 24), size=0.55)
-    write(picture, lines, (10, view.height + 44), colour=FAINT)
-    return picture
+    return captioned(canvas, mask_verdict(mask), words)
 
 
 def mask_verdict(mask: MotionMask) -> str:

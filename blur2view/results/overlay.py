@@ -8,20 +8,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import photograph_of
-from blur2view.results.drawing import (
-    FAINT,
-    LEADING_PX,
-    MIN_SIDE_PX,
-    PAPER,
-    TEXT_SIZE,
-    Picture,
-    View,
-    draw_line,
-    draw_ring,
-    with_room,
-    wrap,
-    write,
-)
+from blur2view.results.drawing import FAINT, PAPER, Picture, View, captioned, draw_line, draw_ring, write
 from blur2view.results.verdicts import verdict
 from blur2view.smears.blur import Blur, blur_of
 from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
@@ -33,7 +20,6 @@ SQUARES = 14  # of the picture, in each of which the longest smear gets its epip
 CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
 SURE = 0.5  # deviation over length up to which a smear is drawn where no geometry explains it
 _AIDS_HEIGHT_PX = 132
-HEAD_SIZE, HEAD_LEADING_PX = 0.55, 22  # of the verdict
 
 
 def draw_overlay(
@@ -83,10 +69,9 @@ def draw_overlay(
     image = photograph_of(image)
     canvas = draw_smears(image, grid, matches, geometry)
     words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
-    panel = _panel(max(canvas.shape[1], MIN_SIDE_PX), grid, matches, geometry, words)
-    picture = with_room(canvas, panel.shape[1], panel.shape[0])
-    picture[canvas.shape[0] :] = panel
-    return picture
+    counts = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
+    counts += "; circles: out of focus, by their radius" * bool(len(circles(grid)))
+    return captioned(canvas, words, counts, np.hstack([_orientation_key(), _sigma_inset(grid)]))
 
 
 def draw_smears(
@@ -184,15 +169,15 @@ def _draw_epipolar_lines(
     chosen = inliers[spread_subset(points, matches.length_px[inliers], spacing)]
     order = geometry.swapped[chosen].astype(int)
     lines = homogeneous(matches.ends[chosen, order]) @ F.T  # (n, 3)
-    norms = np.hypot(lines[:, 0], lines[:, 1])
+    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-300)[:, None]
+    close_ends = matches.ends[chosen, 1 - order]
+    away = (lines * homogeneous(close_ends)).sum(axis=1, keepdims=True)
+    feet = view.to_canvas(close_ends - away * lines[:, :2])
+    reach = sum(canvas.shape[:2]) + np.abs(feet).max(axis=1, keepdims=True)
+    across = reach * np.column_stack([-lines[:, 1], lines[:, 0]])
     layer = canvas.copy()
-    for line, close_end in zip(
-        lines / np.maximum(norms, 1e-300)[:, None], matches.ends[chosen, 1 - order], strict=True
-    ):
-        foot = close_end - (line @ [*close_end, 1.0]) * line[:2]
-        point, direction = view.to_canvas(foot), np.array([-line[1], line[0]])
-        across = (sum(canvas.shape[:2]) + np.abs(point).max()) * direction
-        draw_line(layer, np.stack([point - across, point + across]), (255, 255, 255), thickness=1)
+    for ends in np.stack([feet - across, feet + across], axis=1):
+        draw_line(layer, ends, (255, 255, 255), thickness=1)
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
 
 
@@ -203,24 +188,6 @@ def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
         x, y = view.to_canvas(epipole[:2] / epipole[2])
         if 0 <= x < canvas.shape[1] and 0 <= y < canvas.shape[0]:
             draw_ring(canvas, (x, y), 11, (255, 255, 255), thickness=2)
-
-
-def _panel(
-    width: int, grid: SmearGrid, matches: SmearMatches, geometry: TwoViewGeometry, words: str
-) -> Picture:
-    """Return the panel: the caption on the left, the orientation key and the uncertainties on the right."""
-    aids = np.hstack([_orientation_key(), _sigma_inset(grid)])
-    room = width - aids.shape[1] - 24
-    verdict = wrap(words, room, HEAD_SIZE)
-    counts = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
-    counts += "; circles: out of focus, by their radius" * bool(len(circles(grid)))
-    small = wrap(counts, room, TEXT_SIZE)
-    height = max(aids.shape[0], 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small))
-    panel = np.full((height, width, 3), PAPER, np.uint8)
-    panel[: aids.shape[0], width - aids.shape[1] :] = aids
-    write(panel, verdict, (10, 24), size=HEAD_SIZE, leading_px=HEAD_LEADING_PX)
-    write(panel, small, (10, 24 + HEAD_LEADING_PX * len(verdict)), colour=FAINT)
-    return panel
 
 
 def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
@@ -252,33 +219,19 @@ def _orientation_key() -> Picture:
 def _sigma_inset(grid: SmearGrid) -> Picture:
     """Return a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
     height, width = grid.shape
-    scale = min(150 / width, (_AIDS_HEIGHT_PX - 34) / height)
+    most = _AIDS_HEIGHT_PX - 34
+    scale = min(150 / width, most / height)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
-    x, y = ((np.arange(count) + 0.5) / scale - 0.5 for count in size)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    small = grid.at(points).sigma_px.reshape(size[::-1])
-    logs = np.log10(np.maximum(small, 1e-3))
+    logs = np.log10(np.maximum(grid.smears().sigma_px, 1e-3))
     low, high = np.percentile(logs, [2, 98])
     high = max(high, low + 0.1)  # a constant map has one colour
     inset = np.full((_AIDS_HEIGHT_PX, 150 + 62, 3), PAPER, np.uint8)
-    left = 150 - size[0]
-    inset[24 : 24 + size[1], left:150] = heat_colours((logs - low) / (high - low))
-    bar_height = _AIDS_HEIGHT_PX - 34
-    inset[24 : 24 + bar_height, 158:168] = heat_colours(
-        np.linspace(1, 0, bar_height)[:, None].repeat(10, axis=1)
-    )
+    bar = np.linspace(high, low, most)[:, None].repeat(10, axis=1)
+    for left, values in ((150 - size[0], cv2.resize(logs, size)), (158, bar)):
+        levels = np.round(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
+        colours = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+        inset[24 : 24 + len(colours), left : left + colours.shape[1]] = colours
     write(inset, "uncertainty, px", (0, 16), colour=FAINT)
-    write(inset, short_number(10**high), (174, 35))
-    write(inset, short_number(10**low), (174, 24 + bar_height))
+    write(inset, f"{10**high:.3g}", (174, 35))
+    write(inset, f"{10**low:.3g}", (174, 24 + most))
     return inset
-
-
-def heat_colours(share: NDArray[np.floating]) -> Picture:
-    """Return the colours, RGB, of a map (h, w) of shares 0 to 1."""
-    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8)
-
-
-def short_number(value: float) -> str:
-    """Return a positive number with two digits, without an exponent up to 9999, so that it fits the scale."""
-    return f"{value:.0f}" if 9.5 <= value < 9999.5 else f"{value:.2g}"

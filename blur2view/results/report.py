@@ -10,8 +10,6 @@ from importlib.resources import files
 from pathlib import PurePath
 from string import Template
 
-import numpy as np
-
 from blur2view.pipeline import FileEstimate
 from blur2view.results.overlay import draw_smears
 from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, photograph, picture
@@ -41,14 +39,13 @@ class Entry:
         shown = photograph(one, mask, mask_s)
         matches, geometry = one.estimate.matches, one.estimate.geometry
         drawn = draw_smears(one.image, one.estimate.grid, matches, geometry, THUMBNAIL_SIDE_PX)
-        shown_small = drawn.astype(np.float32) / np.float32(255)
         return cls(
             name=shown["name"],
             kind=shown["kind"],
             verdict=geometry.config.name,
             text=shown["meaning"],
             median_px=shown["median_px"],
-            thumbnail=picture(shown_small, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
+            thumbnail=picture(drawn, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
             content=json.dumps(shown, allow_nan=False),
         )
 

@@ -8,15 +8,14 @@ import zlib
 from io import BytesIO
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
-from blur2view.networks.smear_network import floats_of
 from blur2view.pipeline import FileEstimate
+from blur2view.results.drawing import View
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import mask_verdict
 from blur2view.results.overlay import circles
@@ -154,12 +153,7 @@ def packed(values: NDArray[Any], kind: str, step: float = 1.0) -> Json:
 
 def picture(image: AnyArray, side_px: int = PICTURE_SIDE_PX, quality: int = PICTURE_QUALITY) -> str:
     """Return a photograph (H, W, 3), of 8 or 16 bits or in [0, 1], as the data URI of a JPEG of this side."""
-    height, width = image.shape[:2]
-    scale = min(side_px / max(height, width), 1.0)
-    if scale < 1:
-        size = max(round(width * scale), 1), max(round(height * scale), 1)
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    levels = np.round(255 * np.clip(floats_of(image), 0, 1)).astype(np.uint8)
+    levels = View.of(image.shape, min(side_px, max(image.shape[:2]))).picture(image)
     file = BytesIO()
     Image.fromarray(levels).save(file, "JPEG", quality=quality, subsampling=0)
     return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING
 
 from blur2view.results.document import Document
-from blur2view.results.estimate import rate_of
+from blur2view.results.estimate import EstimateDocument
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate
@@ -91,31 +91,25 @@ class Row(Document):
     @classmethod
     def of(cls, one: FileEstimate) -> Row:
         """Return the row of a photograph, without a name."""
-        from blur2view.results.verdicts import verdict_of
-
-        estimate, geometry, blur = one.estimate, one.estimate.geometry, one.estimate.blur
+        document, diagonal_px = EstimateDocument.of(one), math.hypot(*one.estimate.grid.size)
         stated = {
-            "verdict": geometry.config,
-            "blur": blur.kind,
-            "smear_percent": blur.smear_px and 100 * blur.smear_px / math.hypot(*estimate.grid.size),
-            "rotation_deg": geometry.cam2_from_cam1 and geometry.cam2_from_cam1.angle_deg,
-            "time_confidence": estimate.time.confidence,
-            "inliers": int(geometry.inlier_mask.sum()),
+            "verdict": document.config,
+            "smear_percent": document.smear_px and 100 * document.smear_px / diagonal_px,
+            "inliers": document.num_inliers,
             "reason": "",
-            "elapsed_s": one.timings_s and sum(one.timings_s.values()),
-            "meaning": verdict_of(one),
+            "elapsed_s": document.timings_s and sum(document.timings_s.values()),
         }
-        return cls.gathered(one, geometry, blur, cls(), **stated, **rate_of(geometry, one))
+        return cls.gathered(document, one.estimate.blur, cls(), **stated)
 
 
-def table_text(rows: Sequence[Row]) -> str:
-    """Return the table as CSV (RFC 4180, but for the ends of lines) with a header."""
+def table_text(rows: Sequence[Row]) -> bytes:
+    """Return the table as CSV (RFC 4180, but for the ends of lines) with a header; names may be no text."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([field.name for field in fields(Row)])
     for one in rows:
         writer.writerow([_shown(name, value) for name, value in asdict(one).items()])
-    return text.getvalue()
+    return text.getvalue().encode("utf-8", "surrogateescape")
 
 
 def _shown(name: str, value: object) -> object:

@@ -5,11 +5,12 @@ import hashlib
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from blur2view.errors import Blur2ViewError, ImageError, RunError, within_memory
-from blur2view.output_files import ResultFiles, unwritable, write_files
+from blur2view.output_files import unwritable, write_files
 from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
@@ -38,7 +39,7 @@ class Job(Photograph):
 
     index: int  # its place in the call
     name: str = ""  # in tables and databases
-    files: ResultFiles | None = None  # where its results go
+    files: tuple[Path, ...] = ()  # where its results go, in the order of writing, its document last
     target: Any = None  # what the work needs besides, as its plan in a database
     refusal: Blur2ViewError | None = None  # why it cannot be begun
     digest: str = ""  # SHA-256 of the file; empty where the content is still to be read
@@ -108,6 +109,15 @@ def file_digest(path: Path) -> str:
         return hashlib.sha256().hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+_video_digest = cache(file_digest)
+
+
+def photograph_digest(path: Path) -> str:
+    """Return the SHA-256 of a photograph's file, of a frame that of its video, computed once."""
+    frame = frame_of(path)
+    return file_digest(path) if frame is None else _video_digest(frame[0])
 
 
 def neighbours_of(paths: Sequence[Path], sequence: bool | None) -> dict[Path, tuple[Photograph, ...]]:

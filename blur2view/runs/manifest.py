@@ -2,8 +2,8 @@
 
 A line is written by one call of the system and forced to the disk, with a digest of itself: one that was cut
 off or changed is passed over. A line of ``"options"`` says what results depend on, the others hold the
-digests and the row of a photograph, done or failed, or the digest of a file of all photographs. It lies
-hidden beside its output, or in it if that is a folder. One call at a time has a manifest.
+digests and the row of a photograph that is done, or the digest of a file of all photographs. It lies hidden
+beside its output, or in it if that is a folder. One call at a time has a manifest.
 """
 
 import errno
@@ -12,18 +12,18 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any
 
-from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.input_files import MAX_BYTES, open_regular, parse_json, read_regular
+from blur2view.errors import OutputError
+from blur2view.input_files import open_regular, parse_json, read_regular
 from blur2view.output_files import unwritable
 from blur2view.photographs.video import frame_of
 from blur2view.results.table import Row
-from blur2view.runs.job import Job, Outcome, file_digest
+from blur2view.runs.job import Job, Outcome, file_digest, photograph_digest
 
 SIGN, FORMAT = "blur2view", 5  # 1 held pickles, 2 summaries, 3 no digests of lines, 4 pointers
 HEAD = f'{{"{SIGN}": '.encode()  # how every manifest begins
@@ -37,77 +37,40 @@ Line = dict[str, Any]
 class Manifest:
     """The lines of a manifest by photograph, and the file that new ones are appended to.
 
-    A photograph is known by its path from the manifest's folder, from wherever it is named; with ``resume``
-    what earlier calls of the ``command`` and ``version`` did with it is looked up, also in the manifests of
-    other outputs in these ``folders``. ``options``, of JSON's types, are all that results depend on beside
-    their photograph, digests of networks and other files among them. To be closed; an empty one is then
-    removed. OutputError if there is a file of another kind, one that cannot be read or written, or one of a
-    call that runs.
+    A photograph is known by its path from the manifest's folder, from wherever it is named; what earlier
+    calls of the same ``head`` did with it is looked up with ``resume``, also in the manifests of other
+    outputs in these ``folders``.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        command: str,
-        version: str,
-        options: Mapping[str, Any],
-        resume: bool,
-        folders: Iterable[Path] = (),
-    ) -> None:
-        self.path, self._resume = path, resume
-        self._head: Line = {SIGN: version, "format": FORMAT, "command": command, "options": dict(options)}
-        self._settings = _digest_of(self._head)  # which every line repeats
+    def __init__(self, path: Path, file: int, head: Line, folders: Iterable[Path], resume: bool) -> None:
+        self.path, self._file, self._head = path, file, head
+        self._settings = _digest_of(head)  # which every line repeats
         self._done: dict[str, Line] = {}
         self._owners: dict[str, tuple[str, str]] = {}
         self._targets: dict[str, str] = {}
-        self._known: set[str] = set()
         self._heads: dict[str, Line] = {}
         self._digests: dict[Path, str] = {}
-        self._headed, self._new, self._file = False, not os.path.lexists(path), _open_alone(path)
-        try:
-            for other in sorted(
-                {other for folder in folders for other in folder.glob(f".*{ENDING}")} - {path}
-            ):
-                with suppress(OSError, Blur2ViewError), open_regular(other) as file:
-                    self._read(file, other)
-            self._damaged, self._end = False, 0
-            if os.fstat(self._file).st_size:  # some files of /proc that say so wait for ever
-                with open(self._file, "rb", closefd=False) as file:
-                    self._end = self._read(file, path)
-        except BaseException:
-            self.close()
-            raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *reason: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let other calls have the file; remove it where this one made it and wrote nothing."""
-        if self._new and not os.fstat(self._file).st_size:
-            self.path.unlink(missing_ok=True)
-        os.close(self._file)
+        for other in sorted({one for folder in folders for one in folder.glob(f".*{ENDING}")} - {path}):
+            with suppress(OSError, OutputError):
+                self._read(other)
+        self._headed, self._damaged = False, False
+        self._end = self._read(path)
+        if not resume:
+            self._done, self._heads = {}, {}
 
     @property
     def complaint(self) -> OutputError | None:
         """Return one line about what cannot be gone on with, if there is such."""
-        if self._resume and self._heads and self._settings not in self._heads:
+        if self._heads and self._settings not in self._heads:
             *_, head = self._heads.values()
-            if (head[SIGN], head.get("format")) != (self._head[SIGN], FORMAT):
-                return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
             then, now = head["options"], self._head["options"]
             changed = ", ".join(sorted(name for name in {**then, **now} if then.get(name) != now.get(name)))
+            if (head[SIGN], head.get("format")) != (self._head[SIGN], FORMAT):
+                return OutputError(f"{self.path}: is of another version of blur2view; all is done again")
             return OutputError(f"{self.path}: other options ({changed}) made it; all is done again")
         if self._damaged:
             return OutputError(f"{self.path}: a line was cut off or changed; that photograph is done again")
         return None
-
-    def knows(self, job: Job) -> bool:
-        """Return whether an earlier call with these settings did a photograph, whatever it was then."""
-        return self._name(job.path) in self._done
 
     def other_owner(self, path: Path, outputs: Iterable[Path]) -> str | None:
         """Return the other photograph of which one of these files is a result, from the manifest's folder.
@@ -121,19 +84,18 @@ class Manifest:
         return None
 
     def find(self, job: Job) -> Outcome | None:
-        """Return what an earlier call made of a photograph, with its digest, if it and its files are whole.
+        """Return what an earlier call made of a photograph, if it is the same and its files are whole.
 
         The payload is the photograph's document, if it has files, or what the manifest holds.
         """
         line = self._done.pop(self._name(job.path), None)  # which may be large
-        if line is None or (line["sha256"], line["source"]) != (job.digest, self._source(job)):
+        if line is None or (line["sha256"], line["source"]) != (_digest(job.path), self._source(job)):
             return None
-        expected = {self._name(one) for one in job.files.paths} if job.files else set()
         whole = (_digest(self.path.parent / name) == digest for name, digest in line["outputs"].items())
-        if expected != line["outputs"].keys() or not all(whole):
+        if set(map(self._name, job.files)) != line["outputs"].keys() or not all(whole):
             return None  # its results have other names since then, or another content
         with suppress(OSError, *DAMAGE):
-            payload = parse_json(read_regular(job.files.document)) if job.files else line["kept"]
+            payload = parse_json(read_regular(job.files[-1])) if job.files else line["kept"]
             done = f"{job.path}: done before"
             return Outcome(payload=payload, summary=done, row=Row(**line["row"]), skipped=True)
         return None
@@ -143,12 +105,8 @@ class Manifest:
         return _digest(target) == self._targets.get(self._name(target), "")
 
     def append(self, job: Job, outcome: Outcome) -> None:
-        """Append the line of a photograph that is done, or failed since; OutputError if it cannot be."""
+        """Append the line of a photograph that is done; OutputError if it cannot be."""
         line: Line = {"settings": self._settings, "image": self._name(job.path)}
-        if outcome.error:
-            if line["image"] in self._known:
-                self._write(line | {"error": outcome.error})
-            return
         line |= {"sha256": outcome.digest, "source": self._source(job)}
         line["outputs"] = {self._name(path): digest for path, digest in outcome.outputs.items()}
         self._write(line | {"row": asdict(outcome.row), "kept": None if job.files else outcome.payload})
@@ -166,22 +124,22 @@ class Manifest:
     def _name(self, path: Path) -> str:
         return Path(os.path.relpath(path, self.path.parent)).as_posix()
 
-    def _read(self, file: BinaryIO, path: Path) -> int:
+    def _read(self, path: Path) -> int:
         """Note the lines of earlier calls; return where the last whole one ends."""
-        end, size = 0, file.seek(0, os.SEEK_END)
-        file.seek(0)
-        if size > MAX_BYTES or not HEAD.startswith(file.read(len(HEAD))):
-            raise _foreign(path, f", or larger than {MAX_BYTES >> 30} GiB" * (size > MAX_BYTES))
-        file.seek(0)
-        for text in file:
-            end += len(text) * text.endswith(b"\n")
-            try:
-                line = parse_json(text)
-                if SIGN not in line and line.pop("digest") != _digest_of(line):
-                    raise ValueError("another one wrote it, or a part of it")
-                self._note(line, path.parent)
-            except DAMAGE:
-                self._damaged = True
+        end = 0
+        with open_regular(path) as file:
+            if not HEAD.startswith(file.read(len(HEAD))):
+                raise _foreign(path)
+            file.seek(0)
+            for text in file:
+                end += len(text) * text.endswith(b"\n")
+                try:
+                    line = parse_json(text)
+                    if SIGN not in line and line.pop("digest") != _digest_of(line):
+                        raise ValueError("another one wrote it, or a part of it")
+                    self._note(line, path.parent)
+                except DAMAGE:
+                    self._damaged = True
         return end
 
     def _note(self, line: Line, folder: Path) -> None:
@@ -190,15 +148,13 @@ class Manifest:
             self._heads[line["settings"]] = line | {"options": dict(line["options"])}
         elif "target" in line:
             self._targets[self._name(folder / line["target"])] = line["sha256"]
-        else:
+        elif "outputs" in line:
             image = self._name(folder / line["image"])
-            self._known.add(image)
-            self._done.pop(image, None)  # failed since, or done otherwise
-            if "outputs" in line:
-                line["outputs"] = {self._name(folder / one): sum_ for one, sum_ in line["outputs"].items()}
-                self._owners |= dict.fromkeys(line["outputs"], (image, line["sha256"]))
-                if self._resume and line["settings"] == self._settings:
-                    self._done[image] = line
+            line["outputs"] = {self._name(folder / one): digest for one, digest in line["outputs"].items()}
+            self._owners |= dict.fromkeys(line["outputs"], (image, line["sha256"]))
+            self._done.pop(image, None)  # done otherwise since
+            if line["settings"] == self._settings:
+                self._done[image] = line
 
     def _write(self, line: Line) -> None:
         """Append a line and wait until the disk has it."""
@@ -218,6 +174,32 @@ class Manifest:
         self._headed = True
 
 
+@contextmanager
+def opened(
+    path: Path,
+    *,
+    command: str,
+    version: str,
+    options: Mapping[str, Any],
+    resume: bool,
+    folders: Iterable[Path] = (),
+) -> Iterator[Manifest]:
+    """Open the manifest at a path, which no other call has then; at the end remove one that stays empty.
+
+    ``options``, of JSON's types, are all that results depend on beside their photograph, digests of networks
+    and other files among them. OutputError if there is a file of another kind, one that cannot be read or
+    written, or one of a call that runs.
+    """
+    new, file = not os.path.lexists(path), _open_alone(path)
+    try:
+        head = {SIGN: version, "format": FORMAT, "command": command, "options": dict(options)}
+        yield Manifest(path, file, head, folders, resume)
+    finally:
+        if new and not os.fstat(file).st_size:
+            path.unlink(missing_ok=True)
+        os.close(file)
+
+
 def _open_alone(path: Path) -> int:
     """Return the descriptor of a regular file, open to append to and locked: no other call has it."""
     try:
@@ -225,7 +207,6 @@ def _open_alone(path: Path) -> int:
     except OSError as error:
         raise unwritable(path, error) from None
     try:
-        os.fsync(file)  # which files of /proc refuse
         regular = stat.S_ISREG(os.fstat(file).st_mode)
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -239,8 +220,8 @@ def _open_alone(path: Path) -> int:
     return file
 
 
-def _foreign(path: Path, more: str = "") -> OutputError:
-    return OutputError(f"{path}: is no manifest of blur2view{more}; rename or remove it")
+def _foreign(path: Path) -> OutputError:
+    return OutputError(f"{path}: is no manifest of blur2view; rename or remove it")
 
 
 def _digest_of(value: Any) -> str:
@@ -251,6 +232,6 @@ def _digest_of(value: Any) -> str:
 def _digest(path: Path) -> str | None:
     """Return the SHA-256 of a file; None of what cannot be read."""
     try:
-        return file_digest(path)
+        return photograph_digest(path)
     except (OSError, ValueError):  # of a name with a null character
         return None

@@ -37,22 +37,17 @@ def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
             while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
                 try:
                     future = executor.submit(perform, work, job)
-                except BrokenProcessPool as error:  # the processes have died meanwhile
-                    future = Future()
-                    future.set_exception(error)
+                except BrokenProcessPool:  # the processes have died meanwhile
+                    _end(executor)
+                    executor = _executor(count)
+                    future = executor.submit(perform, work, job)
                 pending[future] = job
             if not pending:
                 return
-            done, _ = wait(pending, return_when=FIRST_COMPLETED)
-            lost = [future for future in done if isinstance(future.exception(), BrokenProcessPool)]
-            for future in done.difference(lost):
-                yield pending.pop(future), future.result()
-            if lost:  # and with them all that wait
-                _end(executor)
-                again, pending = list(pending.values()), {}
-                for job in again:
-                    yield job, _alone(work, job)
-                executor = _executor(count)
+            for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                job = pending.pop(future)
+                lost = isinstance(future.exception(), BrokenProcessPool)
+                yield job, _alone(work, job) if lost else future.result()
     finally:
         _end(executor)
 

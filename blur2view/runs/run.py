@@ -1,14 +1,13 @@
 """A run over many photographs: skips what is done, does the rest in any order, gives outcomes in order."""
 
 from collections.abc import Iterable, Iterator
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 from blur2view.errors import Blur2ViewError
 from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
-from blur2view.runs.job import Done, Job, Outcome, Work, failed, file_digest, with_contents, written
+from blur2view.runs.job import Done, Job, Outcome, Work, failed, photograph_digest, with_contents, written
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.processes import Engine
 
@@ -31,7 +30,7 @@ def outcomes(
         with closing(engine(work, _left(jobs, manifest, waiting, sends=sends))) as done:
             for job, outcome in done:
                 outcome = written(outcome)
-                if manifest is not None and not outcome.stop:
+                if manifest is not None and not outcome.error:
                     manifest.append(job, outcome)
                 waiting[job.index] = replace(job, content=None, neighbours=()), outcome
                 while turn in waiting:
@@ -39,9 +38,9 @@ def outcomes(
                         yield pair
                     turn += 1
     except KeyboardInterrupt:
-        yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+        yield from filter(None, (waiting[index] for index in sorted(waiting)))
         raise
-    yield from (pair for _, pair in sorted(waiting.items()) if pair is not None)
+    yield from filter(None, (waiting[index] for index in sorted(waiting)))
 
 
 def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, sends: bool) -> Iterator[Job]:
@@ -54,18 +53,10 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
         try:
             if job.refusal is not None:
                 raise job.refusal
-            outcome = None
-            if manifest is not None and manifest.knows(job):
-                with suppress(OSError):  # reading it will say why
-                    outcome = manifest.find(replace(job, digest=_digest(job.path)))
-            if outcome is not None:
+            if manifest is not None and (outcome := manifest.find(job)) is not None:
                 waiting[job.index] = job, outcome
-            elif (frame := frame_of(job.path)) is not None:  # a video is read once, in order
-                yield _read_frame(job, *frame)
-            elif sends:
-                yield replace(job, content=job.encoded, neighbours=with_contents(job.neighbours))
-            else:
-                yield job
+            else:  # a video is read once, in order
+                yield _read(job) if sends or frame_of(job.path) else job
         except EndOfVideo as end:
             said = end.whole or job.path.parent in cut
             waiting[job.index] = None if said else (job, failed(end))
@@ -74,19 +65,12 @@ def _left(jobs: Iterable[Job], manifest: Manifest | None, waiting: Waiting, *, s
             waiting[job.index] = job, failed(error)
 
 
-def _read_frame(job: Job, video: Path, number: int) -> Job:
-    """Return the job of a frame with what is read of its video, in order: before it, itself, after it."""
+def _read(job: Job) -> Job:
+    """Return a job with its content and those before and after it, of a frame with its place in the video."""
     before = with_contents(one for one in job.neighbours if one.steps < 0)
-    read = replace(job, content=job.encoded, digest=_digest(job.path))
-    after = with_contents(one for one in job.neighbours if one.steps > 0)
-    time_s = frame_time(video, number)
-    return replace(read, frame=number, timestamp_s=time_s, neighbours=before + after)
-
-
-_video_digest = cache(file_digest)
-
-
-def _digest(path: Path) -> str:
-    """Return the SHA-256 of a photograph's file, of a frame that of its video, computed once."""
-    frame = frame_of(path)
-    return file_digest(path) if frame is None else _video_digest(frame[0])
+    read = replace(job, content=job.encoded)
+    read = replace(read, neighbours=before + with_contents(one for one in job.neighbours if one.steps > 0))
+    if (frame := frame_of(job.path)) is None:
+        return read
+    digest, time_s = photograph_digest(job.path), frame_time(*frame)
+    return replace(read, digest=digest, frame=frame[1], timestamp_s=time_s)

@@ -21,7 +21,7 @@ def test_only_results_of_an_earlier_call_are_replaced(
         ours = (out / name).read_bytes()
         (out / name).write_text("mine")
         done = run(moving, still, "-o", out, "--overwrite")
-        assert done == 1 and f"{out / name} is no result of an earlier call; use another -o" in done.line
+        assert done == 1 and f"{out / name}: is no result of an earlier call" in done.line
         assert (out / name).read_text() == "mine" and (out / "still.json").exists()
         (out / name).write_bytes(ours)
 
@@ -79,4 +79,4 @@ def test_a_result_that_leads_to_a_photograph_is_refused(run: Call, moving: Path,
     (out / "moving.json").symlink_to(moving)
     for place in (moving.parent, out):
         done = run(moving, "-o", place, "--overwrite")
-        assert done == 1 and "would replace the photograph" in done.line and moving.read_bytes() == before
+        assert done == 1 and "would replace a photograph" in done.line and moving.read_bytes() == before

@@ -118,7 +118,7 @@ def test_the_same_call_replaces_what_it_wrote_and_nothing_else(
     assert sorted(path.name for path in (linked / "again").iterdir()) == names
     before = (linked / "model" / "1" / "images.bin").read_bytes()
     assert place(linked, output="model/1") == 1
-    assert "rigs.bin: is of no earlier call; name another folder with -o" in capsys.readouterr().err
+    assert "rigs.bin: is no model of an earlier call; name another with -o" in capsys.readouterr().err
     assert (linked / "model" / "1" / "images.bin").read_bytes() == before
 
 

@@ -58,7 +58,7 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 
 
-@pytest.mark.parametrize("size", [0, 60, -2])
+@pytest.mark.parametrize("size", [0, -2])
 @pytest.mark.parametrize("listed", [True, False])
 def test_a_result_that_is_empty_or_cut_is_done_again(again: Call, size: int, listed: bool) -> None:
     assert again("estimate", "--no-timings") == 0
@@ -74,7 +74,7 @@ def test_a_file_of_others_that_begins_like_a_result_stays(again: Call) -> None:
     Path("out").mkdir()
     Path("out/000.json").write_text('{\n  "image": "mine"}')
     done = again("estimate")
-    assert done == 1 and "000.json is no result of an earlier call" in done.line
+    assert done == 1 and "000.json: is no result of an earlier call" in done.line
 
 
 @pytest.mark.parametrize("option", [["--seed", 3], ["--no-timings"]])

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
-from blur2view.cli.outputs import estimate_contents
+from blur2view.cli.estimate import estimate_contents
 from blur2view.output_files import write_files
 from blur2view.pipeline import Run, estimate, estimate_file
 from blur2view.smears.selection import SelectOptions, select_matches

@@ -1,5 +1,6 @@
 """The options that the commands over photographs share."""
 
+import os
 import sys
 from dataclasses import MISSING, dataclass, field
 from functools import partial
@@ -17,6 +18,7 @@ from blur2view.photographs.inputs import Inputs, list_photographs
 from blur2view.photographs.video import frame_numbers
 from blur2view.pipeline import Run
 from blur2view.runs.job import Job, Outcome, file_digest
+from blur2view.runs.manifest import ENDING
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions
 
@@ -141,6 +143,20 @@ class PhotographOptions(Options):
     def __call__(self, job: Job) -> Outcome:
         """Return what is made of one photograph, in whichever process; Blur2ViewError where it fails."""
         raise NotImplementedError
+
+    @property
+    def targets(self) -> dict[str, Path]:
+        """The files of all photographs that the call writes, by their options."""
+        return {} if self.csv is None else {"--csv": self.csv}
+
+    @property
+    def manifest_path(self) -> Path | None:
+        """The hidden manifest of the first of them; one photograph alone leaves nothing to go on with."""
+        target = next(iter(self.targets.values()), None)
+        if target is None or (len(self.inputs.paths) == 1 and not self.resume):
+            return None
+        target = Path(os.path.abspath(target))  # . has no name
+        return target.with_name(f".{target.name}{ENDING}")
 
     @property
     def prints(self) -> bool:
