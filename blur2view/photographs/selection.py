@@ -12,7 +12,7 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
 from blur2view.input_files import read_regular
-from blur2view.output_files import write_file
+from blur2view.output_files import half_written, write_file
 from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, read_frame
 
@@ -88,7 +88,8 @@ def extracted_names(names: Mapping[Path, str]) -> dict[Path, str]:
 
 def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] = ()) -> None:
     """Raise OutputError for a folder with a file that is none of these: a program would read it with them."""
-    ours = {os.path.realpath(folder / file) for file in files} | set(map(os.path.realpath, besides))
+    whole = [folder / file for file in files]
+    ours = set(map(os.path.realpath, [*whole, *map(half_written, whole), *besides]))
     for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
         if not path.is_dir() and os.path.realpath(path) not in ours:
             raise OutputError(
