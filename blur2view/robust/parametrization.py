@@ -138,6 +138,11 @@ class CameraPrior:
         """One over the standard deviations (6,) of rotation, log focal length and principal point."""
         return 1 / np.maximum([*self.rotation, self.log_focal, self.principal, self.principal], 1e-9)
 
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives (6, 8) of the prior's residuals in the parameters of `CameraF`, to first order."""
+        return np.eye(6, 8, 2) * self.weight[:, None]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CameraF(Manifold):
@@ -207,8 +212,8 @@ class CameraF(Manifold):
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
-        value = np.concatenate([self.rotation, [self.log_focal], self.principal])
-        return value * self.spread.weight, np.eye(6, 8, 2) * self.spread.weight[:, None]
+        value = np.array([*self.rotation, self.log_focal, *self.principal])
+        return value * self.spread.weight, self.spread.jacobian
 
     def motion(self) -> tuple[Array, Array]:
         """Return its rotation vector and translation; the offset of K from the identity is left out."""

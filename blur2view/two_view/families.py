@@ -12,7 +12,7 @@ from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust import calibration as c
 from blur2view.robust.estimators import SmearEstimator
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt
+from blur2view.robust.levenberg_marquardt import least_of, levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.minimal_solvers import meeting_points
 from blur2view.robust.parametrization import CameraF, GeneralF, Manifold, TranslationF
@@ -44,6 +44,8 @@ def search_and_fit(
 
     Fitted are the two-parameter F, a camera's and, from there, the general F: the odds of the orders that the
     essential matrix nearest to it gives leave it in other minima (7 of 60 exact scenes without image size).
+    Beside a plane of 80 % the camera's may be one, too: from the search's F the general one finds an epipole
+    1 degree off in 9 of 10 runs, where from the camera's alone it was 6 degrees off in 3 of them, else 2.5.
     """
     estimator = SmearEstimator(likelihood=likelihood)
     searched = ransac(estimator, options.search(), rng)
@@ -54,11 +56,15 @@ def search_and_fit(
     point = fit_roughly(starts, simple.matrix(), rough)
     measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
     camera = fit_best(MotionModel.CAMERA, [point], measured)
-    general = GeneralF.from_matrix(camera.point.matrix())
+    generals = [camera.point.matrix(), *starts]
+    tolerance = c.TOLERANCE
+    if measured.has_camera and measured.effective_count < c.LEAST_INDEPENDENT:
+        # so few never pay for another family, whose score need not be that of its very optimum then
+        generals, tolerance = generals[:1], c.FREE_TOLERANCE
     fits = [
-        fit_best(MotionModel.TRANSLATION, [simple], measured),
+        fit_best(MotionModel.TRANSLATION, [simple], measured, tolerance),
         camera,
-        fit_best(MotionModel.GENERAL, [general], measured),
+        fit_best(MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in generals], measured, tolerance),
     ]
     return measured, fits, searched.iterations
 
@@ -115,14 +121,8 @@ def fit_best(
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
     Of several starts the cheapest KEPT take a step each; only the one that is cheapest then is refined on.
     """
-    points = (WeightedPoint.likelier(start, likelihood) for start in starts)
-    runs = [levenberg_marquardt(point, c.STEPS, tolerance, c.REST) for point in points]
-    trials = [(next(run), run) for run in runs]
-    for kept in c.KEPT:
-        trials = sorted(trials, key=lambda trial: trial[0].cost)[:kept]
-        trials = [(next(run, reached), run) for reached, run in trials]
-    reached, run = min(trials, key=lambda trial: trial[0].cost)
-    *_, best = [reached, *run]
+    points = [WeightedPoint.likelier(start, likelihood) for start in starts]
+    best = least_of(points, c.KEPT, c.STEPS, tolerance, c.REST)
     score = best.cost + 2 * PARAMETERS[model] + 2 * float(np.log(ODDS_AGAINST[model])) * likelihood.has_camera
     return Fit(model=model, point=best.point, score=score)
 
