@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -13,11 +12,9 @@ from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import OrderedResiduals
 
-M = TypeVar("M", bound=Manifold)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WeightedPoint(Generic[M]):
+class WeightedPoint:
     """A point of a family of F with the odds of the smears' orders there: a `levenberg_marquardt.Problem`.
 
     The order of every smear, and whether it is an outlier, are weighed anew at every point (expectation-
@@ -28,12 +25,12 @@ class WeightedPoint(Generic[M]):
     outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
     """
 
-    point: M
+    point: Manifold
     likelihood: Likelihood
     sign: float = 0.0
 
     @classmethod
-    def likelier(cls, point: M, likelihood: Likelihood) -> WeightedPoint[M]:
+    def likelier(cls, point: Manifold, likelihood: Likelihood) -> WeightedPoint:
         """Return a point with the sign of the translation that explains more."""
         both = (cls(point=point, likelihood=likelihood, sign=sign) for sign in (1.0, -1.0))
         return min(both, key=lambda state: state.cost)
@@ -63,6 +60,6 @@ class WeightedPoint(Generic[M]):
         gradient = jacobian @ (weight * self.residuals.both).reshape(-1)
         return jacobian @ jacobian.T + of_prior.T @ of_prior, gradient + of_prior.T @ prior
 
-    def moved(self, delta: Array) -> WeightedPoint[M]:
+    def moved(self, delta: Array) -> WeightedPoint:
         """Return the point moved by delta (k,)."""
         return WeightedPoint(point=self.point.step(delta), likelihood=self.likelihood, sign=self.sign)
