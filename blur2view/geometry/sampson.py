@@ -1,4 +1,4 @@
-"""Sampson distances: of ordered matches, of the better order, of many F at once, and their derivatives."""
+"""Sampson distances: of ordered matches, of the better order, of many F at once."""
 
 from __future__ import annotations
 
@@ -115,27 +115,3 @@ def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:
     squared: FloatArray = numerator * numerator
     squared /= np.maximum(gradient, np.float32(1e-20))
     return squared
-
-
-def entry_jacobian(residual: Array, line1: Array, line2: Array, root: Array, x: Array, y: Array) -> Array:
-    """Return the derivative (9, N) of the signed Sampson distance in the entries of F.
-
-    ``residual``, ``line1``, ``line2`` and ``root`` are the `residual_parts` of homogeneous x, y (3, N).
-    """
-    inverse = 1 / root
-    scaled = residual * inverse  # c / D
-    across = y * inverse
-    along = across.copy()
-    along[:2] -= line2[:2] * (scaled * inverse)
-    jacobian = along[:, None] * x
-    jacobian[:, :2] -= across[:, None] * (line1[:2] * scaled)
-    return jacobian.reshape(9, -1)
-
-
-def residual_parts(F: Array, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the signed residual (N,), lines in view 1 and 2 (3, N), root of the squared gradient (N,)."""
-    line2, line1 = F @ x, F.T @ y
-    squared = (line1[0] * line1[0] + line1[1] * line1[1]) + (line2[0] * line2[0] + line2[1] * line2[1])
-    root = np.sqrt(np.maximum(squared, TINY))
-    product = line2 * y
-    return (product[0] + product[1] + product[2]) / root, line1, line2, root

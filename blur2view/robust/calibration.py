@@ -24,7 +24,6 @@ OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ it
 LENGTH_ERROR = 0.1  # of the length, the deviation along a smear beyond that across it, against lines
 ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from: bound
 LEAST_INDEPENDENT = 100.0  # smears whose residuals measure the noise; network smears have at most about 100
-NEGLIGIBLE = 1e-4  # probability below which an order of a smear is left out of the normal equations: bound
 # Share of independent smears at which depth's odds of the orders count half: errors that neighbours share
 # mislead about depth as they do about F (rendered, one smear in thirty independent: median rho 0.049 with
 # full odds, 0.039 so).
@@ -36,7 +35,7 @@ PARALLAX_WIDTHS = 1.5, 4.0, 12.0, 40.0  # of parallax along the lines, in standa
 WIDER = 3.0  # scale of errors that are worse than stated: they are no parallax
 MIXTURE_ROUNDS = 50  # of expectation-maximisation: bound
 NO_ERROR = 1e-9  # standard deviation that holds an error all over the picture at zero
-FIELD_STEPS, FIELD_TOLERANCE = 12, 1e-4  # Levenberg-Marquardt steps, and the relative decrease that ends them
+FIELD_STEPS, FIELD_TOLERANCE = 12, 1e-3  # Levenberg-Marquardt steps, and the relative decrease that ends them
 # Prior deviation of the change of a rotation per unit of height over that of the rotation itself.
 ROLLING_SPREAD = 0.5
 

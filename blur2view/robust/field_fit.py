@@ -12,11 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from blur2view.arrays import Array
-from blur2view.robust.calibration import FIELD_STEPS, FIELD_TOLERANCE, FREEDOM
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.depth import unit_lines
+from blur2view.geometry.epipolar import symmetric_skew
+from blur2view.robust import calibration as c
+from blur2view.robust.calibration import FREEDOM
 from blur2view.robust.homography import Field
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt
-from blur2view.robust.likelihood import Likelihood
+from blur2view.robust.levenberg_marquardt import least_of
+from blur2view.robust.likelihood import Likelihood, mixture
 from blur2view.robust.residuals import OrderedResiduals
 
 SLOW = 6  # parameters of the errors that vary slowly
@@ -35,19 +38,19 @@ class FieldFit:
 
     @cached_property
     def predicted(self) -> Array:
-        """Displacements (N, 2) of the field along and across the smears, in standard deviations."""
-        return self.likelihood.whiten(self.family.displacement(self.likelihood.middle))
+        """Displacements (2, N) of the field along and across the smears, in standard deviations."""
+        return self.likelihood.whiten(self.family.displacement(self.likelihood.middle).T)
 
     @cached_property
     def sign(self) -> Array:
         """1 where the smear runs from ends[:, 0] to ends[:, 1], -1 where backward, (N,)."""
-        along = (self.predicted * self.likelihood.whiten(self.likelihood.displacement)).sum(axis=1)
+        along = (self.predicted * self.likelihood.white_displacement).sum(axis=0)
         return np.where(along < 0, -1.0, 1.0)
 
     @cached_property
     def residual(self) -> Array:
-        """Residuals (N, 2) along and across, in standard deviations."""
-        return self.predicted - self.sign[:, None] * self.likelihood.measured(self.slow)
+        """Residuals (2, N) along and across, in standard deviations."""
+        return self.predicted - self.sign * self.likelihood.measured(self.slow)
 
     @property
     def prior_cost(self) -> float:
@@ -57,26 +60,61 @@ class FieldFit:
     @cached_property
     def cost(self) -> float:
         """Twice the negative log-posterior of the better orders, 0 for smears without residuals."""
-        data = (FREEDOM + 2) * np.log1p((self.residual**2).sum(axis=1) / FREEDOM).sum()
+        data = (FREEDOM + 2) * np.log1p((self.residual**2).sum(axis=0) / FREEDOM).sum()
         return float(self.likelihood.effective_share * data) + self.prior_cost
+
+    @cached_property
+    def costs(self) -> Array:
+        """Twice the negative log-likelihoods (N,), both orders together, 0 for a perfect inlier."""
+        chance = c.OUTLIER_ODDS * self.likelihood.field_chance
+        return np.asarray(-2 * np.log((student(self.both, np.ones(1))[0] + chance) / (1 + chance)))
 
     @cached_property
     def log_posterior(self) -> float:
         """Log-posterior, both orders of every smear together."""
-        costs = self.likelihood.field_costs(self.predicted, self.slow)
-        return -0.5 * (self.likelihood.effective_share * float(costs.sum()) + self.prior_cost)
+        return -0.5 * (self.likelihood.effective_share * float(self.costs.sum()) + self.prior_cost)
+
+    @property
+    def both(self) -> Array:
+        """Residuals (2, 2, N) of the smears as they are and reversed, in standard deviations."""
+        measured = self.likelihood.measured(self.slow)
+        return np.stack([self.predicted - measured, self.predicted + measured])
+
+    def gain_of_parallax(self, F: Array) -> float:
+        """Return what parallax along the lines of F (3, 3) gains over the field alone, in log-likelihood.
+
+        Of greatest likelihood over the shares of smears that lie by some width farther along their lines.
+        """
+        likelihood = self.likelihood
+        (line,), (across,) = unit_lines(symmetric_skew(F)[1][None], likelihood.middle)  # at mid exposure
+        line, across = likelihood.whiten(np.stack([line, across]))
+        line /= np.maximum(np.hypot(*line), TINY)
+        height = line[0] * across[1] - line[1] * across[0]  # deviations per unit off the line
+        along = (self.both * line).sum(axis=1)
+        scale = 2**0.5 * height * likelihood.sigma_px / likelihood.unit_px
+        off = [likelihood.residuals(f).both * scale for f in (F, F.T)]  # of F and not of the field
+        likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
+        turned = np.stack([along, likely], axis=1)
+        # errors worse than stated, in all directions, and chance: they are no parallax
+        other = student(turned / c.WIDER, np.ones(1))[0] / c.WIDER**2 + likelihood.field_chance
+        density = student(turned, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
+        density += likelihood.matches.shared.outlier_odds * other
+        _, log_density = mixture(density.T)
+        return likelihood.effective_share * float((log_density - np.log(density[0])).sum())
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the field, then the errors that vary slowly."""
         likelihood = self.likelihood
-        moved = likelihood.whiten(self.family.derivatives(likelihood.middle))
-        jacobian = np.concatenate([moved, self.sign[:, None] * likelihood.slow_errors])
+        moved = self.family.derivatives(likelihood.velocities, likelihood.middle)
+        jacobian = np.concatenate([moved, self.sign * likelihood.slow_errors])
         jacobian = jacobian.reshape(len(jacobian), -1)
-        weight = likelihood.effective_share * (FREEDOM + 2) / (FREEDOM + (self.residual**2).sum(axis=1))
-        weighted = jacobian * np.repeat(weight, 2)
+        squared = (self.residual**2).sum(axis=0)
+        weight = np.sqrt(likelihood.effective_share * (FREEDOM + 2) / (FREEDOM + squared))
+        jacobian *= np.tile(weight, 2)
         precision = np.append(self.family.weight**2, PRECISION)
         prior = precision * np.append(self.family.parameters, self.slow)
-        return weighted @ jacobian.T + np.diag(precision), weighted @ self.residual.ravel() + prior
+        residual = (weight * self.residual).reshape(-1)
+        return jacobian @ jacobian.T + np.diag(precision), jacobian @ residual + prior
 
     def moved(self, delta: Array) -> FieldFit:
         """Return the fit moved by delta (k,)."""
@@ -97,8 +135,18 @@ class FieldFit:
         return OrderedResiduals(both=np.stack(both))
 
 
-def fit_field(start: Field, likelihood: Likelihood) -> FieldFit:
-    """Return the cheapest field near a start."""
-    first = FieldFit(likelihood=likelihood, family=start)
-    *_, best = levenberg_marquardt(first, FIELD_STEPS, FIELD_TOLERANCE)
-    return best
+def fit_field(start: Field, likelihood: Likelihood, other: Field | None = None) -> FieldFit:
+    """Return the cheapest field near a start, or near that of two which is cheaper after a step."""
+    starts = [FieldFit(likelihood=likelihood, family=field) for field in (start, other) if field is not None]
+    return least_of(starts, (2,), c.FIELD_STEPS, c.FIELD_TOLERANCE)
+
+
+def student(both: Array, widths: Array) -> Array:
+    """Return densities (W, N), both orders together, of residuals (2, 2, N) whose first is W ``widths`` wide.
+
+    In units of the density of a perfect inlier of width 1.
+    """
+    width = widths[:, None, None]
+    squared = (both[:, 0] / width) ** 2 + both[:, 1] ** 2  # (W, 2, N)
+    density = (1 + squared / FREEDOM) ** (-0.5 * FREEDOM - 1) / width
+    return np.asarray(0.5 * density.sum(axis=1))

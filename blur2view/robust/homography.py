@@ -99,11 +99,13 @@ class Field:
             else moved
         )
 
-    def derivatives(self, points: Array) -> Array:
-        """Return their derivatives (k, N, 2), to first order."""
-        basis = velocity_basis(points)
-        middle, change = (np.moveaxis(basis @ entries_of(A).T, -1, 0) for A in (self.tangent(), GENERATORS))
-        return np.concatenate([middle, points[:, [self.axis]] * change])[: len(self.parameters)]
+    def derivatives(self, basis: Array, points: Array) -> Array:
+        """Return their derivatives (k, 2, N), to first order, of `velocity_basis` at points (N, 2)."""
+        middle = np.tensordot(entries_of(self.tangent()), basis, 1)
+        if not len(self.change):
+            return middle
+        change = np.tensordot(entries_of(GENERATORS), basis, 1)
+        return np.concatenate([middle, points[:, self.axis] * change])
 
 
 def rotation_of(A: Array) -> Array:
@@ -122,12 +124,12 @@ def pixel_homography(A: Array, T: Array) -> Array:
 
 
 def velocity_basis(points: Array) -> Array:
-    """Return displacements (N, 2, 8) at points (N, 2) for unit entries of A, to first order."""
+    """Return displacements (8, 2, N) at points (N, 2) for unit entries of A, to first order."""
     x, y = np.asarray(points, float).T
     one, zero = np.ones_like(x), np.zeros_like(x)
     along_x = [x, y, one, zero, zero, zero, -x * x, -x * y]
     along_y = [zero, zero, zero, x, y, one, -x * y, -y * y]
-    return np.stack([np.stack(along_x, axis=1), np.stack(along_y, axis=1)], axis=1)
+    return np.array([along_x, along_y]).swapaxes(0, 1)
 
 
 def entries_of(A: Array) -> Array:
@@ -137,9 +139,9 @@ def entries_of(A: Array) -> Array:
 
 def chords(A: Array, points: Array) -> Array:
     """Return the chords (N, 2) of the paths of a generator (3, 3) whose midpoints are points (N, 2)."""
-    A = A - A[2, 2] * IDENTITY
-    third = points @ A[2, :2]
-    moved = points @ A[:2, :2].T + A[:2, 2] - points * third[:, None]
-    bent = moved @ A[:2, :2].T - points * (moved @ A[2, :2])[:, None]
-    chord: Array = moved + 0.25 * third[:, None] * bent
-    return chord
+    A, p = A - A[2, 2] * IDENTITY, points.T
+    third = A[2, :2] @ p
+    moved = A[:2, :2] @ p + A[:2, 2:] - p * third
+    bent = A[:2, :2] @ moved - p * (A[2, :2] @ moved)
+    chord: Array = moved + 0.25 * third * bent
+    return chord.T

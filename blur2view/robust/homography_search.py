@@ -27,16 +27,18 @@ SEARCH = RansacOptions(max_iterations=96, confidence=0.99, batch=48)
 def solve_signed(basis: Array, displacement: Array, signs: Array) -> Array:
     """Return least-squares solutions (B P, k) of basis @ a = +-displacement: B samples of m, P patterns.
 
-    ``basis`` (B, m, 2, k) is `velocity_basis` at the midpoints, for entries of A or a part of them, the
-    displacements are (B, m, 2) and the signs (P, m): a smear's order reversed is another pattern; -A, the
+    ``basis`` (k, 2, B, m) is `velocity_basis` at the midpoints, for entries of A or a part of them, the
+    displacements are (2, B, m) and the signs (P, m): a smear's order reversed is another pattern; -A, the
     order of time, is left out. Degenerate samples (three midpoints on a line) give meaningless entries.
     """
-    rows = basis.reshape(len(basis), -1, basis.shape[-1])  # (B, 2m, k)
-    right = (signs[:, :, None] * displacement[:, None]).reshape(len(basis), len(signs), -1)  # (B, P, 2m)
+    parameters, _, samples, size = basis.shape
+    rows = basis.transpose(2, 1, 3, 0).reshape(samples, 2 * size, parameters)
+    signed = displacement[:, :, None] * signs  # (2, B, P, m)
+    right = signed.transpose(1, 2, 0, 3).reshape(samples, len(signs), 2 * size)
     gram = np.swapaxes(rows, 1, 2) @ rows
     gram += (1e-13 * np.trace(gram, axis1=1, axis2=2)[:, None, None] + TINY) * np.eye(rows.shape[2])
     solved = np.linalg.solve(gram, np.swapaxes(right @ rows, 1, 2))
-    return np.swapaxes(solved, 1, 2).reshape(-1, rows.shape[2])
+    return np.swapaxes(solved, 1, 2).reshape(-1, parameters)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,36 +59,38 @@ class HomographyEstimator:
 
     @cached_property
     def basis(self) -> Array:
-        """First-order displacements (N, 2, 8) for unit entries."""
+        """First-order displacements (8, 2, N) for unit entries."""
         return velocity_basis(self.likelihood.middle)
 
     @cached_property
     def scaled(self) -> tuple[NDArray[np.float32], ...]:
-        """Basis (2, N, 8), displacement (2, N) and squared length (N,) in standard deviations, float32."""
+        """Basis (2, 8, N), displacement (2, N) and squared length (N,) in standard deviations, float32."""
         scale = self.likelihood.unit_px / (np.sqrt(2.0) * self.likelihood.sigma_px)
-        basis = np.ascontiguousarray(np.moveaxis(self.basis * scale[:, None, None], 1, 0), np.float32)
-        d = np.ascontiguousarray((self.likelihood.displacement * scale[:, None]).T, np.float32)
+        basis = np.ascontiguousarray((self.basis * scale).swapaxes(0, 1), np.float32)
+        d = np.asarray(self.likelihood.displacement.T * scale, np.float32)
         return basis, d, (d * d).sum(axis=0)
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 8): eight a sample of four and, given a camera, two a sample of two."""
-        displacement, equal = self.likelihood.displacement, np.ones(self.count)
+        displacement, equal = self.likelihood.displacement.T, np.ones(self.count)
         four = weighted_samples(equal, 4, samples, rng)
-        models = solve_signed(self.basis[four], displacement[four], FOUR_SIGNS)
+        models = solve_signed(self.basis[:, :, four], displacement[:, four], FOUR_SIGNS)
         if self.likelihood.has_camera:
             two = weighted_samples(equal, 2, samples, rng)
-            rotations = solve_signed(self.basis[two] @ ROTATIONS, displacement[two], TWO_SIGNS)
-            models = np.concatenate([models, rotations @ ROTATIONS.T])
+            basis = np.tensordot(ROTATIONS.T, self.basis[:, :, two], 1)
+            models = np.concatenate(
+                [models, solve_signed(basis, displacement[:, two], TWO_SIGNS) @ ROTATIONS.T]
+            )
         return models[np.isfinite(models).all(axis=1)]
 
     def residuals(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return squared residuals (M, n) of the better order in standard deviations."""
         (bx, by), (dx, dy), squared = self.scaled
-        entries = np.asarray(models, np.float32).T
-        vx, vy = bx[block] @ entries, by[block] @ entries  # (n, M)
-        along = vx * dx[block, None] + vy * dy[block, None]
-        value: NDArray[Any] = vx * vx + vy * vy + squared[block, None] - 2 * np.abs(along)
-        return value.T
+        entries = np.asarray(models, np.float32)
+        vx, vy = entries @ bx[:, block], entries @ by[:, block]  # (M, n)
+        along = vx * dx[block] + vy * dy[block]
+        value: NDArray[Any] = vx * vx + vy * vy + squared[block] - 2 * np.abs(along)
+        return value
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC cost (M,)."""
@@ -94,8 +98,8 @@ class HomographyEstimator:
         return total
 
     def refine(self, model: Array) -> Array:
-        """Return the entries of the cheapest field near a model."""
-        return fit_field(Field.plane(model, self.likelihood.prior), self.likelihood).family.parameters
+        """Return the entries of the cheapest field near a model, of some of the smears."""
+        return fit_field(Field.plane(model, self.likelihood.prior), self.likelihood.thinned).family.parameters
 
     def inlier_share(self, model: Array) -> float:
         """Return the share of inliers."""

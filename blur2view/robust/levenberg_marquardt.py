@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
@@ -47,9 +47,11 @@ def levenberg_marquardt(
     point, damping = start, FIRST
     for _ in range(max_iterations):
         normal, gradient = point.normal_equations()
-        scale = np.diag(normal) + 1e-12
+        diagonal, scale = np.eye(len(gradient), dtype=bool), normal.diagonal() + 1e-12
         while damping < GREATEST:
-            delta = np.asarray(np.linalg.solve(normal + np.diag(damping * scale), -gradient), float)
+            damped = normal.copy()
+            damped[diagonal] += damping * scale
+            delta = np.asarray(np.linalg.solve(damped, -gradient), float)
             trial = point.moved(delta)
             if trial.cost <= point.cost:
                 break
@@ -62,3 +64,21 @@ def levenberg_marquardt(
         yield point
         if little or delta @ normal @ delta < rest**2:
             return
+
+
+def least_of(
+    starts: Sequence[P], kept: Sequence[int], max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
+) -> P:
+    """Return the point reached by `levenberg_marquardt` from the best of several starts.
+
+    They race: of the cheapest so many as ``kept`` says each takes a step, again for each of its numbers; then
+    the one that is cheapest goes on.
+    """
+    runs = [levenberg_marquardt(start, max_iterations, tolerance, rest) for start in starts]
+    trials = [(next(run), run) for run in runs]
+    for count in kept if len(runs) > 1 else ():
+        trials = sorted(trials, key=lambda trial: trial[0].cost)[:count]
+        trials = [(next(run, reached), run) for reached, run in trials]
+    reached, run = min(trials, key=lambda trial: trial[0].cost)
+    *_, best = [reached, *run]
+    return best

@@ -7,7 +7,7 @@ tempered by that share. Two kinds of models are judged:
 
 - F says on which line a smear lies, not where: the Sampson distance counts (`residuals`, `costs`);
 - a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
-  (`field_costs`). A field with parallax along the lines of F (`with_parallax`) links the two.
+  (`field_fit.FieldFit`, also of a field with parallax along the lines of F, which links the two).
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.depth import order_log_odds, parallax_along_lines, unit_lines
-from blur2view.geometry.epipolar import denormalise, homogeneous, symmetric_skew
-from blur2view.geometry.sampson import residual_parts
+from blur2view.geometry.epipolar import denormalise
 from blur2view.robust import calibration as c
+from blur2view.robust.homography import velocity_basis
 from blur2view.robust.parametrization import CameraPrior, assumed_camera
-from blur2view.robust.residuals import OrderedResiduals
+from blur2view.robust.residuals import DepthOdds, EndProducts, OrderedResiduals
 from blur2view.smears.matches import SmearMatches
 
 
@@ -71,7 +70,7 @@ class Likelihood:
     @cached_property
     def middle(self) -> Array:
         """Midpoints (N, 2) of the ends, normalised."""
-        return np.asarray(self.ends.mean(axis=1))
+        return np.asarray(0.5 * (self.ends[:, 0] + self.ends[:, 1]))
 
     @cached_property
     def displacement(self) -> Array:
@@ -139,11 +138,9 @@ class Likelihood:
     # F: on which line a smear lies
 
     @cached_property
-    def orders(self) -> tuple[Array, Array, Array]:
-        """Homogeneous points of both views (3, 2 N), in one order and the other, and sigma (2 N,)."""
-        one, other = (homogeneous(self.ends[:, i]).T for i in (0, 1))
-        first, second = np.concatenate([one, other], axis=1), np.concatenate([other, one], axis=1)
-        return first, second, np.tile(self.sigma_px / self.unit_px, 2)
+    def products(self) -> EndProducts:
+        """Products of the ends' coordinates, for residuals."""
+        return EndProducts.of(self.ends, self.sigma_px / self.unit_px)
 
     @cached_property
     def along(self) -> Array:
@@ -158,9 +155,17 @@ class Likelihood:
 
     def residuals(self, F: Array) -> OrderedResiduals:
         """Return residuals under F (3, 3) in both orders, at even odds."""
-        first, second, sigma = self.orders
-        parts = residual_parts(F, first, second)
-        return OrderedResiduals(both=(parts[0] / sigma).reshape(2, -1), parts=parts)
+        both, root = self.products.distances(F)
+        return OrderedResiduals(both=both, root=root)
+
+    def derivatives(self, F: Array, tangents: Array, residuals: OrderedResiduals) -> Array:
+        """Return how residuals of F change (k, 2, N) along tangents (k, 3, 3)."""
+        return self.products.derivatives(F, tangents, residuals.both, residuals.root)
+
+    @cached_property
+    def depths(self) -> DepthOdds:
+        """Odds of the orders by positive depth, if every smear were independent."""
+        return DepthOdds.of(self.middle, self.displacement, self.along)
 
     def order_odds(self, rotation: Array, t: Array, sign: float) -> Array:
         """Return both orders' probabilities (2, N) by positive depth, of a motion whose translation is +-t.
@@ -168,10 +173,9 @@ class Likelihood:
         Errors that neighbours share mislead about depth as they do about F: the fewer smears are
         independent, the nearer the odds are to even ones (`calibration.DEPTH_TRUST`).
         """
-        parallax = sign * parallax_along_lines(rotation, t, self.middle, self.displacement)
+        odds = self.depths.at(rotation, t, sign)
         weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
-        odds = weight * order_log_odds(parallax, self.along)
-        return np.asarray(np.exp(odds + (weight - 1) * np.log(2)))
+        return np.asarray(odds**weight * 2 ** (weight - 1))
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
@@ -206,14 +210,13 @@ class Likelihood:
 
     @cached_property
     def whitening(self) -> Array:
-        """Matrices (N, 2, 2) to components along and across the smear in standard deviations."""
-        unit = self.displacement / np.maximum(np.hypot(*self.displacement.T), TINY)[:, None]
-        axes = np.stack([unit, unit[:, ::-1] * [-1.0, 1.0]], axis=1)
-        return np.asarray(axes * self.unit_px / self.field_sigmas_px.T[:, :, None])
+        """Matrices (2, 2, N) to components along and across the smear in standard deviations."""
+        x, y = self.displacement.T / np.maximum(np.hypot(*self.displacement.T), TINY)
+        return np.array([[x, y], [-y, x]]) * self.unit_px / self.field_sigmas_px[:, None]
 
     @cached_property
     def slow_errors(self) -> Array:
-        """Errors (6, N, 2) that vary slowly over the picture, of one deviation, in standard deviations.
+        """Errors (6, 2, N) that vary slowly over the picture, of one deviation, in standard deviations.
 
         Lengths and directions wrong by a share of smooth lengths, everywhere or in proportion to x or y. Of
         the measured ones such an error would shrink their scatter, too, and pay for itself.
@@ -224,64 +227,28 @@ class Likelihood:
         length = np.maximum(own := np.hypot(*self.displacement.T), 0.1 * np.median(own) + TINY)
         basis = np.column_stack([modes.T, offset**2, offset.prod(axis=1)]) / length[:, None]
         smooth = basis @ np.linalg.lstsq(basis, np.ones(len(self)), rcond=None)[0]  # over the measured length
-        smear = np.clip(smooth, 0, None)[:, None] * self.displacement
-        across = (shared.direction_rad + c.NO_ERROR) * smear[:, ::-1] * [-1.0, 1.0]
-        errors = (shared.length + c.NO_ERROR) * smear, across
-        return self.whiten(np.concatenate([modes[:, :, None] * error for error in errors]))
+        x, y = np.clip(smooth, 0, None) * self.displacement.T
+        errors = (shared.length + c.NO_ERROR) * np.array([x, y])
+        across = (shared.direction_rad + c.NO_ERROR) * np.array([-y, x])
+        return self.whiten(np.concatenate([modes[:, None] * error for error in (errors, across)]))
+
+    @cached_property
+    def velocities(self) -> Array:
+        """The `velocity_basis` (8, 2, N), in standard deviations."""
+        return self.whiten(velocity_basis(self.middle))
+
+    @cached_property
+    def white_displacement(self) -> Array:
+        """The smears (2, N) as they are, in standard deviations."""
+        return self.whiten(self.displacement.T)
 
     def whiten(self, vectors: Array) -> Array:
-        """Return vectors (..., N, 2) along and across the smears in standard deviations."""
-        return np.asarray(np.einsum("nij,...nj->...ni", self.whitening, vectors))
-
-    def field_costs(self, predicted: Array, slow: Array) -> Array:
-        """Return twice the negative log-likelihood (N,) of a whitened field (N, 2), 0 for a perfect inlier.
-
-        ``slow`` (6,) are the errors all over the picture, in standard deviations.
-        """
-        density = _student(self._both(predicted, slow), np.ones(1))[0]
-        chance = c.OUTLIER_ODDS * self.field_chance
-        return np.asarray(-2 * np.log((density + chance) / (1 + chance)))
-
-    def with_parallax(self, predicted: Array, slow: Array, F: Array) -> float:
-        """Return what parallax along the lines of F (3, 3) gains over the field alone, in log-likelihood.
-
-        Of greatest likelihood over the shares of smears that lie by some width farther along their lines.
-        """
-        (line,), (across,) = unit_lines(symmetric_skew(F)[1][None], self.middle)  # at mid exposure
-        line, across = self.whiten(np.stack([line.T, across.T]))
-        line /= np.maximum(np.hypot(*line.T), TINY)[:, None]
-        height = line[:, 0] * across[:, 1] - line[:, 1] * across[:, 0]  # deviations per unit off the line
-        along = (self._both(predicted, slow) * line).sum(axis=-1)
-        scale = 2**0.5 * height * self.sigma_px / self.unit_px
-        off = [self.residuals(f).both * scale for f in (F, F.T)]  # of F and not of the field
-        likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
-        turned = np.stack([along, likely], axis=-1)
-        # errors worse than stated, in all directions, and chance: they are no parallax
-        other = _student(turned / c.WIDER, np.ones(1))[0] / c.WIDER**2 + self.field_chance
-        density = _student(turned, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
-        density += self.matches.shared.outlier_odds * other
-        _, log_density = mixture(density.T)
-        return self.effective_share * float((log_density - np.log(density[0])).sum())
+        """Return vectors (..., 2, N) along and across the smears in standard deviations."""
+        return np.asarray(np.einsum("ijn,...jn->...in", self.whitening, vectors))
 
     def measured(self, slow: Array) -> Array:
-        """Return the smears (N, 2) whitened, less the errors that vary slowly (6,)."""
-        return self.whiten(self.displacement) - np.tensordot(slow, self.slow_errors, 1)
-
-    def _both(self, predicted: Array, slow: Array) -> Array:
-        """Return whitened residuals (2, N, 2) of a field, of the smears as they are and reversed."""
-        measured = self.measured(slow)
-        return np.stack([predicted - measured, predicted + measured])
-
-
-def _student(both: Array, widths: Array) -> Array:
-    """Return densities (W, N), both orders together, of residuals (2, N, 2) whose first is W ``widths`` wide.
-
-    In units of the density of a perfect inlier of width 1.
-    """
-    width = widths[:, None, None]
-    squared = (both[..., 0] / width) ** 2 + both[..., 1] ** 2  # (W, 2, N)
-    density = (1 + squared / c.FREEDOM) ** (-0.5 * c.FREEDOM - 1) / width
-    return np.asarray(0.5 * density.sum(axis=1))
+        """Return the smears (2, N) whitened, less the errors that vary slowly (6,)."""
+        return self.white_displacement - (slow @ self.slow_errors.reshape(len(slow), -1)).reshape(2, -1)
 
 
 def mixture(density: Array) -> tuple[Array, Array]:

@@ -1,9 +1,10 @@
 """Families of F as manifolds: a point, its tangents, a step, and a prior.
 
-Three nested families describe a blurred photograph: `TranslationF` (2 parameters: all smears meet in the
-epipole), `CameraF` (5 parameters and 3 of the camera, held by a prior: one camera, the same at both ends,
-square pixels, principal point near the centre, a small rotation) and `GeneralF` (all 7). Coordinates are
-normalised.
+Three nested families describe a blurred photograph: `CameraF` (5 parameters and 3 of the camera, held by a
+prior: one camera, the same at both ends, square pixels, principal point near the centre, a small rotation),
+that of a camera whose prior is `UNROTATED` (2 parameters: all smears meet in the epipole) and `GeneralF` (all
+7). Each has a matrix, its derivatives, a step along them, the motion of a camera, and a prior. Coordinates
+are normalised.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 
@@ -28,51 +28,8 @@ from blur2view.geometry.rotation import (
 from blur2view.robust.calibration import ASSUMED_FOCAL
 
 
-class Manifold(Protocol):
-    """A family of F by k parameters, at one of its points."""
-
-    def matrix(self) -> Array:
-        """Return F of shape (3, 3), any scale."""
-
-    def tangent(self) -> Array:
-        """Return its derivatives (k, 3, 3) in the parameters."""
-
-    def step(self, delta: Array) -> Self:
-        """Return the point reached by moving delta (k,) along the tangents."""
-
-    def motion(self) -> tuple[Array, Array]:
-        """Return rotation vector and translation (3,) of a camera with K near the identity."""
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return residuals (m,) in standard deviations and their Jacobian (m, k); none by default."""
-        return np.zeros(0), np.zeros((0, len(self.tangent())))
-
-
 @dataclass(frozen=True, kw_only=True)
-class TranslationF(Manifold):
-    """F = [epipole]x, two parameters; blind to the order of every smear."""
-
-    epipole: Array  # (3,) unit
-
-    def matrix(self) -> Array:
-        """Return F of shape (3, 3)."""
-        return cross_matrix(self.epipole)
-
-    def tangent(self) -> Array:
-        """Return dF of shape (2, 3, 3)."""
-        return cross_matrix(plane_basis(self.epipole))
-
-    def step(self, delta: Array) -> TranslationF:
-        """Return the point with the epipole moved on the sphere."""
-        return TranslationF(epipole=step_on_sphere(self.epipole, delta))
-
-    def motion(self) -> tuple[Array, Array]:
-        """Return no rotation, and the epipole."""
-        return np.zeros(3), self.epipole
-
-
-@dataclass(frozen=True, kw_only=True)
-class GeneralF(Manifold):
+class GeneralF:
     """F = U diag(cos w, sin w, 0) V^T, seven parameters: every matrix of rank 2.
 
     References
@@ -115,6 +72,10 @@ class GeneralF(Manifold):
         rotations, t = essential_motions(self.matrix())
         return rotation_vector(rotations[0]), t
 
+    def prior(self) -> tuple[Array, Array]:
+        """Return no residuals (0,) and their Jacobian (0, 7)."""
+        return np.zeros(0), np.zeros((0, 7))
+
 
 @dataclass(frozen=True, kw_only=True)
 class CameraPrior:
@@ -138,9 +99,17 @@ class CameraPrior:
         """One over the standard deviations (6,) of rotation, log focal length and principal point."""
         return 1 / np.maximum([*self.rotation, self.log_focal, self.principal, self.principal], 1e-9)
 
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives (6, 8) of the prior's residuals in the parameters of `CameraF`, to first order."""
+        return np.eye(6, 8, 2) * self.weight[:, None]
+
+
+UNROTATED = CameraPrior(rotation=(1e-9, 1e-9, 1e-9), log_focal=0.0, principal=0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
-class CameraF(Manifold):
+class CameraF:
     """F = K^-T [t]x R K^-1 with one K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] for both ends.
 
     Coordinates are those of an assumed camera (principal point at the image's centre, assumed focal
@@ -207,12 +176,15 @@ class CameraF(Manifold):
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
-        value = np.concatenate([self.rotation, [self.log_focal], self.principal])
-        return value * self.spread.weight, np.eye(6, 8, 2) * self.spread.weight[:, None]
+        value = np.array([*self.rotation, self.log_focal, *self.principal])
+        return value * self.spread.weight, self.spread.jacobian
 
     def motion(self) -> tuple[Array, Array]:
         """Return its rotation vector and translation; the offset of K from the identity is left out."""
         return self.rotation, self.t
+
+
+Manifold = CameraF | GeneralF
 
 
 def assumed_camera(image_size: tuple[float, ...]) -> Array:

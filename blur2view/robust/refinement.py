@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.sampson import entry_jacobian
-from blur2view.robust.calibration import NEGLIGIBLE
 from blur2view.robust.likelihood import Likelihood
 from blur2view.robust.parametrization import Manifold
 from blur2view.robust.residuals import OrderedResiduals
 
-M = TypeVar("M", bound=Manifold)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WeightedPoint(Generic[M]):
+class WeightedPoint:
     """A point of a family of F with the odds of the smears' orders there: a `levenberg_marquardt.Problem`.
 
     The order of every smear, and whether it is an outlier, are weighed anew at every point (expectation-
@@ -30,12 +25,12 @@ class WeightedPoint(Generic[M]):
     outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
     """
 
-    point: M
+    point: Manifold
     likelihood: Likelihood
     sign: float = 0.0
 
     @classmethod
-    def likelier(cls, point: M, likelihood: Likelihood) -> WeightedPoint[M]:
+    def likelier(cls, point: Manifold, likelihood: Likelihood) -> WeightedPoint:
         """Return a point with the sign of the translation that explains more."""
         both = (cls(point=point, likelihood=likelihood, sign=sign) for sign in (1.0, -1.0))
         return min(both, key=lambda state: state.cost)
@@ -57,17 +52,14 @@ class WeightedPoint(Generic[M]):
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of data, in the orders that count, and prior."""
-        weight = self.likelihood.order_weights(self.residuals).ravel()
-        counted = np.flatnonzero(weight > NEGLIGIBLE)  # of most smears one order cannot be
-        x, y, sigma = (array.take(counted, axis=-1) for array in self.likelihood.orders)
-        distance, line1, line2, root = (part.take(counted, axis=-1) for part in self.residuals.parts)
-        entries = entry_jacobian(distance, line1, line2, root, x, y)
-        jacobian = self.point.tangent().reshape(-1, 9) @ entries / sigma
-        weighted = jacobian * (self.likelihood.effective_share * weight.take(counted))
+        weight = np.sqrt(self.likelihood.effective_share * self.likelihood.order_weights(self.residuals))
+        jacobian = self.likelihood.derivatives(self.point.matrix(), self.point.tangent(), self.residuals)
+        jacobian *= weight
+        jacobian = jacobian.reshape(len(jacobian), -1)
         prior, of_prior = self.point.prior()
-        normal = of_prior.T @ of_prior + weighted @ jacobian.T
-        return normal, of_prior.T @ prior + weighted @ self.residuals.both.take(counted)
+        gradient = jacobian @ (weight * self.residuals.both).reshape(-1)
+        return jacobian @ jacobian.T + of_prior.T @ of_prior, gradient + of_prior.T @ prior
 
-    def moved(self, delta: Array) -> WeightedPoint[M]:
+    def moved(self, delta: Array) -> WeightedPoint:
         """Return the point moved by delta (k,)."""
-        return replace(self, point=self.point.step(delta))
+        return WeightedPoint(point=self.point.step(delta), likelihood=self.likelihood, sign=self.sign)

@@ -77,7 +77,8 @@ def choose(
         if motions is not None:
             fit = lower_cost(likelihood, fit, motions.F)  # one motion, but perhaps a better F of it
     fields = fields_of(sample, plane, rolling)
-    table = table_of(fields, gain_of(fields[MotionModel.PLANE], fit) if has_consensus else None)
+    plane = fields[MotionModel.PLANE]
+    table = table_of(fields, plane.gain_of_parallax(fit.point.matrix()) if has_consensus else None)
     return named(table, fields, fit, has_consensus)
 
 
@@ -87,21 +88,15 @@ def fields_of(sample: Likelihood, plane: FieldFit, rolling: bool) -> dict[Motion
     fields = {MotionModel.STILL: FieldFit(likelihood=sample, family=Field.plane(np.zeros(8), prior))}
     if sample.has_camera:
         rotation = fit_field(Field.rotation(rotation_of(plane.family.generator()), prior), sample)
-        again = fit_field(Field.plane(entries_of(rotation.family.generator()), prior), sample)
-        plane = max(plane, again, key=lambda fit: fit.log_posterior)
+        if rotation.log_posterior > plane.log_posterior:  # a rotation is a plane's field, too
+            plane = fit_field(Field.plane(entries_of(rotation.family.generator()), prior), sample)
         fields[MotionModel.ROTATION] = rotation
     fields[MotionModel.PLANE] = plane
     if rolling:
         for still_model in [model for model in ROLLING if model in fields]:
             middle = fields[still_model].family
-            either = [fit_field(middle.rolling(axis), sample) for axis in (0, 1)]
-            fields[ROLLING[still_model]] = max(either, key=lambda fit: fit.log_posterior)
+            fields[ROLLING[still_model]] = fit_field(middle.rolling(0), sample, middle.rolling(1))
     return fields
-
-
-def gain_of(plane: FieldFit, fit: Fit) -> float:
-    """Return what parallax along the lines of F gains over the plane alone, in log-likelihood."""
-    return plane.likelihood.with_parallax(plane.predicted, plane.slow, fit.point.matrix())
 
 
 def table_of(fields: dict[MotionModel, FieldFit], gain: float | None) -> ModelTable:
@@ -149,7 +144,7 @@ def named(table: ModelTable, fields: dict[MotionModel, FieldFit], fit: Fit, has_
         return Choice(
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
         )
-    on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual.T) < c.ON_PLANE).mean())
+    on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual) < c.ON_PLANE).mean())
     count = fields[MotionModel.PLANE].likelihood.claimed.effective_count
     enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
     at_once = sum(table.probability(model) or 0.0 for model in fields if model not in ROLLING.values())

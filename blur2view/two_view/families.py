@@ -11,11 +11,10 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.robust import calibration as c
-from blur2view.robust.estimators import SmearEstimator
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt
+from blur2view.robust.estimators import SmearEstimator, meeting_points
+from blur2view.robust.levenberg_marquardt import least_of, levenberg_marquardt
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.minimal_solvers import meeting_points
-from blur2view.robust.parametrization import CameraF, GeneralF, Manifold, TranslationF
+from blur2view.robust.parametrization import UNROTATED, CameraF, GeneralF, Manifold
 from blur2view.robust.ransac import ransac, weighted_samples
 from blur2view.robust.refinement import WeightedPoint
 from blur2view.two_view.options import EstimatorOptions
@@ -44,6 +43,8 @@ def search_and_fit(
 
     Fitted are the two-parameter F, a camera's and, from there, the general F: the odds of the orders that the
     essential matrix nearest to it gives leave it in other minima (7 of 60 exact scenes without image size).
+    Beside a plane of 80 % the camera's may be one, too: started from the search's F as well, the epipole is
+    1 degree off in 9 of 10 runs of `test_plane_parallax`'s seed 8, else 6 degrees in 3 and 2.5 in the others.
     """
     estimator = SmearEstimator(likelihood=likelihood)
     searched = ransac(estimator, options.search(), rng)
@@ -54,23 +55,27 @@ def search_and_fit(
     point = fit_roughly(starts, simple.matrix(), rough)
     measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
     camera = fit_best(MotionModel.CAMERA, [point], measured)
-    general = GeneralF.from_matrix(camera.point.matrix())
+    generals = [camera.point.matrix(), *starts]
+    tolerance = c.TOLERANCE
+    if measured.has_camera and measured.effective_count < c.LEAST_INDEPENDENT:
+        # so few never pay for another family, whose score need not be that of its very optimum then
+        generals, tolerance = generals[:1], c.FREE_TOLERANCE
     fits = [
-        fit_best(MotionModel.TRANSLATION, [simple], measured),
+        fit_best(MotionModel.TRANSLATION, [simple], measured, tolerance),
         camera,
-        fit_best(MotionModel.GENERAL, [general], measured),
+        fit_best(MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in generals], measured, tolerance),
     ]
     return measured, fits, searched.iterations
 
 
-def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> TranslationF:
+def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> Manifold:
     """Return the two-parameter F, fitted on the standard deviations as given."""
     some = estimator.likelihood.thinned
     drawn = weighted_samples(estimator.quality, 2, c.PAIRS, rng)
     points = np.vstack([[0.0, 0.0, 1.0], meeting_points(estimator.likelihood.ends[drawn])])
     points = points[np.linalg.norm(points, axis=1) > 0.5]
     cost = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
-    start = TranslationF(epipole=points[int(np.argmin(cost))])
+    start = CameraF(t=points[int(np.argmin(cost))], R=np.eye(3), spread=UNROTATED)
     *_, best = levenberg_marquardt(WeightedPoint(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
     return best.point
 
@@ -85,12 +90,6 @@ def distinct(matrices: list[Array]) -> list[Array]:
     return kept[: c.STARTS]
 
 
-def fit_from(matrices: list[Array], likelihood: Likelihood, tolerance: float = c.TOLERANCE) -> Fit:
-    """Return a camera's cheapest fit, refined from F (3, 3)."""
-    starts = [CameraF.from_matrix(F, likelihood.prior) for F in matrices]
-    return fit_best(MotionModel.CAMERA, starts, likelihood, tolerance)
-
-
 def fit_roughly(starts: list[Array], unrotated: Array, likelihood: Likelihood) -> Manifold:
     """Return the cheapest refinement of the starts, or that of one without rotation if it is clearly cheaper.
 
@@ -101,9 +100,11 @@ def fit_roughly(starts: list[Array], unrotated: Array, likelihood: Likelihood) -
     """
     shared = replace(likelihood.matches.shared, effective_share=1.0)
     free = replace(likelihood, matches=replace(likelihood.matches, shared=shared))
-    far = fit_from([unrotated], free, c.FREE_TOLERANCE).point
-    near, other = fit_from(starts, likelihood), fit_best(MotionModel.CAMERA, [far], likelihood)
-    return (other if other.score < near.score - c.CLEARLY else near).point
+    *near, far = (CameraF.from_matrix(F, likelihood.prior) for F in [*starts, unrotated])
+    freely = fit_best(MotionModel.CAMERA, [far], free, c.FREE_TOLERANCE)
+    fit = fit_best(MotionModel.CAMERA, near, likelihood)
+    other = fit_best(MotionModel.CAMERA, [freely.point], likelihood)
+    return (other if other.score < fit.score - c.CLEARLY else fit).point
 
 
 def fit_best(
@@ -115,14 +116,8 @@ def fit_best(
     two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
     Of several starts the cheapest KEPT take a step each; only the one that is cheapest then is refined on.
     """
-    points = (WeightedPoint.likelier(start, likelihood) for start in starts)
-    runs = [levenberg_marquardt(point, c.STEPS, tolerance, c.REST) for point in points]
-    trials = [(next(run), run) for run in runs]
-    for kept in c.KEPT:
-        trials = sorted(trials, key=lambda trial: trial[0].cost)[:kept]
-        trials = [(next(run, reached), run) for reached, run in trials]
-    reached, run = min(trials, key=lambda trial: trial[0].cost)
-    *_, best = [reached, *run]
+    points = [WeightedPoint.likelier(start, likelihood) for start in starts]
+    best = least_of(points, c.KEPT, c.STEPS, tolerance, c.REST)
     score = best.cost + 2 * PARAMETERS[model] + 2 * float(np.log(ODDS_AGAINST[model])) * likelihood.has_camera
     return Fit(model=model, point=best.point, score=score)
 
@@ -136,8 +131,11 @@ def lower_cost(likelihood: Likelihood, fit: Fit, F: Array) -> Fit:
     """Return the fit of lower cost: one as given, or a camera's refined from F (3, 3).
 
     Standard deviations are those that the given one left; the other, if better, is refined at its own.
+    Without it seed 66 of the exact scenes of `test_estimate` ends in another minimum, as do 16 and 66 without
+    an image size.
     """
-    other = fit_from([F], likelihood)
+    start = CameraF.from_matrix(F, likelihood.prior)
+    other = fit_best(MotionModel.CAMERA, [start], likelihood)
     if other.score >= fit.score:
         return fit
     own = with_measured_noise(likelihood, other.point.matrix())

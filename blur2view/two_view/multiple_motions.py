@@ -120,7 +120,7 @@ def find_two_motions(
 
     F (3, 3) is the best single one, ``plane`` the best homography.
     """
-    on_plane = float((np.hypot(*plane.residual.T) < ON_PLANE).mean())
+    on_plane = float((np.hypot(*plane.residual) < ON_PLANE).mean())
     if on_plane > ONE_PLANE or likelihood.sigma_fitted < SUSPECT_SCALE:
         return None
     backward = plane.orders(likelihood).swapped

@@ -101,7 +101,7 @@ def with_pose(
         fit, why = fit_field(field, likelihood.claimed), "the rotation that explains the smears alone"
         vector, spread = fit.family.parameters[:3], fit.covariance()[:3, :3]
         return with_rotation_alone(geometry, likelihood, vector, spread, why)
-    start = next(fit.point for fit in fits if isinstance(fit.point, CameraF))
+    start = cast(CameraF, next(fit.point for fit in fits if fit.model is MotionModel.CAMERA))
     directions = DirectionLikelihood.of(likelihood)
     point, oriented = fit_calibrated(likelihood, start, directions)
     mean, region = directions.region(oriented.pose)

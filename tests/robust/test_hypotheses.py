@@ -7,9 +7,8 @@ from blur2view.arrays import Array
 from blur2view.geometry.rotation import half_sphere
 from blur2view.geometry.sampson import serrmin
 from blur2view.robust.calibration import CUTOFF
-from blur2view.robust.estimators import SmearEstimator
+from blur2view.robust.estimators import SmearEstimator, meeting_points, small_rotation_hypotheses
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.minimal_solvers import meeting_points, small_rotation_hypotheses
 from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene

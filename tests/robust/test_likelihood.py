@@ -8,9 +8,11 @@ from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.robust.field_fit import FieldFit, fit_field
 from blur2view.robust.homography import Field, cayley
 from blur2view.robust.likelihood import Likelihood, mixture
+from blur2view.robust.parametrization import CameraPrior
 from tests.support.likelihoods import normalised_likelihood
 
 NOISE = 8e-4
+SOFT = CameraPrior(rotation=(1.0, 1.0, 1.0))
 
 
 def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Array, Array]:
@@ -34,8 +36,7 @@ def plane_of(A: Array, likelihood: Likelihood) -> FieldFit:
 
 
 def gain(A: Array, F: Array, ends: Array, sigma: float = NOISE) -> float:
-    plane = plane_of(A, normalised_likelihood(ends, sigma))
-    return plane.likelihood.with_parallax(plane.predicted, plane.slow, F)
+    return plane_of(A, normalised_likelihood(ends, sigma)).gain_of_parallax(F)
 
 
 def test_mixture_finds_known_weights() -> None:
@@ -66,10 +67,9 @@ def test_a_wrong_F_gains_less_than_the_true_one() -> None:
 def test_distances_from_the_lines_are_those_of_F_not_of_the_field() -> None:
     """A homography that errs across the lines: F explains every smear all the same."""
     A, F, ends = beside_a_plane(3, 0.0)
-    likelihood = normalised_likelihood(ends, NOISE)
-    shifted = plane_of(A, likelihood).family.step(np.array([0, 0, 6 * NOISE, 0, 0, 6 * NOISE, 0, 0]))
-    predicted = likelihood.whiten(shifted.displacement(likelihood.middle))
-    assert likelihood.with_parallax(predicted, np.zeros(6), F) > 100
+    plane = plane_of(A, normalised_likelihood(ends, NOISE))
+    shifted = plane.family.step(np.array([0, 0, 6 * NOISE, 0, 0, 6 * NOISE, 0, 0]))
+    assert FieldFit(likelihood=plane.likelihood, family=shifted).gain_of_parallax(F) > 100
 
 
 def test_order_transpose_and_time_do_not_matter() -> None:
@@ -89,12 +89,12 @@ def test_both_orders_of_every_smear_are_summed() -> None:
     """A field that no smear tells the order of costs log 2 less than one that all do."""
     A, _, ends = beside_a_plane(6, 0.0)
     plane = plane_of(A, normalised_likelihood(ends, NOISE))
-    likelihood = plane.likelihood
-    here = likelihood.field_costs(plane.predicted, plane.slow)
-    reversed_ = likelihood.field_costs(-plane.predicted, plane.slow)
-    assert np.allclose(here, reversed_)
-    decided = 6 * np.log1p((plane.residual**2).sum(axis=1) / 4)
-    assert np.isclose(np.median((here - decided)[likelihood.length_px > 8]), 2 * np.log(2), atol=0.05)
+    family = plane.family.step(-2 * plane.family.parameters)
+    backward = FieldFit(likelihood=plane.likelihood, family=family, slow=plane.slow)
+    assert np.allclose(plane.costs, backward.costs)
+    decided = 6 * np.log1p((plane.residual**2).sum(axis=0) / 4)
+    far = plane.likelihood.length_px > 8
+    assert np.isclose(np.median((plane.costs - decided)[far]), 2 * np.log(2), atol=0.05)
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-9])
@@ -102,5 +102,5 @@ def test_smears_without_length_break_nothing(length: float) -> None:
     ends = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 1, 2)).repeat(2, axis=1)
     ends[:, 1, 0] += length
     likelihood = normalised_likelihood(ends, NOISE)
-    found = likelihood.with_parallax(np.zeros((50, 2)), np.zeros(6), np.eye(3))
-    assert np.isfinite(found)
+    still = FieldFit(likelihood=likelihood, family=Field.plane(np.zeros(8), SOFT))
+    assert np.isfinite(still.gain_of_parallax(np.eye(3)))
