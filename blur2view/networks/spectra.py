@@ -221,12 +221,4 @@ def polar_samples(
         result -= transformed(x * trend, y * trend)
     result *= taper[..., None]
     result /= x.sum(0) * y.sum(0)
-    return as_float16(result).astype(np.float32)
-
-
-def as_float16(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values below 1 rounded as by NumPy's float16, whose conversion takes ten times as long."""
-    split = values * (2.0**42 + 1)  # Veltkamp's splitting: the upper 11 of 53 bits
-    upper = split - (split - values)
-    least = 1.5 * 2.0**28  # its neighbours are 2^-24 away, as are float16's numbers below 2^-14
-    return np.where(np.abs(values) < 2.0**-14, values + least - least, upper)
+    return result.astype(np.float16).astype(np.float32)
