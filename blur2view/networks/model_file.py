@@ -15,7 +15,6 @@ from blur2view.input_files import read_regular
 from blur2view.networks.spectra import STEP
 
 FORMAT = "4"
-OLDER_FORMATS = ("1", "2", "3")
 INPUTS = "grey", "cepstra", "scales", "coarser"
 OUTPUTS = "logits", "radii", "kinds", "features"
 """Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
@@ -189,10 +188,9 @@ def read_info(network: OnnxNetwork) -> ModelInfo:
     try:
         metadata: dict[str, str] = network.session.get_modelmeta().custom_metadata_map
         kind = metadata.get("blur2view_format", "")
-        if kind in OLDER_FORMATS:
-            raise ModelError(f"{path}: is a network of format {kind}, of an earlier version; {remedy}")
         if kind != FORMAT:
-            raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {remedy}")
+            other = f"but of {kind}" if kind else "or of none"
+            raise ModelError(f"{path}: is not a smear network of format {FORMAT}, {other}; {remedy}")
         shapes = {node.name: node.shape for node in network.session.get_inputs()}
         return ModelInfo(
             model_id=metadata["model_id"],

@@ -137,9 +137,9 @@ def thinned(windows: Floats) -> Floats:
     return np.ascontiguousarray(windows[:, :, 1::every, 1::every].swapaxes(1, 2)).reshape(h * STEP, w * STEP)
 
 
-def octave_count(shape: tuple[int, ...], levels: int = LEVELS) -> int:
-    """Return how many sizes of an image (H, W, ...) are read."""
-    return min(levels, 1 + int(np.log2(max(min(shape[:2]) / SMALLEST_PX, 1))))
+def octave_count(side: int, levels: int) -> int:
+    """Return how many sizes of a picture are read, by its shorter side."""
+    return min(levels, 1 + int(np.log2(max(side / SMALLEST_PX, 1))))
 
 
 def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:

@@ -145,7 +145,7 @@ class SmearNetwork:
         """
         height, width = image.shape[:2]
         whole = apart > STEP or height * width <= self.max_pixels
-        levels = octave_count((min(height, width, max(height, width) if whole else self.tile_px),), levels)
+        levels = octave_count(min(height, width) if whole else min(height, width, self.tile_px), levels)
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         sides = [-(-max(side, LEAST_PX << levels - 1) // step) * step // apart for side in (height, width)]
         tile, overlap = max(sides) if whole else -(-self.tile_px // apart), self.overlap_px // apart
@@ -211,9 +211,8 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
     integer = image.dtype in (np.uint8, np.uint16)
-    if image.shape[2:] not in ((), (1,), (3,), (4,)) or image.ndim < 2 or not image.size:
-        raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
-    if not (integer or np.issubdtype(image.dtype, np.floating)):
+    has_shape = image.shape[2:] in ((), (1,), (3,), (4,)) and image.ndim > 1 and image.size
+    if not has_shape or not (integer or np.issubdtype(image.dtype, np.floating)):
         raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
     if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
