@@ -184,10 +184,8 @@ def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
     return index.ravel(), (mean / mean.sum()).astype(np.float32).ravel(), (first, second)
 
 
-def polar_samples(
-    cepstrum: int, columns: Integers, rows: Integers, directions: range = range(EIGHTH + 1)
-) -> Floats:
-    """Return the matrix (..., directions * lags) from the log power of frequencies (...) to polar samples.
+def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
+    """Return the matrix (..., 9 * lags) from the log power of frequencies (...) to samples to 45 degrees.
 
     Its columns: the inverse transform at a polar bin (Gaussian footprint 0.6 px + 4 % of the lag) of the
     spectrum tapered towards high frequencies, of which half a plane is the other half. To subtract the
@@ -198,7 +196,7 @@ def polar_samples(
     taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
     taper *= np.where(columns == 0, 1, 2) / WINDOW**2
     lags = (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]
-    angles = np.pi / DIRECTIONS * np.asarray(directions)
+    angles = np.pi / DIRECTIONS * np.arange(EIGHTH + 1)
     sigma = np.tile(0.6 + 0.04 * lags, len(angles))
     place = np.arange(-WINDOW // 2, WINDOW // 2)[:, None]
     middles = (np.outer(f(angles), lags).ravel() for f in (np.cos, np.sin))

@@ -1,14 +1,9 @@
-"""Octaves of a photograph: how many, how they are made, and how what is read in them is joined."""
+"""Octaves of a photograph: how they are made, and how what is read in them is joined."""
 
 import numpy as np
 import pytest
 
-from blur2view.networks.octave_reader import LEVELS, joined, octave_count, octaves
-
-
-@pytest.mark.parametrize(("side", "count"), [(1, 1), (179, 1), (180, 2), (359, 2), (480, 3), (3000, 4)])
-def test_count_follows_from_the_shorter_side(side: int, count: int) -> None:
-    assert [octave_count(side, most) for most in (LEVELS, 1, 2)] == [count, 1, min(count, 2)]
+from blur2view.networks.octave_reader import joined, octaves
 
 
 def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> None:

@@ -22,9 +22,9 @@ def test_polar_samples_are_means_of_the_tapered_cepstrum_over_gaussians(cepstrum
     radius = np.hypot(rows, columns)
     kept = (radius <= FREQUENCIES) & ((columns > 1) | (abs(rows) > 1))
     half = rng.normal(size=radius.shape) * kept
-    found = half.ravel() @ polar_samples(
-        cepstrum, columns.ravel(), rows.ravel(), range(direction, direction + 1)
-    )
+    lags = (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]
+    samples = half.ravel() @ polar_samples(cepstrum, columns.ravel(), rows.ravel())
+    found = samples.reshape(-1, len(lags))[direction]
     taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
     spectrum = np.zeros((WINDOW, WINDOW))
     spectrum[rows, columns] = half * taper
@@ -35,7 +35,7 @@ def test_polar_samples_are_means_of_the_tapered_cepstrum_over_gaussians(cepstrum
         values *= 1 - np.exp(-2 * (np.pi * TREND / WINDOW) ** 2 * (place[:, None] ** 2 + place**2))
     angle = np.pi * direction / DIRECTIONS
     expected = []
-    for lag in (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]:
+    for lag in lags:
         apart = np.hypot(place[:, None] - lag * np.sin(angle), place - lag * np.cos(angle))
         weight = np.exp(-((apart / (0.6 + 0.04 * lag)) ** 2) / 2)
         expected.append((values * weight).sum() / weight.sum())
