@@ -31,9 +31,9 @@ LEAST_PX = 64
 LONG_PX = 12.0
 """Length, in an octave's pixels, from which on a finer one says no more."""
 SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
-MAY_BE_SHORT, LEAST_TOLD = 0.1, 0.04
+MAY_BE_SHORT = 0.1
 """Probability of shorter smears, in the mean over all cells that can tell, from which on it is read all the
-same; and the share of the cells that must tell their blur."""
+same."""
 ROWS = 4
 """Of cells, whose likelihoods are read at a time: a core's cache holds them."""
 PIXELS = [0, 1, 2, 4]
@@ -124,7 +124,7 @@ def not_short(read: Octave) -> bool:
     likelihood = np.exp(read.smears - read.smears.max((-2, -1), keepdims=True))
     short = likelihood[..., :SHORT_BINS].sum((-2, -1)) / likelihood.sum((-2, -1))
     told = 1 - softmax(read.kinds)[..., CANNOT_TELL]
-    return bool(told.mean() >= LEAST_TOLD and (short * told).sum() < MAY_BE_SHORT * told.sum())
+    return bool((short * told).sum() < MAY_BE_SHORT * told.sum())
 
 
 def thinned(windows: Floats) -> Floats:

@@ -16,7 +16,6 @@ from PIL import Image
 from threadpoolctl import threadpool_limits
 
 from blur2view.arrays import AnyArray, over_backdrop
-from blur2view.errors import ModelError
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count, octaves
@@ -122,8 +121,6 @@ class SmearNetwork:
             values, flat = self._in_tiles(image, levels, apart)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]
-        if not np.isfinite(values).all():
-            raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
         cells, blur = np.split(values, [4], axis=-1)
         window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
