@@ -126,12 +126,17 @@ class OnnxNetwork:
             missing = f"{_short(idle[0])} does not start: a library or a device is missing"
             raise ModelError(f"{missing}; leave it out")
 
-    def run(self, inputs: dict[str, AnyArray], size: tuple[int, int]) -> list[AnyArray]:
+    def run(
+        self, inputs: dict[str, AnyArray], size: tuple[int, int], *, frugal: bool = False
+    ) -> list[AnyArray]:
         """Return all outputs; ModelError if it cannot be run, or takes far longer than it should.
 
-        ``size`` is width and height of the picture, pixels. The run ends at its next operator.
+        ``size`` is width and height of the picture, pixels. The run ends at its next operator. A ``frugal``
+        one gives its memory back, which the next has to take anew.
         """
         options = _onnxruntime().RunOptions()
+        if frugal:
+            options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
         cells = size[0] * size[1] // STEP**2
         timer = threading.Timer(PATIENCE_S + PATIENCE_S_A_CELL * cells, setattr, (options, "terminate", True))
         timer.daemon = True

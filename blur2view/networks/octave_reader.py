@@ -28,6 +28,8 @@ SMALLEST_PX = 90
 """Copies with a side below this are not made: a window of the network has 96 px."""
 LEAST_PX = 64
 """Least side of the smallest octave: two cells, more than its mirrored border."""
+LARGE_PIXELS = 2_500_000
+"""Of an octave's picture, from which on the network gives memory back: the next is four times as large."""
 LONG_PX = 12.0
 """Length, in an octave's pixels, from which on a finer one says no more."""
 SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
@@ -76,9 +78,9 @@ class OctaveReader:
         for k, picture in pictures:
             windows = windows_of(picture, max(STEP, apart >> k))
             spectra.insert(0, power_spectra(windows, self.threads))
-            shown = picture if apart >> k <= STEP else thinned(windows)
+            shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PIXELS
             del picture, windows  # a large photograph's
-            read = self.read_octave(shown, spectra[0], read)
+            read = self.read_octave(shown, spectra[0], read, frugal)
             if k and STEP << k <= apart and not_short(read):
                 break
         assert read is not None
@@ -95,7 +97,7 @@ class OctaveReader:
         values[..., PIXELS] *= 2**k
         return values
 
-    def read_octave(self, grey: Floats, power: Floats, smaller: Octave | None) -> Octave:
+    def read_octave(self, grey: Floats, power: Floats, smaller: Octave | None, frugal: bool) -> Octave:
         """Return what an octave and all smaller ones say, given its picture and its power spectra."""
         size = power.shape[:2]
         shape = (*size, DIRECTIONS, self.features)
@@ -105,7 +107,8 @@ class OctaveReader:
         above = np.zeros(shape, np.float32) if coarse is None else coarse.features
         cepstra, scales = polar_cepstra(power, self.threads)
         inputs = grey[None, None], cepstra[None], scales[None], above[None]
-        outputs = self.network.run(dict(zip(INPUTS, inputs, strict=True)), grey.shape[::-1])
+        named = dict(zip(INPUTS, inputs, strict=True))
+        outputs = self.network.run(named, grey.shape[::-1], frugal=frugal)
         expected = (*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape
         found = [output.shape for output in outputs]
         if found != [(1, *one) for one in expected]:

@@ -44,7 +44,7 @@ LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 # guesses: such cells (constant pictures, burnt skies) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
-_STRIP_ROWS = 256  # converted at a time
+_STRIP_ROWS = 64  # converted at a time
 _LEVELS = np.arange(256, dtype=np.float32) / np.float32(255)
 
 
