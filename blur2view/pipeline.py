@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
+CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
 LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 
 
@@ -177,25 +178,21 @@ def estimate(
         If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
         be used.
     """
-    of = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
     if camera is not None:
-        require("camera", camera, Camera, of)
+        require("camera", camera, Camera, CAMERAS)
     if isinstance(image, str | os.PathLike):
         content = read_content(path := Path(image))
         image = read_pixels(path, content=content)
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
-    image, rng = photograph_of(image), np.random.default_rng(0 if rng is None else rng)
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
-    clock = [time.perf_counter()]
-    grid = network.predict(image, detail=detail)
-    # seen from a camera at rest, what moves must not pass for the camera's motion
-    moving = moving_probability(image, grid, execution=network.execution) if is_mixed(grid) else None
-    blur = blur_of(grid, image, None if moving is None else moving.share_of(grid, THRESHOLD))
+    image, clock = photograph_of(image), [time.perf_counter()]
+    grid, blur, moving = _seen(image, network, detail)
     clock.append(time.perf_counter())
     matches = select_matches(grid, select)
     clock.append(time.perf_counter())
     if blur.kind.of_camera:
+        rng = np.random.default_rng(0 if rng is None else rng)
         geometry = estimate_two_view(matches, options, rng, camera, shutter)
     else:
         geometry = without_motion(matches, blur)
@@ -213,6 +210,16 @@ def estimate(
         moving=moving,
         execution=network.execution,
     )
+
+
+def _seen(image: AnyArray, network: SmearNetwork, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:
+    """Return a photograph's smears, what blurred it, and what moves by itself, where that was asked.
+
+    Seen from a camera at rest, what moves must not pass for the camera's motion.
+    """
+    grid = network.predict(image, detail=detail)
+    moving = moving_probability(image, grid, execution=network.execution) if is_mixed(grid) else None
+    return grid, blur_of(grid, image, None if moving is None else moving.share_of(grid, THRESHOLD)), moving
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -275,17 +282,10 @@ def estimate_file(
         run=run,
         read_s=read_s,
         exposure_s=run.exposure_s or exif.exposure_s,
-        warnings=_contradictions(run, camera, exif),
-    )
-
-
-def _contradictions(run: Run, camera: Camera | None, exif: ExifValues) -> tuple[str, ...]:
-    """Return a line for each option that EXIF contradicts; the option is believed all the same."""
-    option = run.intrinsics.stated
-    focal_px = None if camera is None or option is None else camera.focal_px
-    return (
-        *disagreement("--exposure", run.exposure_s, exif.exposure_s, "s"),
-        *disagreement(option or "", focal_px, exif.focal_px, "px"),
+        warnings=(  # an option is believed all the same
+            *disagreement("--exposure", run.exposure_s, exif.exposure_s, "s"),
+            *disagreement(run.intrinsics.stated, camera.focal_px if camera else None, exif.focal_px, "px"),
+        ),
     )
 
 

@@ -63,9 +63,9 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     )
 
 
-def disagreement(option: str, stated: float | None, read: float | None, unit: str) -> list[str]:
+def disagreement(option: str | None, stated: float | None, read: float | None, unit: str) -> list[str]:
     """Return a warning if an option's value is not within MOST_APART of EXIF's; none where one is missing."""
-    if stated is None or read is None or 1 / MOST_APART < stated / read < MOST_APART:
+    if option is None or stated is None or read is None or 1 / MOST_APART < stated / read < MOST_APART:
         return []
     return [f"{option} says {stated:.4g} {unit}, EXIF {read:.4g} {unit}"]
 

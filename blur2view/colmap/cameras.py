@@ -49,25 +49,24 @@ def camera_of_database(
     path = Path(path)
     try:
         with open_read_only(path) as database:
-            ids = [row[0] for row in database.execute("SELECT camera_id FROM cameras LIMIT 11")]
-            some = ", ".join(map(str, ids[:10])) + " ..." * (len(ids) > 10) or "none"
+            rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras")
+            cameras = {number: row for number, *row in rows}
+            some = ", ".join(map(str, [*cameras][:10])) + " ..." * (len(cameras) > 10) or "none"
             names = image_names(database)
             name = longest_suffix(names, Path(image_name)) if image_name else None
             if camera_id is None and name is not None:
                 sql = "SELECT camera_id FROM images WHERE image_id = ?"
                 (camera_id,) = database.execute(sql, (names[name],)).fetchone()
-            if camera_id is None and len(ids) != 1:
+            if camera_id is None and len(cameras) != 1:
                 why = f"knows no image {Path(image_name).name} and has several cameras or none ({some})"
                 raise CameraError(f"{path}: {why}; name one as {path}:ID")
-            camera_id = ids[0] if camera_id is None else camera_id
-            sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
-            row = database.execute(sql, (camera_id,)).fetchone()
-            if row is None:
+            camera_id = next(iter(cameras)) if camera_id is None else camera_id
+            if camera_id not in cameras:
                 raise CameraError(f"{path}: has no camera {camera_id!r:.20}; it has {some}")
     except DatabaseError as error:
         remedy = "; or write its line out: MODEL WIDTH HEIGHT PARAMS..." if path.suffix == ".txt" else ""
         raise CameraError(f"{error}{remedy}") from None
-    model, width, height, params = row  # of any type
+    model, width, height, params = cameras[camera_id]  # of any type
     try:
         name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())

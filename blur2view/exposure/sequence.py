@@ -77,42 +77,34 @@ def estimate_frames(
 
     Examples
     --------
-    Rates of a robot's camera, with the covariance that ROS's ``sensor_msgs/Imu`` has::
+    Rates of a robot's camera as its gyroscope shows them, with the covariance that ROS's ``sensor_msgs/Imu``
+    has::
 
-        from pathlib import Path
-        import blur2view
-
-        network = blur2view.SmearNetwork(threads=4)
         paths = sorted(Path("mav0/cam0/data").glob("*.png"))
         stamps = blur2view.timestamps_of(paths, "mav0/cam0/data.csv")  # or from the names alone
-        images = map(blur2view.read_image, paths)
-        camera = blur2view.Camera.from_focal(458.0, (752, 480))
-        estimates = blur2view.estimate_frames(
-            images, timestamps_s=stamps, camera=camera, network=network
-        )
-        for one in estimates:
+        images, camera = map(blur2view.read_image, paths), blur2view.Camera.from_focal(458.0, (752, 480))
+        for one in blur2view.estimate_frames(images, timestamps_s=stamps, camera=camera):
             rate = one.angular_velocity(0.02)
-            if rate is None or not one.time.known:
-                continue  # it did not move, or shows no pose, or its sign is open
-            gyroscope = rate.of_gyroscope
-            message = Imu()
-            message.header.stamp = rospy.Time.from_sec(one.timestamp_s)
-            message.angular_velocity = Vector3(*gyroscope.mean)
-            message.angular_velocity_covariance = gyroscope.covariance.ravel().tolist()
-            message.orientation_covariance[0] = message.linear_acceleration_covariance[0] = -1
-            publisher.publish(message)
+            if rate is not None and one.time.known:  # it moved, shows a pose, and its sign is known
+                publish(one.timestamp_s, rate.of_gyroscope.mean, rate.of_gyroscope.covariance)
     """
+    frames = _frames_of(frames)
+    common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
+    one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
+    found = _in_series(frames, one_of, camera) if ordered else map(one_of, frames)
+    return found if timestamps_s is None else _timed(found, iter(timestamps_s))
+
+
+def _frames_of(frames: object) -> Iterable[AnyArray]:
+    """Return the frames of a video, which may be its file; ValueError of what is none."""
     if isinstance(frames, str | os.PathLike):
         if os.path.isdir(frames):
             raise ValueError(f"{frames}: is a folder; give map(blur2view.read_image, paths of its frames)")
-        frames = read_video(frames)
+        return read_video(frames)
     if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
         got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"
         raise ValueError(f"expected the frames of a video, got {got}; one photograph goes to estimate(image)")
-    common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
-    one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
-    found = _in_series(frames, one_of, camera) if ordered else (one_of(rgb_of(frame)) for frame in frames)
-    return found if timestamps_s is None else _timed(found, iter(timestamps_s))
+    return frames
 
 
 def _in_series(
@@ -123,9 +115,8 @@ def _in_series(
     seen: list[NeighbourMotion] = []
     features: Features = NO_FEATURES
     for number, frame in enumerate(frames):
-        image = rgb_of(frame)
-        one, before = estimate_one(image), features
-        features = features_of(image)
+        one, before = estimate_one(frame), features
+        features = features_of(rgb_of(frame))
         if last is not None:
             if one.grid.shape != last.grid.shape:
                 (height, width), (rows, columns) = one.grid.shape, last.grid.shape

@@ -153,15 +153,6 @@ class TwoViewGeometry:
             return Parallax.UNDECIDED
         return Parallax.ABSENT if self.F is None else Parallax.UNDECIDED
 
-    @property
-    def E_of_pose(self) -> Array | None:
-        """E, None where the pose beside it is a rotation alone, of another motion.
-
-        COLMAP keeps both in one row; it reads E of CALIBRATED rows only (estimators/two_view_geometry.cc).
-        """
-        pose = self.cam2_from_cam1
-        return self.E if pose is None or pose.translation.any() else None
-
     def reversed(self) -> TwoViewGeometry:
         """Return the same motion with time reversed: the other of two equal answers.
 
@@ -195,14 +186,15 @@ class TwoViewGeometry:
 
         Of an open and a close image whose keypoints are both ends of the smears in their order
         (`views.ExposureViews`): match (i, i) is smear i. Of a distorted camera F and H are those of
-        undistorted pixels, as everywhere here.
+        undistorted pixels, as everywhere here. E is left out where the pose, which shares its row in COLMAP,
+        is a rotation alone, of another motion.
         """
         pose = self.cam2_from_cam1
         return colmap_two_view_geometry(
             self.config.name,
             np.flatnonzero(self.inlier_mask),
             F=self.F,
-            E=self.E_of_pose,
+            E=self.E if pose is None or pose.translation.any() else None,
             H=self.H,
             pose=None if pose is None else (pose.rotation, pose.translation),
         )

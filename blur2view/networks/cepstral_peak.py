@@ -113,7 +113,7 @@ def prior_of(cells: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Pr
         smear=(length / scale * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
         sigma_rad=np.maximum(sigma_rad, LEAST_SIGMA_RAD),
         sigma_log=np.maximum(along / np.maximum(length, 1e-3), LEAST_SIGMA_RAD),
-        usable=(count > 0) & long & (sigma_px < UNSURE * length),
+        usable=long & (sigma_px < UNSURE * length),
     )
 
 

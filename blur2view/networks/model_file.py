@@ -15,7 +15,6 @@ from blur2view.input_files import read_regular
 from blur2view.networks.spectra import STEP
 
 FORMAT = "4"
-OLDER_FORMATS = ("1", "2", "3")
 INPUTS = "grey", "cepstra", "scales", "coarser"
 OUTPUTS = "logits", "radii", "kinds", "features"
 """Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
@@ -127,12 +126,17 @@ class OnnxNetwork:
             missing = f"{_short(idle[0])} does not start: a library or a device is missing"
             raise ModelError(f"{missing}; leave it out")
 
-    def run(self, inputs: dict[str, AnyArray], size: tuple[int, int]) -> list[AnyArray]:
+    def run(
+        self, inputs: dict[str, AnyArray], size: tuple[int, int], *, frugal: bool = False
+    ) -> list[AnyArray]:
         """Return all outputs; ModelError if it cannot be run, or takes far longer than it should.
 
-        ``size`` is width and height of the picture, pixels. The run ends at its next operator.
+        ``size`` is width and height of the picture, pixels. The run ends at its next operator. A ``frugal``
+        one gives its memory back, which the next has to take anew.
         """
         options = _onnxruntime().RunOptions()
+        if frugal:
+            options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
         cells = size[0] * size[1] // STEP**2
         timer = threading.Timer(PATIENCE_S + PATIENCE_S_A_CELL * cells, setattr, (options, "terminate", True))
         timer.daemon = True
@@ -189,10 +193,9 @@ def read_info(network: OnnxNetwork) -> ModelInfo:
     try:
         metadata: dict[str, str] = network.session.get_modelmeta().custom_metadata_map
         kind = metadata.get("blur2view_format", "")
-        if kind in OLDER_FORMATS:
-            raise ModelError(f"{path}: is a network of format {kind}, of an earlier version; {remedy}")
         if kind != FORMAT:
-            raise ModelError(f"{path}: is not a blur2view smear network of format {FORMAT}; {remedy}")
+            other = f"but of {kind}" if kind else "or of none"
+            raise ModelError(f"{path}: is not a smear network of format {FORMAT}, {other}; {remedy}")
         shapes = {node.name: node.shape for node in network.session.get_inputs()}
         return ModelInfo(
             model_id=metadata["model_id"],

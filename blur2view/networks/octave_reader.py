@@ -28,12 +28,14 @@ SMALLEST_PX = 90
 """Copies with a side below this are not made: a window of the network has 96 px."""
 LEAST_PX = 64
 """Least side of the smallest octave: two cells, more than its mirrored border."""
+LARGE_PIXELS = 2_500_000
+"""Of an octave's picture, from which on the network gives memory back: the next is four times as large."""
 LONG_PX = 12.0
 """Length, in an octave's pixels, from which on a finer one says no more."""
 SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
-MAY_BE_SHORT, LEAST_TOLD = 0.1, 0.04
+MAY_BE_SHORT = 0.1
 """Probability of shorter smears, in the mean over all cells that can tell, from which on it is read all the
-same; and the share of the cells that must tell their blur."""
+same."""
 ROWS = 4
 """Of cells, whose likelihoods are read at a time: a core's cache holds them."""
 PIXELS = [0, 1, 2, 4]
@@ -76,9 +78,9 @@ class OctaveReader:
         for k, picture in pictures:
             windows = windows_of(picture, max(STEP, apart >> k))
             spectra.insert(0, power_spectra(windows, self.threads))
-            shown = picture if apart >> k <= STEP else thinned(windows)
+            shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PIXELS
             del picture, windows  # a large photograph's
-            read = self.read_octave(shown, spectra[0], read)
+            read = self.read_octave(shown, spectra[0], read, frugal)
             if k and STEP << k <= apart and not_short(read):
                 break
         assert read is not None
@@ -95,7 +97,7 @@ class OctaveReader:
         values[..., PIXELS] *= 2**k
         return values
 
-    def read_octave(self, grey: Floats, power: Floats, smaller: Octave | None) -> Octave:
+    def read_octave(self, grey: Floats, power: Floats, smaller: Octave | None, frugal: bool) -> Octave:
         """Return what an octave and all smaller ones say, given its picture and its power spectra."""
         size = power.shape[:2]
         shape = (*size, DIRECTIONS, self.features)
@@ -105,7 +107,8 @@ class OctaveReader:
         above = np.zeros(shape, np.float32) if coarse is None else coarse.features
         cepstra, scales = polar_cepstra(power, self.threads)
         inputs = grey[None, None], cepstra[None], scales[None], above[None]
-        outputs = self.network.run(dict(zip(INPUTS, inputs, strict=True)), grey.shape[::-1])
+        named = dict(zip(INPUTS, inputs, strict=True))
+        outputs = self.network.run(named, grey.shape[::-1], frugal=frugal)
         expected = (*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape
         found = [output.shape for output in outputs]
         if found != [(1, *one) for one in expected]:
@@ -124,7 +127,7 @@ def not_short(read: Octave) -> bool:
     likelihood = np.exp(read.smears - read.smears.max((-2, -1), keepdims=True))
     short = likelihood[..., :SHORT_BINS].sum((-2, -1)) / likelihood.sum((-2, -1))
     told = 1 - softmax(read.kinds)[..., CANNOT_TELL]
-    return bool(told.mean() >= LEAST_TOLD and (short * told).sum() < MAY_BE_SHORT * told.sum())
+    return bool((short * told).sum() < MAY_BE_SHORT * told.sum())
 
 
 def thinned(windows: Floats) -> Floats:
@@ -137,9 +140,9 @@ def thinned(windows: Floats) -> Floats:
     return np.ascontiguousarray(windows[:, :, 1::every, 1::every].swapaxes(1, 2)).reshape(h * STEP, w * STEP)
 
 
-def octave_count(shape: tuple[int, ...], levels: int = LEVELS) -> int:
-    """Return how many sizes of an image (H, W, ...) are read."""
-    return min(levels, 1 + int(np.log2(max(min(shape[:2]) / SMALLEST_PX, 1))))
+def octave_count(side: int, levels: int) -> int:
+    """Return how many sizes of a picture are read, by its shorter side."""
+    return min(levels, 1 + int(np.log2(max(side / SMALLEST_PX, 1))))
 
 
 def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:

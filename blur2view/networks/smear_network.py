@@ -5,7 +5,7 @@ octaves that its smears need; or all windows, in overlapping tiles.
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from itertools import product
 
@@ -16,7 +16,6 @@ from PIL import Image
 from threadpoolctl import threadpool_limits
 
 from blur2view.arrays import AnyArray, over_backdrop
-from blur2view.errors import ModelError
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count, octaves
@@ -41,11 +40,11 @@ class Detail(StrEnum):
 
 LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
-# Where at most one grey level of 255 is seen within this many pixels, nothing can be measured and the network
-# guesses: such cells (constant pictures, burnt skies; 0.04 % of RedKitchen) get no smear and this sigma.
+# Where at most one grey level of 255 is seen within this many pixels nothing can be measured and the network
+# guesses: such cells (constant pictures, burnt skies) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
-_STRIP_ROWS = 256  # converted at a time
+_STRIP_ROWS = 64  # converted at a time
 _LEVELS = np.arange(256, dtype=np.float32) / np.float32(255)
 
 
@@ -122,8 +121,6 @@ class SmearNetwork:
             values, flat = self._in_tiles(image, levels, apart)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]
-        if not np.isfinite(values).all():
-            raise ModelError(f"{self.path}: gives values that are not finite; use the shipped network")
         values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
         cells, blur = np.split(values, [4], axis=-1)
         window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
@@ -145,7 +142,7 @@ class SmearNetwork:
         """
         height, width = image.shape[:2]
         whole = apart > STEP or height * width <= self.max_pixels
-        levels = octave_count((min(height, width, max(height, width) if whole else self.tile_px),), levels)
+        levels = octave_count(min(height, width) if whole else min(height, width, self.tile_px), levels)
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         sides = [-(-max(side, LEAST_PX << levels - 1) // step) * step // apart for side in (height, width)]
         tile, overlap = max(sides) if whole else -(-self.tile_px // apart), self.overlap_px // apart
@@ -157,11 +154,13 @@ class SmearNetwork:
             part = image[tuple(slice(apart * one.start, apart * one.stop) for one in cells)]
             shape = tuple(one.stop - one.start for one in cells)
             own = np.outer(*(_weights(count, overlap) for count in shape))[..., None]
-            seen = _flat(_shown(part, gain, apart // STEP))
+            grey = _grey(part, gain, (apart * shape[0], apart * shape[1]))
+            seen = _flat(grey[: part.shape[0], : part.shape[1]], apart // STEP)
             flat[cells][: seen.shape[0], : seen.shape[1]] = seen
             weight[cells] += own
             if not seen.all():
-                pictures = octaves(_grey(part, gain, (apart * shape[0], apart * shape[1])), levels)
+                pictures = octaves(grey, levels)
+                del grey  # a large photograph's
                 values[cells] += self._reader.read(pictures, apart) * own
         return np.asarray(values / weight, np.float32), flat[: -(-height // apart), : -(-width // apart)]
 
@@ -209,9 +208,8 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
     integer = image.dtype in (np.uint8, np.uint16)
-    if image.shape[2:] not in ((), (1,), (3,), (4,)) or image.ndim < 2 or not image.size:
-        raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
-    if not (integer or np.issubdtype(image.dtype, np.floating)):
+    has_shape = image.shape[2:] in ((), (1,), (3,), (4,)) and image.ndim > 1 and image.size
+    if not has_shape or not (integer or np.issubdtype(image.dtype, np.floating)):
         raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
     if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
@@ -238,51 +236,29 @@ def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
-def _strips(height: int) -> Iterator[slice]:
-    """Yield the rows that are converted at a time: memory does not hold all of a picture as RGB floats."""
-    for first in range(0, height, _STRIP_ROWS):
-        yield slice(first, min(first + _STRIP_ROWS, height))
-
-
-def _shown(image: AnyArray, gain: float, times: int) -> NDArray[np.uint8]:
-    """Return a photograph, as of `photograph_of`, so bright, as RGB (h, w, 3) of 8 bits.
-
-    It is so many ``times`` smaller, a power of two up to 256.
-    """
-    as_it_is = gain == 1 and image.dtype == np.uint8 and image.ndim == 3
-    if as_it_is and times == 1:
-        return image
-    height, width = image.shape[:2]
-    shown = np.empty((-(-height // times), -(-width // times), 3), np.uint8)
-    for rows in _strips(height):
-        strip = image[rows]
-        if not as_it_is:
-            rgb = floats_of(strip, gain)
-            strip = cv2.convertScaleAbs(rgb, alpha=255).reshape(rgb.shape)
-        own = shown[rows.start // times : -(-rows.stop // times)]
-        own[:] = cv2.resize(strip, own.shape[1::-1], interpolation=cv2.INTER_AREA)
-    return shown
-
-
 def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
-    """Return the luma of a photograph so bright; to this shape it continues mirrored, right and below."""
+    """Return the luma of a photograph so bright; to this shape it continues mirrored, right and below.
+
+    Made of strips, so that memory never holds all of it as RGB floats.
+    """
     height, width = image.shape[:2]
-    grey = np.empty((height, width), np.float32)
-    for rows in _strips(height):
-        rgb: AnyArray = floats_of(image[rows], gain)
+    mirrored = np.pad(np.arange(height), (0, shape[0] - height), mode="reflect")
+    grey = np.empty(shape, np.float32)
+    for first in range(0, shape[0], _STRIP_ROWS):
+        rows = slice(first, first + _STRIP_ROWS)
+        rgb: AnyArray = floats_of(image[mirrored[rows]], gain)
         if width % STEP:  # odd columns are rounded otherwise
             rgb = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
-        grey[rows] = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)[:, :width]
-    if shape == (height, width):
-        return grey
-    missing = 0, shape[0] - height, 0, shape[1] - width
-    return np.asarray(cv2.copyMakeBorder(grey, *missing, cv2.BORDER_REFLECT_101), np.float32)
+        luma = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)[:, :width]
+        grey[rows] = cv2.copyMakeBorder(luma, 0, 0, 0, shape[1] - width, cv2.BORDER_REFLECT_101)
+    return grey
 
 
-def _flat(shown: AnyArray) -> NDArray[np.bool_]:
-    """Return the cells, (h, w), around which every channel keeps its value, give or take a level of 255."""
+def _flat(grey: Floats, times: int) -> NDArray[np.bool_]:
+    """Return the cells, (h, w), of a picture so many times smaller, about which it keeps its grey level."""
+    size = -(-grey.shape[1] // times), -(-grey.shape[0] // times)
+    shown = cv2.convertScaleAbs(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), alpha=255)
     window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
-    contrast = cv2.subtract(cv2.dilate(shown, window), cv2.erode(shown, window)).reshape(shown.shape)
-    rows, columns = (np.minimum(np.arange(0, n, STEP) + STEP // 2, n - 1) for n in shown.shape[:2])
-    flat: NDArray[np.bool_] = contrast[np.ix_(rows, columns)].max(axis=-1) <= 1
-    return flat
+    contrast = cv2.subtract(cv2.dilate(shown, window), cv2.erode(shown, window))
+    rows, columns = (np.minimum(np.arange(0, n, STEP) + STEP // 2, n - 1) for n in shown.shape)
+    return contrast[np.ix_(rows, columns)] <= 1

@@ -36,6 +36,7 @@ TREND = 8.0
 """Width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its zeros."""
 TAPERS = 0.28, 0.4
 """Widths, of the window's side, of the tapers of both cepstra towards high frequencies, which are noise."""
+HANN = np.outer(np.hanning(WINDOW), np.hanning(WINDOW)).astype(np.float32)
 FREQUENCIES = 40
 """Frequencies that are kept along each axis, in bins of 1 / 96 px."""
 PEAK_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (np.arange(19) / 8)])
@@ -94,7 +95,7 @@ def power_spectra(windows: Floats, threads: int = 1) -> Floats:
     def transform(part: slice) -> None:
         found, half = power[part], WINDOW // 2
         own = windows[rows[part], columns[part]] - np.float32(0.5)
-        own *= hann()
+        own *= HANN
         for window in own:
             cv2.dft(window, window)  # a third of the time of NumPy's; SciPy takes 0.2 s to import
         own *= own
@@ -140,13 +141,6 @@ def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
     return cepstra.reshape(h, w, DIRECTIONS, LAGS), scales.reshape(h, w, SCALES)
 
 
-@functools.cache
-def hann() -> Floats:
-    """Return the window, (96, 96)."""
-    side = np.hanning(WINDOW)
-    return np.outer(side, side).astype(np.float32)
-
-
 def sampled(logs: Floats, samples: Floats) -> Floats:
     """Return polar samples (n, 32, lags) of log spectra on four eighths of the plane (n, 4 * f)."""
     a, a_turned, b, b_turned = np.moveaxis(logs.reshape(len(logs), 4, -1), 1, 0)
@@ -190,10 +184,8 @@ def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
     return index.ravel(), (mean / mean.sum()).astype(np.float32).ravel(), (first, second)
 
 
-def polar_samples(
-    cepstrum: int, columns: Integers, rows: Integers, directions: range = range(EIGHTH + 1)
-) -> Floats:
-    """Return the matrix (..., directions * lags) from the log power of frequencies (...) to polar samples.
+def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
+    """Return the matrix (..., 9 * lags) from the log power of frequencies (...) to samples to 45 degrees.
 
     Its columns: the inverse transform at a polar bin (Gaussian footprint 0.6 px + 4 % of the lag) of the
     spectrum tapered towards high frequencies, of which half a plane is the other half. To subtract the
@@ -204,7 +196,7 @@ def polar_samples(
     taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
     taper *= np.where(columns == 0, 1, 2) / WINDOW**2
     lags = (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]
-    angles = np.pi / DIRECTIONS * np.asarray(directions)
+    angles = np.pi / DIRECTIONS * np.arange(EIGHTH + 1)
     sigma = np.tile(0.6 + 0.04 * lags, len(angles))
     place = np.arange(-WINDOW // 2, WINDOW // 2)[:, None]
     middles = (np.outer(f(angles), lags).ravel() for f in (np.cos, np.sin))
@@ -221,12 +213,4 @@ def polar_samples(
         result -= transformed(x * trend, y * trend)
     result *= taper[..., None]
     result /= x.sum(0) * y.sum(0)
-    return as_float16(result).astype(np.float32)
-
-
-def as_float16(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values below 1 rounded as by NumPy's float16, whose conversion takes ten times as long."""
-    split = values * (2.0**42 + 1)  # Veltkamp's splitting: the upper 11 of 53 bits
-    upper = split - (split - values)
-    least = 1.5 * 2.0**28  # its neighbours are 2^-24 away, as are float16's numbers below 2^-14
-    return np.where(np.abs(values) < 2.0**-14, values + least - least, upper)
+    return result.astype(np.float16).astype(np.float32)

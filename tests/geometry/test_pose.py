@@ -7,13 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blur2view.geometry.pose import (
-    PoseCovariance,
-    RigidTransform,
-    before_both,
-    decompose_essential,
-    oriented_pose,
-)
+from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
@@ -95,21 +89,6 @@ def test_known_intrinsics_give_the_pose() -> None:
     assert np.mean(table, axis=0)[0] < 0.15
 
 
-def test_decomposition_holds_the_pose_and_its_twins() -> None:
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        true = RigidTransform(
-            rotation=rotation_matrix(0.3 * rng.normal(size=3)), translation=unit(rng.normal(size=3))
-        )
-        poses = decompose_essential(-2.5 * true.essential)
-        assert min(difference(pose, true) for pose in poses) < 1e-9
-        angles = [pose.angle_deg for pose in poses]
-        assert angles == sorted(angles) and angles[0] < 60 < 100 < angles[2]
-        for pose in poses:  # all are the same E up to scale
-            cosine = abs(np.sum(pose.essential * true.essential)) / 2
-            assert np.isclose(cosine, 1)
-
-
 def unit(vector: np.ndarray) -> np.ndarray:
     scaled: np.ndarray = vector / np.linalg.norm(vector)
     return scaled
@@ -125,19 +104,6 @@ def test_points_lie_before_both_cameras_in_one_pose_of_four() -> None:
     assert len(others) == 3
     assert all(not before_both(pose, one, two).all() for pose in others)
     assert before_both(true_pose(scene).inverse(), two, one).all()
-
-
-def test_parallel_rays_meet_nowhere() -> None:
-    pose = RigidTransform(rotation=np.eye(3), translation=np.array([1.0, 0, 0]))
-    points = np.random.default_rng(0).normal(size=(5, 2))
-    assert not before_both(pose, points, points).any()
-
-
-def test_oriented_pose_prefers_the_small_rotation_and_takes_no_orders() -> None:
-    scene = make_scene(np.random.default_rng(8), length_px=30)
-    even = np.full(len(scene.ends), 0.5)
-    found = oriented_pose(true_pose(scene).essential, rays(scene), even)
-    assert found.pose.angle_deg < 20 and found.in_front > 0.99
 
 
 def test_distance_of_a_pose_is_measured_in_standard_deviations() -> None:

@@ -1,19 +1,9 @@
-"""Octaves of a photograph: how many, how they are made, and how what is read in them is joined."""
+"""Octaves of a photograph: how they are made, and how what is read in them is joined."""
 
 import numpy as np
 import pytest
 
-from blur2view.networks.octave_reader import joined, octave_count, octaves
-
-
-@pytest.mark.parametrize(
-    ("shape", "count"),
-    [((1, 1), 1), ((179, 900), 1), ((180, 180), 2), ((359, 4000), 2), ((480, 640, 3), 3), ((3000, 4000), 4)],
-)
-def test_count_follows_from_the_shorter_side(shape: tuple[int, ...], count: int) -> None:
-    assert octave_count(shape) == count
-    assert octave_count(shape, 1) == 1
-    assert octave_count(shape, 2) == min(count, 2)
+from blur2view.networks.octave_reader import joined, octaves
 
 
 def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> None:

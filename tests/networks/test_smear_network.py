@@ -86,7 +86,7 @@ def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: p
     monkeypatch.setattr(network._reader, "read", read)
     found = network.predict(image, levels=1).cells
     tiles = read.call_count
-    monkeypatch.setattr(smear_network, "_flat", lambda shown: np.zeros((4, 4), bool))
+    monkeypatch.setattr(smear_network, "_flat", lambda grey, times: np.zeros((4, 4), bool))
     everywhere = network.predict(image, levels=1).cells
     assert (tiles, read.call_count - tiles) == (3, 7)
     seen = found[..., 2] != UNSEEN_SIGMA_PX
