@@ -8,6 +8,7 @@ smears are known. The scenes of one folder count as one split: `tools.datasets.t
 
 import shlex
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.smears.field import Floats
 from tools.arguments import Existing, Target, run
-from tools.datasets.testset import TestScene, read_test_set
+from tools.datasets.testset import read_test_set
 from tools.metrics import average_precision
 from tools.pages import joined, publish, table
 from tools.rendering.exposure import GRID
@@ -34,6 +35,7 @@ STATIC = [Path("../shared/data/redkitchen"), Path("../shared/data/textures/kodak
 LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
 FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
 COLUMNS = ("iou", "precision", "called", "unobservable")
+HEADS = f"scenes | n | {' | '.join(COLUMNS)}"
 WORDS = (
     "Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, "
     "average\nprecision of the probability, shares that are called moving and unobservable."
@@ -63,16 +65,16 @@ def overlap(found: Mask, true: Mask) -> float:
     return float((found & true).sum() / union) if union else float("nan")
 
 
-def judge(scene: TestScene, mask: MotionMask) -> SceneFigures:
-    """Return how a mask compares with the truth."""
-    sides = zip(scene.valid.shape, mask.labels.shape, strict=True)
+def judge(static: Mask, valid: Mask, mask: MotionMask) -> SceneFigures:
+    """Return how a mask compares with what stands still, where known (both (h, w), of 4 x 4 pixels)."""
+    sides = zip(valid.shape, mask.labels.shape, strict=True)
     rows, columns = np.ix_(*(np.minimum(GRID * np.arange(n) + 1, side - 1) for n, side in sides))
-    label, score = (of[rows, columns][scene.valid] for of in (mask.labels, mask.probability))
-    moving, called = ~scene.static[scene.valid], label == MotionLabel.MOVING
+    label, score = (of[rows, columns][valid] for of in (mask.labels, mask.probability))
+    moving, called = ~static[valid], label == MotionLabel.MOVING
     tenth = np.minimum((10 * score).astype(int), 9)
     return SceneFigures(
-        share=float(moving.sum() / scene.valid.size),
-        is_still=bool(scene.static.all()),
+        share=float(moving.sum() / valid.size),
+        is_still=bool(static.all()),
         iou=overlap(called, moving),
         precision=average_precision(score, moving),
         called=float(called.mean()),
@@ -123,16 +125,29 @@ def still_lines(groups: dict[str, list[Path]], network: SmearNetwork) -> list[st
     return lines
 
 
+def outlined(folder: Path, network: SmearNetwork) -> Iterator[SceneFigures]:
+    """Yield the figures of photographs ``NAME.jpg`` whose object is white in ``NAME.truth.png``."""
+    for path in sorted(folder.glob("*.truth.png")):
+        still = read_image(path)[1::GRID, 1::GRID, 0] == 0
+        image = read_image(path.with_name(f"{path.name.removesuffix('.truth.png')}.jpg"))
+        yield judge(still, np.ones_like(still), mask_of(image, network))
+
+
 def mask_of(image: Floats, network: SmearNetwork) -> MotionMask:
     """Return the mask of a picture (H, W, 3)."""
     return segment(estimate(image, network=network), image)
 
 
-def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Target) -> None:
-    """Segment rendered scenes, and photographs in which nothing moves; ``out`` has no suffix."""
+def main(
+    scenes: list[Existing], *, static: list[Path] | None = None, objects: Existing | None = None, out: Target
+) -> None:
+    """Segment rendered scenes, and photographs in which nothing moves; ``out`` has no suffix.
+
+    In ``objects`` are photographs whose object, moving or not, is known.
+    """
     network = SmearNetwork()
     judged = {
-        folder: [judge(one, mask_of(one.image, network)) for one in read_test_set(folder)]
+        folder: [judge(one.static, one.valid, mask_of(one.image, network)) for one in read_test_set(folder)]
         for folder in scenes
     }
     rows = [row for folder, found in judged.items() for row in split_rows(folder.name, found)]
@@ -141,10 +156,14 @@ def main(scenes: list[Existing], *, static: list[Path] | None = None, out: Targe
         "# Motion masks",
         f"`{command}`; network `{network.info.model_id}`.",
         WORDS,
-        table(f"scenes | n | {' | '.join(COLUMNS)}", rows),
+        table(HEADS, rows),
         "Calibration, all pixels of all scenes:",
         calibration_lines([one for found in judged.values() for one in found]),
     ]
+    if objects:
+        found = list(outlined(objects, network))
+        rows = split_rows(objects.name, found)[:1]
+        blocks += ["Real photographs whose object is known:", table(HEADS, rows), calibration_lines(found)]
     groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
     groups |= {one.name: sorted(one.iterdir()) for one in static or STATIC if one.is_dir()}
     if groups:

@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+import blur2view
 from blur2view.segmentation.mask import MotionMask
-from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, with_mover
-from tools.datasets.testset import TestScene
-from tools.evaluation.segmentation import judge, overlap
+from tests.support.motion_scenes import HEIGHT, WIDTH
+from tools.evaluation.segmentation import judge, outlined, overlap
 from tools.metrics import average_precision
 
 
@@ -24,23 +25,6 @@ def test_average_precision_and_overlap_of_known_cases() -> None:
     assert np.isnan([average_precision(np.zeros(4), none), overlap(none, none)]).all()
 
 
-def scene() -> TestScene:
-    static = np.ones((HEIGHT, WIDTH), bool)
-    static[BOX] = False
-    return TestScene(
-        name="0000",
-        image_path=Path("none"),
-        displacement=with_mover()[1::4, 1::4],
-        valid=np.ones((HEIGHT // 4, WIDTH // 4), bool),
-        static=static[1::4, 1::4],
-        K=np.eye(3),
-        R=np.eye(3),
-        t=np.array([1.0, 0, 0]),
-        F=SIDEWAYS,
-        kind="translation",
-    )
-
-
 def masked(moving: np.ndarray) -> MotionMask:
     """Give the mask that calls this moving."""
     probability = np.where(moving, 0.9, 0.1).astype(np.float32)
@@ -48,10 +32,21 @@ def masked(moving: np.ndarray) -> MotionMask:
 
 
 def test_masks_are_judged_by_what_moves() -> None:
-    true = np.kron(~scene().static, np.ones((4, 4))) > 0
-    figures = judge(scene(), masked(true))
+    static = np.ones((HEIGHT // 4, WIDTH // 4), bool)
+    static[10:50, 20:68] = False
+    true = np.kron(~static, np.ones((4, 4))) > 0
+    figures = judge(static, np.ones_like(static), masked(true))
     assert figures.iou == figures.precision == 1 and figures.unobservable == 0
     assert figures.called == figures.share == pytest.approx(40 * 48 / 19200)
     assert figures.counts[0].sum() == 19200 and figures.counts[1].sum() == figures.counts[1][9] == 40 * 48
-    unseen = judge(scene(), masked(np.zeros_like(true)))
+    unseen = judge(static, np.ones_like(static), masked(np.zeros_like(true)))
     assert unseen.iou == 0 and unseen.called == 0 and unseen.precision < 0.2
+
+
+def test_objects_of_photographs_are_read_from_white_outlines(tmp_path: Path) -> None:
+    picture, truth = np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint8)
+    truth[:32, :64] = 255
+    cv2.imwrite(str(tmp_path / "a.jpg"), picture)
+    cv2.imwrite(str(tmp_path / "a.truth.png"), truth)
+    (figures,) = outlined(tmp_path, blur2view.SmearNetwork())
+    assert figures.share == pytest.approx(1 / 6) and figures.called == 0 and figures.unobservable == 1
