@@ -70,7 +70,7 @@ class PlaceOptions(Options):
             why = "no two follow one another and show how long an exposure is"
             raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
         if not placement.placed:
-            raise DatabaseError(f"{about} none has enough smears at the model's points; {ALL_FRAMES}")
+            raise DatabaseError(f"{about} none has another frame next to it; {ALL_FRAMES}")
         write_model(placement.model, self.output, project_text(self.photographs, self.database))
         if not self.quiet:
             print(summary(self, model, placement, names))
@@ -120,7 +120,7 @@ def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", na
     lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
     if options.verbose:
         for name in placement.left:
-            lines.append(f"  {printable(name)} left out: too few of its points have smears")
+            lines.append(f"  {printable(name)} left out: no frame of the model is next to it, by number")
     posed = {image.name for image in placement.model.images.values() if image.has_pose}
     if missing := len({name for name in posed if not name.endswith((OPEN, CLOSE))}.difference(names)):
         frames = printable(str(options.photographs))

@@ -209,7 +209,6 @@ class ToColmapOptions(PhotographOptions):
         if lost := sorted((before or set()).difference(names)):
             views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
             raise OutputError(
-                f"{self.db}: the views of {views} would be lost, as this call names them otherwise (from "
-                "the folder that all share), or not, or cannot read them; name all as before, or choose "
-                "another --db"
+                f"{self.db}: holds the views of {views}, which this call does not name so (from the folder "
+                "that all share) or cannot read; name them, too, or choose another --db"
             )

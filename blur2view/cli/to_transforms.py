@@ -69,7 +69,7 @@ class ToTransformsOptions(Options):
     masks: Path | None = option(None, "DIR", group=INPUT)
     "results of blur2view segment of these photographs, whose masks are put where the trainer reads them"
     max_smear: float | None = option(None, "PX", group=INPUT, convert=values.radius)
-    "leave out photographs whose median smear is longer, in pixels (default: keep all)"
+    "leave out photographs whose median smear is longer, in pixels, or unknown (default: keep all)"
     output: Path = option(Path("transforms.json"), "JSON", names="-o --output")
     "the file, for gsplat a folder (default: %(default)s); one of an earlier call is replaced"
     dialect: str = option(DIALECTS[0], choices=(*DIALECTS, GSPLAT))

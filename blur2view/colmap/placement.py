@@ -105,7 +105,10 @@ def place_views(
     times = dict(zip(names, frame_times(names), strict=True))
     linked = _read_linked(Path(database), registered, names)
     if not linked:
-        raise DatabaseError(f"{database}: has no views of the photographs in {model}; link them first")
+        raise DatabaseError(
+            f"{database}: has no views of those photographs in {model} that are named; link them first "
+            "(blur2view to-colmap --link), and name the folder that COLMAP read them from"
+        )
     trajectory = Trajectory(
         times=np.array([times[one.photograph.name] for one in linked], float),
         poses=np.stack([one.photograph.cam_from_world().matrix() for one in linked]),

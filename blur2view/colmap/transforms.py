@@ -79,9 +79,10 @@ class ExposedPhotograph:
 
 
 def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
-    """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer or unknown smears.
+    """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer smears.
 
-    DatabaseError if none is left, or none of the model has both views.
+    A bound leaves out those whose smears are unknown, for want of views or points. DatabaseError if none is
+    left, or none of the model has both views.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
     photographs = []
@@ -101,12 +102,15 @@ def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[E
             f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
             "blur2view place"
         )
-    kept = [one for one in photographs if one.smear_px is None or one.smear_px <= max_smear_px]
+    if np.isinf(max_smear_px):
+        return photographs
+    known = {one.name: one.smear_px for one in photographs if one.smear_px is not None}
+    kept = [one for one in photographs if known.get(one.name, np.inf) <= max_smear_px]
     if not kept:
-        shortest = min(one.smear_px for one in photographs if one.smear_px is not None)
+        shortest = f"the shortest {min(known.values()):.1f} px" if known else "as far as is known"
         raise DatabaseError(
-            f"{folder}: every photograph has a longer smear than {max_smear_px:g} px, the shortest "
-            f"{shortest:.1f} px; state more with --max-smear"
+            f"{folder}: every photograph has a longer smear than {max_smear_px:g} px, {shortest}; state more "
+            "with --max-smear"
         )
     return kept
 
@@ -124,7 +128,7 @@ def transforms(
 
     Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
     of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect;
-    photographs with a longer median smear are left out, those without views or points stay.
+    photographs with a longer median smear are left out, and, where there is a bound, unknown ones.
     DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
     ValueError if the dialect is unknown or the exposure time not positive and finite.
     """

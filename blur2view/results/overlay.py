@@ -33,7 +33,7 @@ def draw_overlay(
     """Return the overlay of an estimate on its photograph.
 
     Inlier smears are vivid, coloured by orientation; outliers are grey. Where no H explains the smears, too,
-    white lines are epipolar lines of F through a spread of inliers, and a ring marks an epipole that lies in
+    white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
     the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
     what blurred the photograph, the configuration, the key of the orientation colours and a map of sigma.
 
@@ -200,7 +200,7 @@ def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
     if geometry.H is not None:
         return f"{fit}, but H explains them, too; {length}"
     lines = "white: epipolar lines, where F lets the ends of smears lie"
-    return f"{fit}, {length}; {lines}; ring: the epipole, to or from which the camera moved"
+    return f"{fit}, {length}; {lines}; rings: the epipoles, to or from which the camera moved"
 
 
 def _orientation_key() -> Picture:

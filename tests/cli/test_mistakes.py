@@ -21,7 +21,7 @@ MISTAKES = [
     ("segment a.png -o out --masks COLMAP", "invalid choice: 'COLMAP'"),
     ("segment a.png --masks colmap", "--masks needs a folder; name it with -o"),
     ("estimate a.png --seed one", "--seed: must be 0 or more, got one"),
-    ("estimate a.png --focal 26", "fewer than 100 with their unit as 80px"),
+    ("estimate a.png --focal 26", "80px for fewer than 100"),
     ("estimate a.png --focal 800 --exposure 20", "more than 2 with their unit"),
     ("estimate a.png --exposure 1/50", "which need --focal or --camera"),
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),

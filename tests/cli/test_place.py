@@ -144,7 +144,7 @@ def test_what_cannot_be_placed_is_one_line(
     one.write(tmp_path / "one")
     assert "no two follow one another" in complaint(database, tmp_path / "one", frames)
     words = (database, tmp_path / "one", frames, "--fraction")
-    assert complaint(*words, 0.5).endswith(f"none has enough smears at the model's points; {ALL_FRAMES}")
+    assert complaint(*words, 0.5).endswith(f"none has another frame next to it; {ALL_FRAMES}")
 
 
 def test_pictures_that_are_not_there_are_asked_for(

@@ -105,6 +105,8 @@ def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None
     model.write(tmp_path / "model")
     frames = content_of(tmp_path / "model")["frames"]
     assert ["sharpness" in frame for frame in frames] == [True, False, True]
+    known = content_of(tmp_path / "model", max_smear_px=1e3)["frames"]  # of it nothing is known
+    assert [one["file_path"] for one in known] == [one["file_path"] for one in (frames[0], frames[2])]
     still = content_of(tmp_path / "model", dialect="nerfstudio")["frames"][1]
     assert still["camera_linear_velocity"] == still["camera_angular_velocity"] == [0, 0, 0]
 

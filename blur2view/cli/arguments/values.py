@@ -81,7 +81,7 @@ exposure = quantity(
     SECONDS, lambda value, unit: value > SHORTEST_S and (unit or value <= LONG_S), ms=1000, s=1
 )
 pixels = quantity(
-    "pixels as 800, fewer than 100 with their unit as 80px (for millimetres write --camera exif)",
+    "pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres from the photograph)",
     lambda value, unit: unit or value >= SHORT_PX,
     px=1,
 )
