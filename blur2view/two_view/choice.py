@@ -18,7 +18,7 @@ from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.robust import calibration as c
 from blur2view.robust.field_fit import FieldFit, fit_field
-from blur2view.robust.homography import Field, entries_of, rotation_of
+from blur2view.robust.homography import Field, rotation_of
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view.consensus import within_errors
@@ -87,10 +87,8 @@ def fields_of(sample: Likelihood, plane: FieldFit, rolling: bool) -> dict[Motion
     prior = sample.prior
     fields = {MotionModel.STILL: FieldFit(likelihood=sample, family=Field.plane(np.zeros(8), prior))}
     if sample.has_camera:
-        rotation = fit_field(Field.rotation(rotation_of(plane.family.generator()), prior), sample)
-        if rotation.log_posterior > plane.log_posterior:  # a rotation is a plane's field, too
-            plane = fit_field(Field.plane(entries_of(rotation.family.generator()), prior), sample)
-        fields[MotionModel.ROTATION] = rotation
+        rotation = Field.rotation(rotation_of(plane.family.generator()), prior)
+        fields[MotionModel.ROTATION] = fit_field(rotation, sample)
     fields[MotionModel.PLANE] = plane
     if rolling:
         for still_model in [model for model in ROLLING if model in fields]:

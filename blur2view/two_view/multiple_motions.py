@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.robust.calibration import CUTOFF, ON_PLANE
+from blur2view.robust.calibration import CUTOFF
 from blur2view.robust.estimators import SmearEstimator
 from blur2view.robust.field_fit import FieldFit
 from blur2view.robust.levenberg_marquardt import levenberg_marquardt
@@ -27,17 +27,16 @@ from blur2view.two_view.families import residual_scale
 
 SMEARS = 700  # that the two are sought and fitted in
 SEARCH = RansacOptions(max_iterations=96, min_iterations=96, batch=16)
-ATTEMPTS = 3  # of finding two motions
 BLOCKS = 5  # along the longer side, in which errors are correlated: about 100 px of a picture of 640x480
 PLACES = 8  # cells along the longer side, each of which goes to one motion
-ROUNDS = 4  # of sharing out the smears between the two F
+ATTEMPTS = 3  # of finding two motions
+ROUNDS = 2  # of sharing out the smears between the two F
 SUSPECT_SCALE = 0.6  # errors over standard deviations from which coherent ones are suspect
 COHERENT, FIRMLY = 0.45, 0.5  # independent share of errors below which they are; of an F of compact samples
 ALIKE = 0.25  # independent share of directions of outliers below which they are of another motion
 MANY_OUTLIERS = 0.2  # share of outliers from which their directions are looked at
 WORST_SHARE = 0.35  # of the smears, those that a first F fits worst, in which a second is sought
 ONE_EXPLAINS = 0.95  # share of the smears that one F explains from which there is no second motion
-ONE_PLANE = 0.82  # of what two motions explain, which one homography explains where there is but one
 LEAST_BALANCE = 0.22  # a smaller second motion is an object, not the camera's
 LEAST_GAIN = 50.0  # of two motions over one
 
@@ -120,19 +119,16 @@ def find_two_motions(
 
     F (3, 3) is the best single one, ``plane`` the best homography.
     """
-    on_plane = float((np.hypot(*plane.residual) < ON_PLANE).mean())
-    if on_plane > ONE_PLANE or likelihood.sigma_fitted < SUSPECT_SCALE:
+    if likelihood.sigma_fitted < SUSPECT_SCALE:
         return None
     backward = plane.orders(likelihood).swapped
     if not leaves_structure(likelihood, F, backward):
         return None
     for _ in range(ATTEMPTS):
         motions = _two_motions(likelihood, F, backward, rng)
-        if motions is None or motions.gain >= LEAST_GAIN or motions.second == 0:
-            break
-    if motions is None or motions.gain < LEAST_GAIN:
-        return None
-    return None if on_plane > ONE_PLANE * (motions.first + motions.second) else motions
+        if motions is not None and motions.gain >= LEAST_GAIN:
+            return motions
+    return None
 
 
 def _two_motions(
