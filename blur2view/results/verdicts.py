@@ -88,18 +88,18 @@ def _motion(
         case Configuration.MULTIPLE:
             return "Several motions: parts of the picture move differently"
         case Configuration.PANORAMIC:
-            return f"Camera {_turned(geometry, size, exposure_s)}{', may have moved, too' * undecided}"
+            return f"Camera {_turned(geometry, size, exposure_s)}{', parallax undecided' * undecided}"
         case Configuration.PLANAR_OR_PANORAMIC:
             by = _amount(geometry, exposure_s) if posed else f"by {length}"
             return f"Turned {by} or moved past something flat: cannot tell"
     if posed:
         turned = f"turned {_amount(geometry, exposure_s)}"
-        depth = ", depth undecided" * (config is Configuration.PLANAR and undecided)
+        depth = ", parallax undecided" * (config is Configuration.PLANAR and undecided)
         return f"Camera moved {_direction(geometry)}, {turned}{depth}"
     if config is Configuration.PLANAR:
-        moved = f"Camera moved{', depth undecided' if undecided else ' past something flat'}"
+        moved = f"Camera moved{', parallax undecided' if undecided else ' past something flat'}"
         if (geometry.rotation_probability or 0.0) > MAY_HAVE_TURNED:
-            moved = "Camera moved or turned, depth undecided"
+            moved = "Camera moved or turned, parallax undecided"
         return f"{moved}; blur {length}{way}"
     return f"Camera moved past near and far things; blur {length}{way}"
 

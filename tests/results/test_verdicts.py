@@ -77,7 +77,7 @@ CASES = {
     "Camera moved past something flat; blur 1.4 % of the width, up or down": (
         geometry("PLANAR", None, H), smears([1, 9])
     ),
-    "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees, depth undecided": (
+    "Camera moved sideways (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees, parallax undecided": (
         geometry("PLANAR", F, H, YAW, SIDEWAYS), smears([9, 0])
     ),
     "Turned by 5 % of the width or moved past something flat: cannot tell": (
