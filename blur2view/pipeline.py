@@ -22,6 +22,7 @@ from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import Moving, moving_probability
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
+from blur2view.networks.threads import one_thread
 from blur2view.photographs.content import read_content
 from blur2view.photographs.image import read_pixels
 from blur2view.photographs.video import frame_of, rows_towards
@@ -134,6 +135,7 @@ class Estimate:
         return self.geometry.angular_velocity(exposure_s)
 
 
+@one_thread
 def estimate(
     image: "AnyArray | Image.Image | str | os.PathLike[str]",
     *,
@@ -175,8 +177,7 @@ def estimate(
     Raises
     ------
     ValueError, ModelError, ImageError
-        If image or camera is none, or a shutter comes without a camera; if the network, or the file, cannot
-        be used.
+        If image or camera is none, or a shutter has no camera; if the network or the file cannot be used.
     """
     if camera is not None:
         require("camera", camera, Camera, CAMERAS)

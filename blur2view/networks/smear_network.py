@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from threadpoolctl import threadpool_limits
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count, octaves
 from blur2view.networks.spectra import STEP
+from blur2view.networks.threads import one_thread
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.noise import WINDOW_PX
@@ -117,7 +117,7 @@ class SmearNetwork:
         image = photograph_of(image)
         shape = image.shape[0], image.shape[1]
         apart = STEP << self._spread(shape, detail)
-        with threadpool_limits(limits=1, user_api="blas"):  # more hinder our own threads: twice the time
+        with one_thread:
             values, flat = self._in_tiles(image, levels, apart)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]

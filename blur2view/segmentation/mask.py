@@ -12,6 +12,7 @@ from blur2view.arrays import AnyArray
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import moving_probability
 from blur2view.networks.smear_network import photograph_of
+from blur2view.networks.threads import one_thread
 from blur2view.pipeline import Estimate
 from blur2view.segmentation.pixels import MovingRegion, moving_parts, moving_regions, to_pixels
 
@@ -52,6 +53,7 @@ class MotionMask:
     reason: str
 
 
+@one_thread
 def segment(
     estimate: Estimate,
     image: AnyArray,

@@ -1,0 +1,44 @@
+"""Threads of libraries that stand in each other's way."""
+
+from __future__ import annotations
+
+from contextlib import ContextDecorator
+from threading import Lock
+from types import TracebackType
+
+import cv2
+from threadpoolctl import threadpool_limits
+
+
+class OneThread(ContextDecorator):
+    """Lets BLAS and OpenCV use one thread, in a block or a function.
+
+    Their other threads wait for work by spinning, which takes the cores from those of ONNX Runtime: a network
+    of two threads then takes up to three times as long. Blocks may be nested, and run in several threads; the
+    last to end restores what was before.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._inside = Lock(), 0
+
+    def __enter__(self) -> None:
+        """Enter."""
+        with self._lock:
+            if not self._inside:
+                self._of_opencv = cv2.getNumThreads()
+                cv2.setNumThreads(1)
+                self._of_blas = threadpool_limits(limits=1, user_api="blas")
+            self._inside += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Restore what was before."""
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._of_blas.restore_original_limits()
+                cv2.setNumThreads(self._of_opencv)
+
+
+one_thread = OneThread()
