@@ -21,6 +21,7 @@ SIGNS = {
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".csv": (b"name,verdict,parallax,",),
 }
+HALF_WRITTEN = f".{SIGNED_BY}.tmp"  # ending of what is not yet renamed
 # of one file, whatever it is called
 KINDS = {"page": ".html", "table": ".csv", "file": ".json", "point cloud": ".ply"}
 
@@ -49,8 +50,20 @@ def write_files(files: Mapping[Path, bytes]) -> None:
 
 
 def half_written(path: Path) -> Path:
-    """Return where a file is written before it is renamed; one that a killed call left is overwritten."""
-    return path.with_name(f".{path.name}.{SIGNED_BY}.tmp")
+    """Return where this process writes a file before it is renamed."""
+    return path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
+
+
+def remove_half_written(folder: Path) -> None:
+    """Remove the files of a folder that processes which do not run any more left half written."""
+    for path in folder.glob(f".*{HALF_WRITTEN}"):
+        number = path.name.removesuffix(HALF_WRITTEN).rpartition(".")[2]
+        try:
+            os.kill(int(number), 0)
+        except ProcessLookupError:
+            path.unlink(missing_ok=True)
+        except (ValueError, OverflowError, OSError):  # no process of ours
+            continue
 
 
 def unwritable(folder: Path, error: OSError) -> OutputError:
@@ -79,8 +92,16 @@ def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: 
 def writable_folders(*folders: Path | None) -> Iterator[None]:
     """Create folders that can be written, which is tried; at the end remove those in which nothing lies.
 
-    OutputError if one cannot be created or written.
+    What killed calls left half written there is removed. OutputError if one cannot be created or written.
     """
+    with _writable_folders(*folders):
+        for folder in filter(None, folders):
+            remove_half_written(folder)
+        yield
+
+
+@contextmanager
+def _writable_folders(*folders: Path | None) -> Iterator[None]:
     created: set[Path] = set()
     try:
         for folder in filter(None, folders):
@@ -100,11 +121,17 @@ def writable_folders(*folders: Path | None) -> Iterator[None]:
 
 def write_file(target: Path, content: bytes) -> None:
     """Write one file, whole or not at all, in a folder that is created; OutputError where it cannot be."""
-    with writable_folders(target.parent):
+    write_beside({target: content})
+
+
+def write_beside(files: Mapping[Path, bytes]) -> None:
+    """Write the files of one folder, all or none of them, as `write_file` does."""
+    folder = next(iter(files)).parent
+    with _writable_folders(folder):
         try:
-            write_files({target: content})
+            write_files(files)
         except OSError as error:
-            raise unwritable(target.parent, error) from None
+            raise unwritable(folder, error) from None
 
 
 def is_ours(path: Path, kind: str | None = None) -> bool:

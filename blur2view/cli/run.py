@@ -153,6 +153,7 @@ def run_over(
     a closing line.
     """
     run, warned, start, refused = Finished(), set[str](), time.monotonic(), options.inputs.refused
+    failed = 0
     begun = [
         replace(job, refusal=ImageError(refused[job.path])) if job.path in refused else job for job in jobs
     ]
@@ -161,7 +162,7 @@ def run_over(
     try:
         with progress(len(jobs), about) as (say, advance), closing(results):
             for job, outcome in results:
-                if len(run.failures) == options.max_failures:  # and there is another one
+                if failed == options.max_failures:  # and there is another one
                     run.end = End.STOPPED
                     break
                 row = classify(replace(outcome.row, name=job.name, use="", error=outcome.error))
@@ -170,6 +171,7 @@ def run_over(
                 _say(options, job, outcome, text if whole else text.partition("\n")[0], say, warned)
                 run.rows += [] if options.inputs.is_folder(job.path) else [row]
                 run.outcomes.append((job.path, outcome if options.keeps else replace(outcome, payload=None)))
+                failed += bool(outcome.error)
                 advance()
                 if outcome.stop:
                     run.end = End.STOPPED

@@ -42,8 +42,7 @@ class SegmentOptions(FolderOptions):
     Segment what moves by itself from what the camera's motion explains. The camera's motion is one smooth
     field through the smears and, where there is one, F. How far a smear departs from both, how sure it is of
     itself, and where the photograph is blurred otherwise than the camera's motion blurs it, is weighed by a
-    second network; outlines follow the photograph's edges. An object that moves along the camera's epipolar
-    lines looks like one at another depth.
+    second network; outlines follow the photograph's edges.
     """
 
     command = "segment"

@@ -115,6 +115,11 @@ class ToColmapOptions(PhotographOptions):
         return ({} if self.dry_run else {"--db": self.db}) | super().targets
 
     @property
+    def manifest_path(self) -> Path | None:
+        """As of others; of a dry run none is kept."""
+        return None if self.dry_run else super().manifest_path
+
+    @property
     def prints(self) -> bool:
         """Whether a line is printed for each photograph while they are gone through: all are at the end."""
         return False

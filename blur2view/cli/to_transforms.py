@@ -27,7 +27,7 @@ from blur2view.colmap.transforms import (
     with_views,
 )
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, is_ours, unwritable, write_file
+from blur2view.output_files import check_file, is_ours, unwritable, write_beside
 from blur2view.segmentation.formats import MaskFormat, as_stored, stored_labels
 
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
@@ -117,8 +117,8 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         check_file(cloud, "point cloud")
         files[cloud] = point_cloud(model)
     files[target] = (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()
-    for path, data in files.items():  # what the file names before the file
-        write_file(path, data)
+    for folder in sorted({path.parent for path in files}, reverse=True):
+        write_beside({path: data for path, data in files.items() if path.parent == folder})
     line = summary(target, content, verbose=options.verbose, masks=options.masks is not None)
     if left:
         line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"

@@ -22,7 +22,7 @@ from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
-from blur2view.output_files import write_files
+from blur2view.output_files import remove_half_written, write_files
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""
@@ -64,6 +64,7 @@ def write_database(
                 old.execute("SELECT 1 FROM sqlite_master")
         else:
             refuse_existing(path)  # may have come meanwhile
+        remove_half_written(path.parent)
         write_files({path: content})
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())

@@ -26,7 +26,7 @@ from blur2view.colmap.project import (
 from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema, read_keypoints, rig_of
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
-from blur2view.output_files import half_written
+from blur2view.output_files import half_written, remove_half_written
 
 OURS = "(SELECT image_id FROM blur2view_views)"
 OF_THE_USER = {  # by table, which rows; of the others none is changed
@@ -149,8 +149,8 @@ def back_up(path: Path) -> Path:
     """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
     copy = path.with_name(f"{path.name}.{datetime.now():%Y%m%dT%H%M%S.%f}.bak")
     beside = half_written(path)
+    remove_half_written(path.parent)
     try:
-        beside.unlink(missing_ok=True)  # of a backup that was killed
         # not `open_read_only`, whose look at the header would end the lock of this process's transaction
         with closing(connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:
             target.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away

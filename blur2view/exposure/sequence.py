@@ -14,7 +14,7 @@ from blur2view.exposure.neighbours import NO_FEATURES, Features, features_of, ma
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
 from blur2view.exposure.views import views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.networks.smear_network import SmearNetwork, photograph_of, rgb_of
 from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.selection import SelectOptions
@@ -91,6 +91,7 @@ def estimate_frames(
     frames = _frames_of(frames)
     common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
     one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
+    frames = map(photograph_of, frames)
     found = _in_series(frames, one_of, camera) if ordered else map(one_of, frames)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))
 

@@ -12,7 +12,7 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
 from blur2view.input_files import read_regular
-from blur2view.output_files import half_written, write_file
+from blur2view.output_files import HALF_WRITTEN, write_file
 from blur2view.photographs.content import read_content
 from blur2view.photographs.video import frame_of, read_frame
 
@@ -88,10 +88,10 @@ def extracted_names(names: Mapping[Path, str]) -> dict[Path, str]:
 
 def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] = ()) -> None:
     """Raise OutputError for a folder with a file that is none of these: a program would read it with them."""
-    whole = [folder / file for file in files]
-    ours = set(map(os.path.realpath, [*whole, *map(half_written, whole), *besides]))
+    ours = set(map(os.path.realpath, [*(folder / file for file in files), *besides]))
     for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
-        if not path.is_dir() and os.path.realpath(path) not in ours:
+        half = path.name.startswith(".") and path.name.endswith(HALF_WRITTEN)  # by a call that was killed
+        if not path.is_dir() and not half and os.path.realpath(path) not in ours:
             raise OutputError(
                 f"{folder}: holds {path.relative_to(folder)}; name an empty folder with --extract"
             )

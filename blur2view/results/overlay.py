@@ -232,6 +232,11 @@ def _sigma_inset(grid: SmearGrid) -> Picture:
         colours = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
         inset[24 : 24 + len(colours), left : left + colours.shape[1]] = colours
     write(inset, "uncertainty, px", (0, 16), colour=FAINT)
-    write(inset, f"{10**high:.3g}", (174, 35))
-    write(inset, f"{10**low:.3g}", (174, 24 + most))
+    write(inset, _short(10**high), (174, 35))
+    write(inset, _short(10**low), (174, 24 + most))
     return inset
+
+
+def _short(value: float) -> str:
+    """Return a number of pixels in the room beside the scale."""
+    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"  # noqa: PLR2004

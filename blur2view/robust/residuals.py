@@ -25,8 +25,8 @@ class OrderedResiduals:
     """Residuals of every smear in both orders, in standard deviations, and the odds of its order.
 
     ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``prior`` both orders'
-    probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`depth`). At even odds,
-    deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
+    probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`DepthOdds`). At even
+    odds, deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
     ``root`` (2, N) is the gradient's length, which their derivatives take.
     """
 

@@ -1,6 +1,6 @@
 """Which model the smears show: a table of all, a probability of each, and a name.
 
-Every model is a displacement field judged by the same likelihood (`Likelihood.field_costs`) on the same
+Every model is a displacement field judged by the same likelihood (`FieldFit.costs`) on the same
 smears: none, a rotation, one whose rate changes down the rows of a rolling shutter, any homography, and that
 homography with parallax along the lines of F. One calibrated step (`probabilities`) leads from their
 log-likelihoods, of the effective number of smears, to probabilities. Parallax is proven, undecided or absent

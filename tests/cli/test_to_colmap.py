@@ -108,12 +108,12 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
 
 def test_dry_run_writes_nothing(run: Any, photos: list[Path], project: Path, tmp_path: Path) -> None:
     new, before = tmp_path / "new.db", project.read_bytes()
-    code, out, _ = run("--db", new, "--dry-run", *photos)
+    code, out, _ = run("--db", new, "--dry-run", "--csv", tmp_path / "t.csv", *photos)
     assert code == 0 and "would write 4 images and 2 pairs" in out and not new.exists()
     code, out, _ = run("--db", project, "--link", "--dry-run", *photos)
     assert code == 0 and "would write 4 images and 6 pairs" in out
     assert project.read_bytes() == before
-    assert {path.name for path in tmp_path.iterdir()} == {"photos", "project.db"}
+    assert {path.name for path in tmp_path.iterdir()} == {"photos", "project.db", "t.csv"}
 
 
 def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[Path], project: Path) -> None:

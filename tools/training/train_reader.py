@@ -3,7 +3,8 @@
 ::
 
     python -m tools.training.reader_data examples/train --photos FOLDER... &
-    python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
+    python -m tools.training.reader_data examples/val --photos HELD... --rendered-share 0 \
+        --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
 Step k draws from the newest ``--pool`` of the first ``12 + k / 40`` shards (40 MB each, in memory) and waits
