@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt
+from blur2view.robust.levenberg_marquardt import least_of, levenberg_marquardt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,3 +63,11 @@ def test_it_rests_after_a_small_decrease_or_a_step_short_in_standard_deviations(
 
 def test_it_ends_where_no_step_lowers_the_cost() -> None:
     assert len(list(levenberg_marquardt(replace(START, uphill=True), 5))) == 1
+
+
+def test_of_several_starts_the_one_that_is_cheapest_after_a_step_goes_on() -> None:
+    stuck, far = Valley(at=np.array([0.5, 0.3]), uphill=True), Valley(at=np.array([3.0, -3.0]))
+    near = Valley(at=np.array([0.9, 0.9]))
+    assert stuck.cost < near.cost < far.cost
+    assert np.allclose(least_of([far, stuck, near], [2], 40).at, 1.0, atol=1e-6)
+    assert least_of([stuck], [2], 40) is stuck
