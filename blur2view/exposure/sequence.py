@@ -88,11 +88,10 @@ def estimate_frames(
             if rate is not None and one.time.known:  # it moved, shows a pose, and its sign is known
                 publish(one.timestamp_s, rate.of_gyroscope.mean, rate.of_gyroscope.covariance)
     """
-    frames = _frames_of(frames)
     common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
     one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
-    frames = map(photograph_of, frames)
-    found = _in_series(frames, one_of, camera) if ordered else map(one_of, frames)
+    pictures = map(photograph_of, _frames_of(frames))
+    found = _in_series(pictures, one_of, camera) if ordered else map(one_of, pictures)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))
 
 

@@ -79,6 +79,16 @@ def epipoles(F: Array) -> tuple[Array, Array]:
     return Vt[..., 2, :], U[..., :, 2]
 
 
+def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
+    """Return unit vectors (G, 2, N) along epipolar lines at points (N, 2) and across them, K = identity.
+
+    Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
+    """
+    lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
+    along = lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), TINY)
+    return along, np.stack([-along[:, 1], along[:, 0]], axis=1)
+
+
 def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
     """Return F of unit norm from K, of both views, and cam2_from_cam1 = (R, t); ValueError if t is zero."""
     if not np.linalg.norm(t) > 0:

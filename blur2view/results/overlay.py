@@ -239,4 +239,4 @@ def _sigma_inset(grid: SmearGrid) -> Picture:
 
 def _short(value: float) -> str:
     """Return a number of pixels in the room beside the scale."""
-    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"  # noqa: PLR2004
+    return f"{float(f'{value:.3g}'):g}"  # without an exponent, as of 1256

@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.depth import unit_lines
-from blur2view.geometry.epipolar import symmetric_skew
+from blur2view.geometry.epipolar import symmetric_skew, unit_lines
 from blur2view.robust import calibration as c
 from blur2view.robust.calibration import FREEDOM
 from blur2view.robust.homography import Field

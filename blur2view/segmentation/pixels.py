@@ -71,7 +71,7 @@ def moving_parts(part: Floats, image: AnyArray, threshold: float, place_px: int 
     place_px : int
         Side of a place, pixels.
     """
-    likely = to_pixels((part >= threshold).astype(np.float32), image, place_px) > 0.5  # noqa: PLR2004
+    likely = to_pixels((part >= threshold).astype(np.float32), image, place_px) > 0.5
     _, piece, stats, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     kept = stats[:, cv2.CC_STAT_AREA] >= LEAST_PIECES * place_px**2
     kept[0] = False

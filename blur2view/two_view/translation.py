@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.depth import unit_lines
+from blur2view.geometry.epipolar import unit_lines
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
 from blur2view.robust.calibration import FREEDOM

@@ -8,7 +8,7 @@ from scipy.stats import t as student
 
 from blur2view import estimate_two_view
 from blur2view.arrays import Array
-from blur2view.geometry.depth import unit_lines
+from blur2view.geometry.epipolar import unit_lines
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.geometry.two_view_geometry import MotionModel
