@@ -84,8 +84,6 @@ def use_of(
 def use_line(path: Path, row: Row, limit_px: float, *, meaning: bool) -> str:
     """Return one line about a photograph; on demand with what its blur means."""
     text = f"{printable(str(path))}: {row.use} ({_length(row, limit_px)})"
-    if row.use in (BLURRED, UNUSABLE):
-        text += f" [{row.verdict}]"
     return f"{text}: {row.meaning}" if meaning else text
 
 

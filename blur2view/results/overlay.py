@@ -18,7 +18,7 @@ from blur2view.smears.matches import SmearMatches
 SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
 CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
-SURE = 0.5  # deviation over length up to which a smear is drawn where no geometry explains it
+SEEN = 0.25  # radius out of focus over the length of the smear, from which on the circle is drawn
 _AIDS_HEIGHT_PX = 132
 
 
@@ -32,7 +32,8 @@ def draw_overlay(
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
-    Inlier smears are vivid, coloured by orientation; outliers are grey. Where no H explains the smears, too,
+    Inlier smears are vivid, coloured by orientation; outliers are grey; smears no longer than their standard
+    deviation are not drawn. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
     the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
     what blurred the photograph, the configuration, the key of the orientation colours and a map of sigma.
@@ -91,8 +92,7 @@ def draw_smears(
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
     certainty = matches.length_px / (matches.sigma_px + 0.1)
     shown = spread_subset(view.to_canvas(matches.midpoint), certainty, spacing)
-    if geometry.F is None and geometry.H is None:
-        shown = shown[certainty[shown] > 1 / SURE]
+    shown = shown[certainty[shown] > 1]  # others are no longer than their errors
     F = None if geometry.H is not None else geometry.F  # beside H its lines would tell what nothing shows
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
@@ -140,10 +140,11 @@ def _draw_smears(canvas: Picture, view: View, ends: Array, inlier_mask: NDArray[
 
 
 def circles(grid: SmearGrid) -> Array:
-    """Return centres and radii (N, 3) of the cells that are rather out of focus than not, pixels."""
+    """Return centres and radii (N, 3), pixels, of cells out of focus, and not by far less than smeared."""
     if grid.kinds is None or grid.radius_px is None:
         return np.empty((0, 3))
     out = grid.kinds[..., [OUT_OF_FOCUS, BOTH]].sum(-1) > 0.5
+    out &= grid.radius_px > SEEN * grid.smears().length_px
     points = grid.points()[out]
     inside = (points < grid.size).all(axis=1)
     return np.asarray(np.c_[points, grid.radius_px[out]][inside], float)

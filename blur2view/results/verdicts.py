@@ -63,7 +63,7 @@ def verdict(
         case BlurKind.CANNOT_TELL:
             return f"{blur.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
         case BlurKind.OUT_OF_FOCUS_AND_MOVED:
-            return f"Out of focus and moved ({_radius(blur)}): {_motion(geometry, matches, size, exposure_s)}"
+            return f"{_motion(geometry, matches, size, exposure_s)}; out of focus, too ({_radius(blur)})"
         case _:
             return _motion(geometry, matches, size, exposure_s)
 

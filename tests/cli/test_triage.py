@@ -34,7 +34,7 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert moving["verdict"] == "UNCALIBRATED" and moving["parallax"] == "proven"
     assert moving["rotation_deg"] == moving["wx"] == "" and float(moving["elapsed_s"]) > 0
     assert done == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in done.out
-    line = f"left/moving.png: blurred (smears of {float(moving['smear_px']):.0f} px) [UNCALIBRATED]"
+    line = f"left/moving.png: blurred (smears of {float(moving['smear_px']):.0f} px)"
     assert line in done.out
     assert call("triage", *words, "--blurred") == 0
     assert keep.read_text() == "left/moving.png\nstill.png\n"
