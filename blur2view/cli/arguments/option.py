@@ -73,7 +73,7 @@ class Options:
     tables: ClassVar[Mapping[str, Rows]] = {}
 
     verbose: bool = option(False, names="-v --verbose", either="verbosity")
-    "print everything: reasons, matrices, the costs of the models, timings"
+    "print all details, as of an estimate its reason, matrices, models and timings"
     quiet: bool = option(False, names="-q --quiet", either="verbosity")
     "print failures only"
 
