@@ -9,6 +9,7 @@ and ``blur2view triage`` of videos by one process. ``--against COMMIT`` measures
 beside ours, in turn. Speeds of machines differ: read the ratios.
 """
 
+import compileall
 import json
 import os
 import platform
@@ -241,6 +242,8 @@ def main(*, repeats: int = 9, against: str | None = None, out: Target | None = N
         roots = [ROOT]
         if against:
             roots.append(checkout(against, folder / "earlier"))
+        for root in roots:
+            compileall.compile_dir(root / "blur2view", quiet=1)  # as pip does
         write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
         photo = folder / f"{SCENE:04d}.png"
         ends = [folder / f"{SCENE:04d}_{end}.png" for end in ("open", "close")]
