@@ -87,7 +87,7 @@ class SmearEstimator:
         return model
 
     def inlier_share(self, model: Array) -> float:
-        """Return the share of inliers beyond chance.
+        """Return the share of inliers beyond chance, 1 where every smear is one under any model.
 
         A smear of length L and random direction passes a bound on its Sampson distance with probability
         2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
@@ -96,7 +96,7 @@ class SmearEstimator:
         bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / np.maximum(self.likelihood.length_px, TINY)
         chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
         inside = float((squared * self.precision < c.CUTOFF**2).mean())
-        return float((inside - chance) / max(1 - chance, TINY))
+        return float((inside - chance + TINY) / (1 - chance + TINY))
 
 
 def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:

@@ -9,7 +9,7 @@ from blur2view.geometry.sampson import serrmin
 from blur2view.robust.calibration import CUTOFF
 from blur2view.robust.estimators import SmearEstimator, meeting_points, small_rotation_hypotheses
 from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.ransac import weighted_samples
+from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
 from blur2view.smears.matches import SmearMatches
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.metrics import rho
@@ -98,3 +98,10 @@ def test_score_is_the_cut_sum_of_squared_distances_in_standard_deviations() -> N
     deviations = squared / matches.sampson_px**2
     expected = np.minimum(deviations, CUTOFF**2)[:, some].sum(axis=1)
     np.testing.assert_allclose(estimator.score(models, some), expected, rtol=1e-3)
+
+
+def test_a_search_among_smears_as_long_as_their_errors_ends_at_once() -> None:
+    ends, sigma = make_scene(np.random.default_rng(0), count=200, length_px=3).ends, np.full(200, 20.0)
+    matches = SmearMatches.from_points(ends[:, 0], ends[:, 1], sigma_px=sigma, image_size=IMAGE_SIZE)
+    estimator = SmearEstimator(likelihood=Likelihood.of(matches))
+    assert ransac(estimator, RansacOptions(), np.random.default_rng(0)).iterations == 16
