@@ -55,16 +55,13 @@ def search_and_fit(
     point = fit_roughly(starts, simple.matrix(), rough)
     measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
     camera = fit_best(MotionModel.CAMERA, [point], measured)
-    generals = [camera.point.matrix(), *starts]
-    tolerance = c.TOLERANCE
-    if measured.has_camera and measured.effective_count < c.LEAST_INDEPENDENT:
-        # so few never pay for another family, whose score need not be that of its very optimum then
-        generals, tolerance = generals[:1], c.FREE_TOLERANCE
-    fits = [
-        fit_best(MotionModel.TRANSLATION, [simple], measured, tolerance),
-        camera,
-        fit_best(MotionModel.GENERAL, [GeneralF.from_matrix(F) for F in generals], measured, tolerance),
-    ]
+    # so few never pay for the general F; nor need the score of the other be that of its very optimum
+    few = measured.has_camera and measured.effective_count < c.LEAST_INDEPENDENT
+    tolerance = c.FREE_TOLERANCE if few else c.TOLERANCE
+    fits = [fit_best(MotionModel.TRANSLATION, [simple], measured, tolerance), camera]
+    if not few:
+        generals = [GeneralF.from_matrix(F) for F in (camera.point.matrix(), *starts)]
+        fits.append(fit_best(MotionModel.GENERAL, generals, measured))
     return measured, fits, searched.iterations
 
 

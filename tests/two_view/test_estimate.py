@@ -183,9 +183,10 @@ def test_H_runs_the_way_of_the_orders(known: bool) -> None:
     assert checked > 2
 
 
-def test_families_are_reported_with_their_costs() -> None:
-    geometry = solve(network_like(2, 2)[1])
-    assert {name for name, _ in geometry.scores} == {"translation", "camera", "general"}
+@pytest.mark.parametrize("few", [True, False])
+def test_families_are_reported_with_their_costs_the_general_one_if_it_can_win(few: bool) -> None:
+    geometry = solve(network_like(2, 2)[1] if few else matches_of(make_scene(np.random.default_rng(2))))
+    assert {name for name, _ in geometry.scores} == {"translation", "camera", *(() if few else ("general",))}
     assert geometry.scores[0][0] == geometry.model
     costs = [cost for _, cost in geometry.scores]
     assert costs == sorted(costs)
