@@ -21,7 +21,7 @@ from blur2view.colmap.models import read_model, seen_points
 from blur2view.colmap.project import frame_of, image_names
 from blur2view.colmap.schema import read_keypoints, read_matches
 from blur2view.errors import DatabaseError
-from blur2view.exposure.time_direction import frame_times
+from blur2view.exposure.time_direction import frame_times, place_of
 from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
@@ -81,7 +81,7 @@ def place_views(
     names : sequence of str, optional
         Photographs of one video in order, parted where their numbers say that some were left out
         (`frame_times`); those that are not registered or have no views are passed over. Default: those of
-        the model by name.
+        the model by the last number of their names.
     fraction : float, optional
         Exposure time over frame interval, if it is known; default: measured from the smears.
 
@@ -101,7 +101,7 @@ def place_views(
     reconstruction = read_model(Path(model))
     registered = {image.name: image for image in reconstruction.images.values() if image.has_pose}
     if names is None:
-        names = sorted(name for name in registered if not name.endswith((OPEN, CLOSE)))
+        names = sorted((name for name in registered if not name.endswith((OPEN, CLOSE))), key=place_of)
     times = dict(zip(names, frame_times(names), strict=True))
     linked = _read_linked(Path(database), registered, names)
     if not linked:

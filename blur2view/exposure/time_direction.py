@@ -178,7 +178,7 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
     """
     if in_order:
         return [list(range(len(names)))] if len(names) > 1 else []
-    numbered = sorted((*_number(name), index) for index, name in enumerate(names))
+    numbered = sorted((*place_of(name), index) for index, name in enumerate(names))
     of_run = ((frame, number - rank, index) for rank, (frame, number, index) in enumerate(numbered))
     runs = [[index for *_, index in run] for _, run in groupby(of_run, lambda one: one[:2])]
     return [run for run in runs if len(run) > 1]
@@ -191,7 +191,7 @@ def frame_times(names: Sequence[str]) -> list[int]:
     """
     steps: list[int] = []
     for _, folder in groupby(names, dirname):
-        numbered = [_number(name) for name in folder]
+        numbered = [place_of(name) for name in folder]
         own = [second - first for (_, first), (_, second) in pairwise(numbered)]
         usual = max(sorted(set(own)), key=own.count, default=0)
         alike = len({frame for frame, _ in numbered}) == 1
@@ -199,7 +199,7 @@ def frame_times(names: Sequence[str]) -> list[int]:
     return list(accumulate(steps))
 
 
-def _number(name: str) -> tuple[str, int]:
+def place_of(name: str) -> tuple[str, int]:
     """Return what surrounds the last number of a file's name, and that number; the name and 0 without one."""
     parts = re.fullmatch(r"(.*?)(\d+)([^\d/]*(?:\.[A-Za-z]\w*)?)", name, re.DOTALL)  # .jp2 counts nothing
     if parts is None:

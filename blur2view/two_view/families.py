@@ -9,7 +9,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
-from blur2view.geometry.two_view_geometry import MotionModel
+from blur2view.geometry.model_table import MotionModel
 from blur2view.robust import calibration as c
 from blur2view.robust.estimators import SmearEstimator, meeting_points
 from blur2view.robust.levenberg_marquardt import least_of, levenberg_marquardt

@@ -20,7 +20,7 @@ from tests.support.colmap_projects import some_views
 from tests.support.walks import Walk
 
 FRAMES, FEATURES, SHARE = 7, 60, 0.5
-NAMES = [f"f_{k:03d}.png" for k in range(FRAMES)]
+NAMES = [f"f_{k}.png" for k in range(7, 7 + FRAMES)]  # f_10 comes after f_9
 TURN, MOVE = np.array([0.004, 0.012, -0.002]), np.array([0.05, 0.01, 0.02])
 WALK = Walk(names=NAMES, size=(160, 120), focal=200.0, turn=TURN, move=MOVE)
 
