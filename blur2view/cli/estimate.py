@@ -138,7 +138,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
     by_chance = f"{share}%, {100 * document.support_by_chance:.0f}% would by chance"
     # beside H a share of F would read as certainty
     both = document.F is not None and document.H is not None
-    parts = [f"{fit} F, but H explains them, too" if both else f"{fit} ({by_chance})"]
+    parts = [f"{fit} F, and a homography explains them as well" if both else f"{fit} ({by_chance})"]
     if geometry.F is not None and document.H is None and document.cam2_from_cam1 is None:
         epipole = f"moved to or from the epipole at {_point(epipoles(geometry.F)[0])}"
         parts.append(epipole if document.readout_s else f"{epipole}, if the shutter is global")

@@ -199,7 +199,7 @@ def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
         return f"{len(matches)} smears used, {length}"
     fit = f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F"
     if geometry.H is not None:
-        return f"{fit}, but H explains them, too; {length}"
+        return f"{fit}, and a homography explains them as well; {length}"
     lines = "white: epipolar lines, where F lets the ends of smears lie"
     return f"{fit}, {length}; {lines}; rings: the epipoles, to or from which the camera moved"
 

@@ -1,4 +1,4 @@
-"""THE likelihood of smears whose order is unknown: every model is judged by it.
+"""The likelihood of smears whose order is unknown, by which every model is judged.
 
 A smear's end-point error is as large along it and across it as `smears.noise` says, and nothing else here
 turns what was stated into deviations. Both orders are possible, and their probabilities are summed; some

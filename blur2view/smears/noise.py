@@ -22,7 +22,7 @@ from blur2view.arrays import Array
 
 LEAST_PX = 0.1
 LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01
-"""No smear is believed better: pixels, and shares of its length."""
+"""Least standard deviations of a smear: pixels, and shares of its length."""
 CLAIMED = 0.65
 """Of the stated standard deviations, the 68 % points of what is no outlier: for regions."""
 WINDOW_PX = 96
