@@ -99,7 +99,6 @@ def declared(kind: type[Options]) -> list[Field[Any]]:
 def add_options(parser: Any, kind: type[Options]) -> None:
     """Add the options of a command to its parser."""
     groups: dict[str, Any] = {}
-    explained = texts(kind)
     for one in declared(kind):
         group, either = one.metadata["group"], one.metadata["either"]
         if group not in groups:
@@ -107,8 +106,7 @@ def add_options(parser: Any, kind: type[Options]) -> None:
         if either and either not in groups:
             groups[either] = groups[group].add_mutually_exclusive_group()
         names, settings = _settings(one)
-        action = groups[either or group].add_argument(*names, **settings)
-        vars(action).update({"help": explained.get(one.name), **one.metadata["shown"]})
+        vars(groups[either or group].add_argument(*names, **settings)).update(one.metadata["shown"])
 
 
 def _settings(one: Field[Any]) -> tuple[list[str], dict[str, Any]]:

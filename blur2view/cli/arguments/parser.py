@@ -7,7 +7,7 @@ import shutil
 from importlib import import_module
 from typing import Any, NoReturn
 
-from blur2view.cli.arguments.option import Options, Rows, add_options, declared
+from blur2view.cli.arguments.option import Options, Rows, add_options, declared, texts
 from blur2view.cli.arguments.values import file_path
 from blur2view.cli.terminal import printable
 from blur2view.errors import CameraError
@@ -92,11 +92,18 @@ class CommandParser(argparse.ArgumentParser):
         except (ValueError, CameraError) as error:
             self.error(str(error))
 
+    def explained(self) -> "CommandParser":
+        """Return the parser, whose options now have their texts: to read these off the source takes time."""
+        explanations = {} if self.kind is None else texts(self.kind)
+        for action in self._actions:
+            action.help = explanations.get(action.dest, action.help)
+        return self
+
     def format_help(self) -> str:
         """Return the help: of a command what matters most, until ``--help-all`` is asked for."""
         if self.kind is None:
             return super().format_help()
-        formatter = self._get_formatter()
+        formatter = self.explained()._get_formatter()
         others = argparse.Action([], "", metavar="[OPTIONS]")
         needed = [action for action in self._actions if action.required]
         formatter.add_usage(None, [others, *needed], [])
@@ -126,7 +133,7 @@ class HelpAll(argparse.Action):
         """Print everything and end the program."""
         for title, rows in (parser.kind.tables | {"exit codes": EXIT_CODES}).items():
             add_table(parser, title, rows)
-        print(argparse.ArgumentParser.format_help(parser), end="")
+        print(argparse.ArgumentParser.format_help(parser.explained()), end="")
         parser.exit()
 
 
@@ -139,7 +146,8 @@ class Completion(argparse.Action):
 
         (commands,) = (one for one in parser._actions if isinstance(one, argparse._SubParsersAction))
         for command in commands.choices.values():
-            command.description = command.filled().description.partition(". ")[0]  # zsh has room for no more
+            about = command.filled().explained().description
+            command.description = about.partition(". ")[0]  # zsh has room for no more
             for action in command._actions:
                 if not action.option_strings or action.type is file_path:
                     action.complete = shtab.FILE
