@@ -58,8 +58,8 @@ class OrderedResiduals:
             return np.asarray(alone)
         total, first = alone.sum(axis=0) + np.finfo(float).tiny, alone[0] >= alone[1]
         decided = total * np.stack([first, ~first])
-        shared: Array = (alone.max(axis=0) / total) ** self.trust
-        return shared * ((1 - self.trust) * alone + self.trust * decided)
+        shared = (alone.max(axis=0) / total) ** self.trust
+        return np.asarray(shared * ((1 - self.trust) * alone + self.trust * decided))
 
     @property
     def forward_share(self) -> Array:
