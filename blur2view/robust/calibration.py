@@ -94,7 +94,7 @@ MODELS = {  # parameters, and penalty beside Schwarz's
     "parallax": (10, 3.7),
 }
 PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they had
-# Probability of parallax: of the 200, two of the 150 others reach it, of the 50 that have it 14.
-PROVEN_FROM = 0.9
+# Probability of parallax: of the 200, two of the 150 others reach it, of the 50 that have it 18.
+PROVEN_FROM = 0.87
 # and below which it is absent, where LEAST_INDEPENDENT smears are independent, all correlation counted: bound
 ABSENT_BELOW = 0.015
