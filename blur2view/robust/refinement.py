@@ -41,7 +41,8 @@ class WeightedPoint:
         plain = self.likelihood.residuals(self.point.matrix())
         if not self.sign:
             return plain.decided()
-        return replace(plain, prior=self.likelihood.order_odds(*self.point.motion(), self.sign))
+        odds = self.likelihood.order_odds(*self.point.motion(), self.sign)
+        return replace(plain, prior=odds, trust=self.likelihood.depth_trust)
 
     @cached_property
     def cost(self) -> float:

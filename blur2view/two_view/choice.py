@@ -117,19 +117,14 @@ def probabilities(
 ) -> dict[MotionModel, float]:
     """Return the models' probabilities: the one calibrated step, the same for all photographs.
 
-    Fields that vary slowly compete with errors that do, too: of their log-likelihoods those of smears with
-    all correlation counted. Parallax looks less like such errors: of its gain that share to the power of
-    PARALLAX_POWER. Each model has a penalty, which grows with the number of smears by Schwarz's criterion.
+    Errors that neighbours share look like fields and like parallax: of the log-likelihoods those of smears
+    with all correlation counted. Each model has a penalty, which grows with the number of smears by Schwarz's
+    criterion.
     """
-    count, plane = likelihood.claimed.effective_count, log_likelihood[MotionModel.PLANE]
     slope = likelihood.claimed.effective_share / likelihood.effective_share
-    more = 0.5 * float(np.log(max(count / c.PENALTY_COUNT, 1.0)))
-    score = []
-    for model, value in log_likelihood.items():
-        gain = value - plane if model is MotionModel.PARALLAX else 0.0
-        fit = slope * (value - gain) + slope**c.PARALLAX_POWER * gain
-        parameters, penalty = c.MODELS[model]
-        score.append(fit - penalty - more * parameters)
+    more = 0.5 * float(np.log(max(likelihood.claimed.effective_count / c.PENALTY_COUNT, 1.0)))
+    rows = [(value, *c.MODELS[model]) for model, value in log_likelihood.items()]
+    score = [slope * value - penalty - more * parameters for value, parameters, penalty in rows]
     odds = np.exp(np.array(score) - max(score))
     return dict(zip(log_likelihood, (float(p) for p in odds / odds.sum()), strict=True))
 

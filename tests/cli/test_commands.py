@@ -25,7 +25,7 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert sorted(contents(out)) == ["moving.json", "moving.png", "moving.smear.npz"]
 
     document = json.loads((out / "moving.json").read_text())
-    assert document["config"] == "UNCALIBRATED" and document["reason"]
+    assert document["config"] == "PLANAR" and document["reason"]
     F = np.array(document["F"])
     assert F.shape == (3, 3) and np.isclose(np.linalg.norm(F), 1)
     assert 0 < document["num_inliers"] <= document["num_matches"]
@@ -56,7 +56,7 @@ def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: 
     assert done == 0
     text = done.out
     document = json.loads((tmp_path / "out" / "moving.json").read_text())
-    for words in ("UNCALIBRATED", document["reason"], "F =", "penalised costs: ", "solve "):
+    for words in ("PLANAR", document["reason"], "F =", "penalised costs: ", "solve "):
         assert words in text
 
 

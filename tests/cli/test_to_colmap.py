@@ -16,6 +16,7 @@ from blur2view.cli import commands as cli
 from blur2view.cli.views import document_of, summary
 from blur2view.colmap.mapping import mapper_options
 from blur2view.colmap.project import ProjectImage
+from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.results.to_colmap import ToColmapDocument
 from blur2view.runs.job import Job
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
@@ -69,7 +70,7 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     code, out, err = run("--db", path, *CAMERA, *photos)
     assert (code, err) == (0, "")
     moving, still, total = out.splitlines()
-    assert moving.startswith("moving.png: add, parallax proven; ") and "order in time unknown" in moving
+    assert moving.startswith("moving.png: add, translation known; ") and "order in time unknown" in moving
     assert still.startswith("still.png: add, no matches: ") and still.endswith("[DEGENERATE]")
     assert total == f"{path}: wrote 4 images and 2 pairs of 2 photographs"
     assert check_database(path) == []
@@ -180,6 +181,8 @@ def test_line_and_document_give_one_reason_and_say_where_depth_and_order_are_fro
     open_ = replace(document_of(named(plan), views), translation_known=False, time_known=True)
     line, total = summary(replace(whole, photographs=[open_]), linked=True).splitlines()
     assert "translation undecided" in line and "order in time known by neighbours" in line
+    proven = replace(open_, translation_known=True, parallax=Parallax.PROVEN)
+    assert "parallax proven" in summary(replace(whole, photographs=[proven]), linked=True)
     assert total.endswith("undecided: the depth of their points comes from your other photographs")
 
 
@@ -188,7 +191,7 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
     exif = exif_of(orientation=6)  # upright it is 240 wide and 320 high
     Image.fromarray(picture_8_bit()).save(turned, quality=95, subsampling=0, exif=exif)
     code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
-    assert (code, err) == (0, "") and "parallax proven" in out
+    assert (code, err) == (0, "") and "translation known" in out
     with pycolmap.Database.open(tmp_path / "new.db") as database:
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)
