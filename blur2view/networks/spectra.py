@@ -214,4 +214,4 @@ def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
     result *= taper[..., None]
     result /= x.sum(0) * y.sum(0)
     step = np.ldexp(1.0, np.maximum(np.frexp(result)[1] - 11, -24))  # of float16, which NumPy converts slowly
-    return (np.rint(result / step) * step).astype(np.float32)
+    return np.asarray(np.rint(result / step) * step, np.float32)
