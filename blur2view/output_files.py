@@ -83,7 +83,7 @@ def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: 
     if os.path.realpath(target) in inputs:
         raise OutputError(f"{target}: the {what} would replace a photograph; {remedy}")
     if target.is_dir():
-        raise OutputError(f"{target}: is a folder; name the {what} with {option}")
+        raise OutputError(f"{target}: is a folder, where the {what} is to be; {remedy}")
     if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
         raise OutputError(f"{target}: is no {what} of an earlier call; {remedy} or remove it")
 

@@ -117,10 +117,11 @@ def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", na
     line += f"{placement.fraction:.2f}"
     if not placement.measured:
         line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
-    lines.append(line + (f", {len(placement.left)} left out" if placement.left else ""))
+    if placement.left:
+        line += f", {len(placement.left)} left out, as no frame of the model is next to them by number"
+    lines.append(line)
     if options.verbose:
-        for name in placement.left:
-            lines.append(f"  {printable(name)} left out: no frame of the model is next to it, by number")
+        lines += [f"  {printable(name)} left out" for name in placement.left]
     posed = {image.name for image in placement.model.images.values() if image.has_pose}
     if missing := len({name for name in posed if not name.endswith((OPEN, CLOSE))}.difference(names)):
         frames = printable(str(options.photographs))

@@ -214,6 +214,6 @@ class ToColmapOptions(PhotographOptions):
         if lost := sorted((before or set()).difference(names)):
             views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
             raise OutputError(
-                f"{self.db}: holds the views of {views}, which this call does not name so (from the folder "
-                "that all share) or cannot read; name them, too, or choose another --db"
+                f"{self.db}: holds the views of {views}, which this call does not write again; name all that "
+                "it holds, from the same folder, or choose another --db"
             )

@@ -87,9 +87,14 @@ def extracted_names(names: Mapping[Path, str]) -> dict[Path, str]:
 
 
 def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] = ()) -> None:
-    """Raise OutputError for a folder with a file that is none of these: a program would read it with them."""
+    """Raise OutputError for a folder with a file that is none of these: a program would read it with them.
+
+    So for a file in its place.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder; name another with --extract")
     ours = set(map(os.path.realpath, [*(folder / file for file in files), *besides]))
-    for path in sorted(folder.rglob("*")) if folder.is_dir() else ():
+    for path in sorted(folder.rglob("*")):
         half = path.name.startswith(".") and path.name.endswith(HALF_WRITTEN)  # by a call that was killed
         if not path.is_dir() and not half and os.path.realpath(path) not in ours:
             raise OutputError(

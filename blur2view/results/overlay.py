@@ -32,8 +32,8 @@ def draw_overlay(
 ) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
-    Inlier smears are vivid, coloured by orientation; outliers are grey; smears no longer than their standard
-    deviation are not drawn. Where no H explains the smears, too,
+    Inlier smears are vivid, coloured by orientation; outliers are grey; those no longer than their standard
+    deviation are thin, and not drawn where nothing explains the others. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
     the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
     what blurred the photograph, the configuration, the key of the orientation colours and a map of sigma.
@@ -72,6 +72,7 @@ def draw_overlay(
     words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
     counts = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
     counts += "; circles: out of focus, by their radius" * bool(len(circles(grid)))
+    counts += "; thin: no longer than their errors" * bool((certainty_of(matches) < 1).any())
     return captioned(canvas, words, counts, np.hstack([_orientation_key(), _sigma_inset(grid)]))
 
 
@@ -90,17 +91,24 @@ def draw_smears(
     canvas = view.backdrop(image)
     typical = float(np.median(matches.length_px)) * view.scale if len(matches) else 0.0
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
-    certainty = matches.length_px / (matches.sigma_px + 0.1)
+    certainty = certainty_of(matches)
     shown = spread_subset(view.to_canvas(matches.midpoint), certainty, spacing)
-    shown = shown[certainty[shown] > 1]  # others are no longer than their errors
+    sure = certainty >= 1
+    if geometry.F is None and geometry.H is None:
+        shown = shown[sure[shown]]
     F = None if geometry.H is not None else geometry.F  # beside H its lines would tell what nothing shows
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
     _draw_circles(canvas, view, grid)
-    _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown])
+    _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown], sure[shown])
     if F is not None:
         _draw_epipoles(canvas, view, F)
     return canvas
+
+
+def certainty_of(matches: SmearMatches) -> Array:
+    """Return the lengths of smears (N,) over their standard deviations."""
+    return np.asarray(matches.length_px / (matches.sigma_px + 0.1))
 
 
 def spread_subset(points: Array, quality: NDArray[np.floating], spacing: float) -> NDArray[np.intp]:
@@ -128,15 +136,18 @@ def orientation_colours(displacement: NDArray[np.floating]) -> Picture:
     return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[:, 0].astype(np.uint8)
 
 
-def _draw_smears(canvas: Picture, view: View, ends: Array, inlier_mask: NDArray[np.bool_]) -> None:
-    """Draw smears end to end, outliers first, inliers on a dark rim."""
+def _draw_smears(
+    canvas: Picture, view: View, ends: Array, inlier_mask: NDArray[np.bool_], sure: NDArray[np.bool_]
+) -> None:
+    """Draw smears end to end, outliers first, inliers on a dark rim; thin and without one where not sure."""
     colours = orientation_colours(ends[:, 1] - ends[:, 0])
     drawn = view.to_canvas(ends)
     for index in np.flatnonzero(~inlier_mask):
-        draw_line(canvas, drawn[index], FAINT, thickness=2)
+        draw_line(canvas, drawn[index], FAINT, thickness=1 + sure[index])
     for index in np.flatnonzero(inlier_mask):
-        draw_line(canvas, drawn[index], (0, 0, 0), thickness=4)
-        draw_line(canvas, drawn[index], colours[index], thickness=2)
+        if sure[index]:
+            draw_line(canvas, drawn[index], (0, 0, 0), thickness=4)
+        draw_line(canvas, drawn[index], colours[index], thickness=1 + sure[index])
 
 
 def circles(grid: SmearGrid) -> Array:

@@ -81,7 +81,7 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     assert run("--db", path, *CAMERA, *photos)[0] == 0 and path.read_bytes() != before  # COLMAP opened it
     assert run("--db", path, *CAMERA, *photos)[0] == 0
     code, _, err = run("--db", path, *CAMERA, photos[0])
-    assert code == 1 and err.count("\n") == 1 and "(still.png), which this call does not name" in err
+    assert code == 1 and err.count("\n") == 1 and "(still.png), which this call does not write again" in err
 
 
 @pytest.mark.slow
