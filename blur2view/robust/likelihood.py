@@ -167,19 +167,15 @@ class Likelihood:
         """Odds of the orders by positive depth, if every smear were independent."""
         return DepthOdds.of(self.middle, self.displacement, self.along)
 
-    @property
-    def depth_trust(self) -> float:
-        """How far positive depth is believed, from 0 to 1 (`calibration.DEPTH_TRUST`).
-
-        Errors that neighbours share mislead about depth as they do about F: the fewer smears are independent,
-        the nearer its odds of the orders are to even ones.
-        """
-        return 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
-
     def order_odds(self, rotation: Array, t: Array, sign: float) -> Array:
-        """Return both orders' probabilities (2, N) by positive depth, of a motion of translation +-t."""
-        odds, trust = self.depths.at(rotation, t, sign), self.depth_trust
-        return np.asarray(odds**trust * 2 ** (trust - 1))
+        """Return both orders' probabilities (2, N) by positive depth, of a motion whose translation is +-t.
+
+        Errors that neighbours share mislead about depth as they do about F: the fewer smears are
+        independent, the nearer the odds are to even ones (`calibration.DEPTH_TRUST`).
+        """
+        odds = self.depths.at(rotation, t, sign)
+        weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
+        return np.asarray(odds**weight * 2 ** (weight - 1))
 
     def costs(self, residuals: OrderedResiduals) -> Array:
         """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""

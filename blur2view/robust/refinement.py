@@ -41,8 +41,7 @@ class WeightedPoint:
         plain = self.likelihood.residuals(self.point.matrix())
         if not self.sign:
             return plain.decided()
-        odds = self.likelihood.order_odds(*self.point.motion(), self.sign)
-        return replace(plain, prior=odds, trust=self.likelihood.depth_trust)
+        return replace(plain, prior=self.likelihood.order_odds(*self.point.motion(), self.sign))
 
     @cached_property
     def cost(self) -> float:

@@ -27,14 +27,11 @@ class OrderedResiduals:
     ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``prior`` both orders'
     probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`DepthOdds`). At even
     odds, deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
-    By positive depth it costs nothing: with ``trust`` in such odds both orders share, so that a motion gains
-    nothing by allowing both, and loses nothing where residuals decide.
     ``root`` (2, N) is the gradient's length, which their derivatives take.
     """
 
     both: Array
     prior: Array | float = 0.5
-    trust: float = 0.0
     root: Array | float = 1.0
 
     @cached_property
@@ -49,17 +46,8 @@ class OrderedResiduals:
 
     @cached_property
     def likelihoods(self) -> Array:
-        """Probability times likelihood (2, N) of both orders; their sum is at most 1.
-
-        With ``trust`` that of the likelier order, to which then the share of the other goes.
-        """
-        alone = np.exp(-0.5 * self.both**2) * self.prior
-        if not self.trust:
-            return np.asarray(alone)
-        total, first = alone.sum(axis=0) + np.finfo(float).tiny, alone[0] >= alone[1]
-        decided = total * np.stack([first, ~first])
-        shared = (alone.max(axis=0) / total) ** self.trust
-        return np.asarray(shared * ((1 - self.trust) * alone + self.trust * decided))
+        """Probability times likelihood (2, N) of both orders; their sum is at most 1."""
+        return np.asarray(np.exp(-0.5 * self.both**2) * self.prior)
 
     @property
     def forward_share(self) -> Array:
@@ -149,7 +137,8 @@ class DepthOdds:
     def at(self, rotation: Array, t: Array, sign: float) -> Array:
         """Return probabilities (2, N) of ends[:, 0] first and ends[:, 1] first, of a motion (w, +-t).
 
-        An order is as probable as its parallax is positive: both where both are feasible, none where none is.
+        An order is as probable as its parallax is positive. Where both are feasible they share, so that a
+        motion gains nothing by being vague; where none is, both are improbable.
         """
         moved, turned = t @ self.moved, np.outer(t, rotation).reshape(-1) @ self.turned
         x, y = self.middle
@@ -157,4 +146,5 @@ class DepthOdds:
         against = np.stack([turned - moved, turned + moved]) * (
             sign * PROBIT_AS_LOGIT / (length * self.along)
         )
-        return np.asarray(1 / (1 + np.exp(np.minimum(against, MOST_LOG_ODDS))))
+        feasible = 1 / (1 + np.exp(np.minimum(against, MOST_LOG_ODDS)))
+        return np.asarray(feasible * (np.maximum(*feasible) / np.add(*feasible)))
