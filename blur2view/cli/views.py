@@ -10,7 +10,7 @@ from blur2view.colmap.database import matched, translation_known
 from blur2view.colmap.link import plan_links
 from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names, storable
 from blur2view.errors import DatabaseError
-from blur2view.exposure.neighbours import photograph_matcher
+from blur2view.exposure.features import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax

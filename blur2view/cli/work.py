@@ -14,7 +14,7 @@ from typing import Any
 from blur2view.arrays import Array
 from blur2view.cli.arguments.shared import PhotographOptions
 from blur2view.errors import Blur2ViewError, RunError
-from blur2view.exposure.neighbours import Features, features_of, match_features
+from blur2view.exposure.features import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
 from blur2view.networks.model_file import usable_cores

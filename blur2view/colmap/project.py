@@ -14,7 +14,7 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.schema import CAMERA_SENSOR, pair_id, read_keypoints, read_matches
-from blur2view.exposure.neighbours import NO_POINTS
+from blur2view.exposure.features import NO_POINTS
 
 
 class Step(StrEnum):

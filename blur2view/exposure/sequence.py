@@ -10,7 +10,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
-from blur2view.exposure.neighbours import NO_FEATURES, Features, features_of, match_features
+from blur2view.exposure.features import NO_FEATURES, Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
 from blur2view.exposure.views import views_of
 from blur2view.geometry.rolling_shutter import RollingShutter

@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap.project import database_matcher, database_names
-from blur2view.exposure.neighbours import Features, features_of, match_features, photograph_matcher, verified
+from blur2view.exposure.features import Features, features_of, match_features, photograph_matcher, verified
 
 SHIFT = np.array([12.0, -5.0])
 
