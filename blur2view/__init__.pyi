@@ -26,12 +26,12 @@ from blur2view.geometry.two_view_geometry import MotionModel as MotionModel
 from blur2view.geometry.two_view_geometry import Parallax as Parallax
 from blur2view.geometry.two_view_geometry import TimeDirection as TimeDirection
 from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeometry
+from blur2view.images.image import read_image as read_image
+from blur2view.images.timestamps import timestamps_of as timestamps_of
+from blur2view.images.video import read_video as read_video
 from blur2view.networks.model_file import ModelInfo as ModelInfo
 from blur2view.networks.smear_network import Detail as Detail
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
-from blur2view.photographs.image import read_image as read_image
-from blur2view.photographs.timestamps import timestamps_of as timestamps_of
-from blur2view.photographs.video import read_video as read_video
 from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import Timings as Timings
 from blur2view.pipeline import estimate as estimate

@@ -17,15 +17,15 @@ from blur2view.errors import CameraError
 from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
+from blur2view.images.content import read_content
+from blur2view.images.image import read_pixels
+from blur2view.images.video import frame_of, rows_towards
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import Moving, moving_probability
 from blur2view.networks.model_file import Execution
 from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
 from blur2view.networks.threads import one_thread
-from blur2view.photographs.content import read_content
-from blur2view.photographs.image import read_pixels
-from blur2view.photographs.video import frame_of, rows_towards
 from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches

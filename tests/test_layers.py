@@ -22,7 +22,7 @@ ROWS = [
     "input_files",
     "output_files",
     "camera smears",
-    "geometry networks photographs",
+    "geometry networks images",
     "robust movers",
     "two_view",
     "pipeline",

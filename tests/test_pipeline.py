@@ -13,8 +13,8 @@ from blur2view.camera.camera import Camera
 from blur2view.errors import ImageError, ModelError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.rotation import rotation_vector
+from blur2view.images.video import read_video
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
-from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.stored import plain
 from blur2view.segmentation.mask import segment

@@ -19,8 +19,8 @@ from blur2view.cli.run import Files, jobs_of, open_manifest, run_over
 from blur2view.cli.terminal import printable
 from blur2view.cli.work import outcome_of
 from blur2view.errors import OutputError
+from blur2view.images.inputs import Inputs
 from blur2view.output_files import SIGNED_BY, below_shared_folder, check_file, real_paths, writable_folders
-from blur2view.photographs.inputs import Inputs
 from blur2view.pipeline import FileEstimate
 from blur2view.results.document import Document
 from blur2view.runs.job import Job, Outcome

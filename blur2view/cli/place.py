@@ -13,8 +13,8 @@ from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.images.inputs import list_photographs
 from blur2view.output_files import check_file, writable_folders, write_file
-from blur2view.photographs.inputs import list_photographs
 
 if TYPE_CHECKING:
     from blur2view.colmap.placement import Placement

@@ -16,11 +16,11 @@ from blur2view.cli.terminal import Say, complain, plural, printable, progress
 from blur2view.cli.work import network_of
 from blur2view.colmap.cameras import StoredCamera
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
+from blur2view.images.inputs import colmap_names
+from blur2view.images.timestamps import timestamps_of
 from blur2view.input_files import read_regular
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import check_file, real_paths, writable_folders, write_file
-from blur2view.photographs.inputs import colmap_names
-from blur2view.photographs.timestamps import timestamps_of
 from blur2view.results.table import Row, table_text
 from blur2view.runs.job import Job, Outcome, file_digest, neighbours_of
 from blur2view.runs.manifest import Manifest, opened

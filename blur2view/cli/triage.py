@@ -15,11 +15,9 @@ from blur2view.cli.run import LISTS, End, jobs_of, open_manifest, run_over
 from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.networks.smear_network import Detail
-from blur2view.output_files import write_file
-from blur2view.photographs.image import read_image
-from blur2view.photographs.inputs import colmap_names
-from blur2view.photographs.selection import (
+from blur2view.images.image import read_image
+from blur2view.images.inputs import colmap_names
+from blur2view.images.selection import (
     extract,
     extracted_names,
     refuse_others,
@@ -27,6 +25,8 @@ from blur2view.photographs.selection import (
     sharpest_of_each,
     thumbnail,
 )
+from blur2view.networks.smear_network import Detail
+from blur2view.output_files import write_file
 from blur2view.results.table import Row
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome

@@ -14,7 +14,7 @@ from blur2view.exposure.features import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.photographs.inputs import Inputs, colmap_names
+from blur2view.images.inputs import Inputs, colmap_names
 from blur2view.results.table import NO_GEOMETRY
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
 from blur2view.runs.job import Job

@@ -17,10 +17,10 @@ from blur2view.errors import Blur2ViewError, RunError
 from blur2view.exposure.features import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
+from blur2view.images.image import read_image
+from blur2view.images.timestamps import timestamp_of
 from blur2view.networks.model_file import usable_cores
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
-from blur2view.photographs.timestamps import timestamp_of
 from blur2view.pipeline import FileEstimate, estimate_file
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Outcome, file_digest

@@ -14,8 +14,8 @@ from blur2view.exposure.features import NO_FEATURES, Features, features_of, matc
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
 from blur2view.exposure.views import views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.video import read_video
 from blur2view.networks.smear_network import SmearNetwork, photograph_of, rgb_of
-from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions

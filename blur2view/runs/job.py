@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.errors import Blur2ViewError, ImageError, RunError, within_memory
+from blur2view.images.content import read_content
+from blur2view.images.video import frame_of, frame_path
 from blur2view.output_files import unwritable, write_files
-from blur2view.photographs.content import read_content
-from blur2view.photographs.video import frame_of, frame_path
 from blur2view.results.table import Row
 
 # the next photograph's files would not fit either

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.errors import OutputError
+from blur2view.images.video import frame_of
 from blur2view.input_files import open_regular, parse_json, read_regular
 from blur2view.output_files import unwritable
-from blur2view.photographs.video import frame_of
 from blur2view.results.table import Row
 from blur2view.runs.job import Job, Outcome, file_digest, photograph_digest
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from blur2view.errors import Blur2ViewError
-from blur2view.photographs.video import EndOfVideo, frame_of, frame_time
+from blur2view.images.video import EndOfVideo, frame_of, frame_time
 from blur2view.runs.job import Done, Job, Outcome, Work, failed, photograph_digest, with_contents, written
 from blur2view.runs.manifest import Manifest
 from blur2view.runs.processes import Engine

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blur2view import pipeline
-from blur2view.photographs.image import read_pixels
+from blur2view.images.image import read_pixels
 from tests.support.colour_code import colour_code, forward_motion, write_picture
 from tests.support.many_photographs import write_photographs
 

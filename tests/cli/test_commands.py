@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.sampson import serrmin
-from blur2view.photographs.image import read_image
+from blur2view.images.image import read_image
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
 from blur2view.two_view.options import EstimatorOptions

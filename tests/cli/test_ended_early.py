@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from blur2view import pipeline
+from blur2view.images.image import read_pixels
 from blur2view.output_files import write_files
-from blur2view.photographs.image import read_pixels
 from blur2view.runs import job
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs

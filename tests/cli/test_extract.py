@@ -5,8 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from blur2view.images.image import read_image
 from blur2view.output_files import half_written
-from blur2view.photographs.image import read_image
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_frames
 from tests.support.tables import table

@@ -11,7 +11,7 @@ import pytest
 
 from blur2view import pipeline
 from blur2view.errors import ImageError
-from blur2view.photographs.image import read_pixels
+from blur2view.images.image import read_pixels
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import announcing, contents, write_photographs, write_video

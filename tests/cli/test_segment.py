@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from blur2view.images.image import read_image
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.segmentation.mask import MotionLabel, segment
 from tests.support.calls import Call

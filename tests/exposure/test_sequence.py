@@ -11,9 +11,9 @@ from blur2view.exposure.sequence import estimate_frames, in_time
 from blur2view.exposure.time_direction import NeighbourMotion
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_flow
+from blur2view.images.image import read_image
+from blur2view.images.video import read_video
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
-from blur2view.photographs.video import read_video
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches

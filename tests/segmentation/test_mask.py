@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.image import read_image
 from blur2view.movers.alike import alike_mean
 from blur2view.movers.parts import parts_of
 from blur2view.movers.probability import Moving, factor_of, moving_probability, reduced
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from blur2view.results import mask_overlay
 from blur2view.segmentation.mask import MotionLabel, MotionMask, segment

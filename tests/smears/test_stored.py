@@ -11,8 +11,8 @@ import pytest
 
 from blur2view import load_smears
 from blur2view.errors import OutputError
+from blur2view.images.image import read_image
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
 from blur2view.smears.field import to_double_angle
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.stored import stored_smears

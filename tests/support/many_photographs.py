@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import AnyArray
-from blur2view.photographs import video as video_module
+from blur2view.images import video as video_module
 from tests.support.colour_code import colour_code, write_picture
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from blur2view.arrays import Array
+from blur2view.images.image import read_image
 from blur2view.movers.parts import described
 from blur2view.movers.probability import SCALE, SHIFT, moving_probability
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.photographs.image import read_image
 from blur2view.pipeline import estimate
 from tools.arguments import Existing, run
 from tools.metrics import auc

@@ -12,10 +12,10 @@ from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import CAMERA, ESTIMATION, INPUT, MANY, Options, option
 from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.inputs import Inputs, list_photographs
+from blur2view.images.video import frame_numbers
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.networks.model_file import model_path
-from blur2view.photographs.inputs import Inputs, list_photographs
-from blur2view.photographs.video import frame_numbers
 from blur2view.pipeline import Run
 from blur2view.runs.job import Job, Outcome, file_digest
 from blur2view.runs.manifest import ENDING

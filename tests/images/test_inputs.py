@@ -10,8 +10,8 @@ import pytest
 
 from blur2view.cli.outputs import png
 from blur2view.errors import ImageError
-from blur2view.photographs.inputs import Inputs, list_photographs
-from blur2view.photographs.video import frame_numbers
+from blur2view.images.inputs import Inputs, list_photographs
+from blur2view.images.video import frame_numbers
 from tests.support.many_photographs import write_video
 
 
@@ -98,10 +98,10 @@ def test_list_that_may_never_end_or_is_too_large_is_refused(
     for endless in ("/dev/zero", tmp_path / "pipe"):
         with pytest.raises(ImageError, match=r"cannot be read \(is no regular file\).*pipe them to -"):
             listed(f"@{endless}")
-    monkeypatch.setattr("blur2view.photographs.inputs.MAX_LIST_BYTES", 1 << 20)
+    monkeypatch.setattr("blur2view.images.inputs.MAX_LIST_BYTES", 1 << 20)
     with open("/dev/zero", "rb") as zeros, pytest.raises(ImageError, match="standard input.*larger than 1 M"):
         listed("-", stdin=zeros)
-    monkeypatch.setattr("blur2view.photographs.inputs.MAX_LINES", 3)
+    monkeypatch.setattr("blur2view.images.inputs.MAX_LINES", 3)
     for separator in ("\n", "\0", "\u2028"):
         assert len(listed("-", stdin=io.BytesIO(separator.join("abc").encode())).paths) == 3
         with pytest.raises(ImageError, match="has 4 lines; name at most 3"):

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from blur2view.errors import ImageError
+from blur2view.images.image import PHOTOGRAPH_SUFFIXES
+from blur2view.images.video import frame_numbers, frame_of, frame_path, is_video
 from blur2view.input_files import read_regular, read_stream
 from blur2view.output_files import below_shared_folder, is_ours, is_there
-from blur2view.photographs.image import PHOTOGRAPH_SUFFIXES
-from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")

@@ -9,8 +9,8 @@ from pathlib import Path
 import cv2
 
 from blur2view.errors import ImageError
+from blur2view.images.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 from blur2view.input_files import read_regular
-from blur2view.photographs.video import frame_numbers, frame_of, frame_path, is_video, read_frame
 
 
 def read_content(path: Path) -> bytes:

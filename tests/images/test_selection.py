@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.photographs.selection import same_view, sharpest_of_each, thumbnail
+from blur2view.images.selection import same_view, sharpest_of_each, thumbnail
 
 
 def pictures(seed: int, count: int) -> list[Array]:

@@ -12,10 +12,10 @@ from PIL import Image
 
 from blur2view.camera.exif import read_exif
 from blur2view.errors import ImageError
-from blur2view.photographs import video
-from blur2view.photographs.image import read_image
-from blur2view.photographs.video import EndOfVideo, frame_of, read_frame, rows_towards
-from tests.photographs.test_image import tiff
+from blur2view.images import video
+from blur2view.images.image import read_image
+from blur2view.images.video import EndOfVideo, frame_of, read_frame, rows_towards
+from tests.images.test_image import tiff
 from tests.support.many_photographs import write_video
 
 GREY = np.full((40, 60, 3), 118, np.uint8)

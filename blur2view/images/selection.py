@@ -11,10 +11,10 @@ import numpy as np
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
+from blur2view.images.content import read_content
+from blur2view.images.video import frame_of, read_frame
 from blur2view.input_files import read_regular
 from blur2view.output_files import HALF_WRITTEN, write_file
-from blur2view.photographs.content import read_content
-from blur2view.photographs.video import frame_of, read_frame
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
 THUMBNAIL_PX = 96  # width; the blur of a photograph is no pixel there
