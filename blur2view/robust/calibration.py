@@ -43,7 +43,6 @@ ROLLING_SPREAD = 0.5
 WIDE, SEARCH_STEPS = 3.0, 3  # sigmas of the first of two fits inside the loop; their steps: bound
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them: bound
 DIRECTIONS = 80  # of translation tried with every sample of three: SYNTH
-PART = 5  # a compact part is the fifth of the smears nearest to one of them
 STEPS = 12  # Levenberg-Marquardt steps; fits start near their end: bound
 DISTINCT, STARTS = 0.02, 5  # starts differ by this in an entry of the unit-norm F; their number
 REST = 0.02  # standard deviations: a smaller step ends a fit; with 0.2 the order of the given ends shows in F

@@ -34,12 +34,10 @@ class SmearEstimator:
     """F from three smears and a grid of directions (`ransac.Estimator`).
 
     Models are F (3, 3) in normalised coordinates. The score is MSAC's: squared residuals in standard
-    deviations, cut at CUTOFF. ``compact`` samples come from one compact part of the image a batch, which
-    mostly holds one motion of several; they say less of the only one.
+    deviations, cut at CUTOFF.
     """
 
     likelihood: Likelihood
-    compact: bool = False
     sample_size: ClassVar[int] = 3  # with a direction of translation
 
     @property
@@ -65,12 +63,8 @@ class SmearEstimator:
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three, for every direction."""
-        limit, near = 3 * np.array(self.likelihood.prior.rotation), np.arange(self.count)
-        if self.compact:
-            middle = self.likelihood.middle
-            distance = ((middle - middle[rng.integers(self.count)]) ** 2).sum(axis=1)
-            near = np.argsort(distance, kind="stable")[: max(self.count // c.PART, 30)]
-        three = near[weighted_samples(self.quality[near], 3, samples, rng)]
+        limit = 3 * np.array(self.likelihood.prior.rotation)
+        three = weighted_samples(self.quality, 3, samples, rng)
         return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.DIRECTIONS), limit)
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:

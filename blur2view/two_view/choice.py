@@ -22,8 +22,7 @@ from blur2view.robust.homography import Field, rotation_of
 from blur2view.robust.homography_search import find_plane
 from blur2view.robust.likelihood import Likelihood
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.families import Fit, lower_cost
-from blur2view.two_view.multiple_motions import TwoMotions, find_two_motions
+from blur2view.two_view.families import Fit
 
 HOMOGRAPHIES = {
     Configuration.PANORAMIC: MotionModel.ROTATION,
@@ -70,12 +69,6 @@ def choose(
     if plane is None:
         config = Configuration.UNCALIBRATED if has_consensus else Configuration.UNDEFINED
         return Choice(config=config, sentence="no homography fits", fit=fit, reports_F=has_consensus)
-    if has_consensus:
-        motions = find_two_motions(likelihood, fit.point.matrix(), plane, rng)
-        if motions is not None and motions.are_several:
-            return several_motions(len(likelihood), motions, fit)
-        if motions is not None:
-            fit = lower_cost(likelihood, fit, motions.F)  # one motion, but perhaps a better F of it
     fields = fields_of(sample, plane, rolling)
     plane = fields[MotionModel.PLANE]
     table = table_of(fields, plane.gain_of_parallax(fit.point.matrix()) if has_consensus else None)
@@ -174,17 +167,3 @@ def figures_of(table: ModelTable) -> str:
     others = max(row.log_likelihood for row in table.rows if row.model is not MotionModel.PARALLAX)
     ratio = parallax[0].log_likelihood - others
     return f"probability {parallax[0].probability:.2f} (log-likelihood ratio {ratio:z.0f})"
-
-
-def several_motions(count: int, motions: TwoMotions, fit: Fit) -> Choice:
-    """Return the choice of several motions; its F is the best single one.
-
-    It follows the motion of most smears more closely than F of the smears of one motion do, for these are
-    separated by place: of 31 synthetic scenes with a second motion of 30 or 45 % F of the larger part had a
-    median rho under 0.05 in 17, the single one in 21.
-    """
-    sentence = (
-        f"{motions.first:.0%} and {motions.second:.0%} of {count} smears follow two motions, "
-        f"{motions.single:.0%} the best single one"
-    )
-    return Choice(config=Configuration.MULTIPLE, sentence=sentence, fit=fit, reports_F=True)

@@ -56,9 +56,8 @@ def estimate_two_view(
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
         (rotation), PLANAR or, undecided which, PLANAR_OR_PANORAMIC with H, and with F beside it where
-        parallax is undecided; MULTIPLE with the F that most smears follow; DEGENERATE (too few, too short or
-        collinear smears, a still or constant image) or UNDEFINED (the best F explains hardly more smears than
-        chance) with neither.
+        parallax is undecided; DEGENERATE (too few, too short or collinear smears, a still or constant image)
+        or UNDEFINED (the best F explains hardly more smears than chance) with neither.
 
     Raises
     ------

@@ -124,21 +124,6 @@ def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
     return likelihood.rescaled(residual_scale(F, likelihood))
 
 
-def lower_cost(likelihood: Likelihood, fit: Fit, F: Array) -> Fit:
-    """Return the fit of lower cost: one as given, or a camera's refined from F (3, 3).
-
-    Standard deviations are those that the given one left; the other, if better, is refined at its own.
-    Without it seed 66 of the exact scenes of `test_estimate` ends in another minimum, as do 16 and 66 without
-    an image size.
-    """
-    start = CameraF.from_matrix(F, likelihood.prior)
-    other = fit_best(MotionModel.CAMERA, [start], likelihood)
-    if other.score >= fit.score:
-        return fit
-    own = with_measured_noise(likelihood, other.point.matrix())
-    return fit_best(other.model, [other.point], own)
-
-
 def residual_scale(F: Array, likelihood: Likelihood) -> float:
     """Return the robust standard deviation of the residuals over the assumed one, in [0.1, 4].
 

@@ -114,7 +114,7 @@ def with_pose(
     to KNOWN_DEG and no rotation explains the smears alone; else the pose is the rotation, whatever the
     translation.
     """
-    if geometry.config is Configuration.MULTIPLE or (geometry.F is None and geometry.H is None):
+    if geometry.F is None and geometry.H is None:
         return geometry
     if geometry.config is Configuration.PANORAMIC and field is not None:
         fit, why = fit_field(field, likelihood.claimed), "the rotation that explains the smears alone"

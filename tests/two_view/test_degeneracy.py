@@ -82,17 +82,6 @@ def test_orders_are_those_of_the_homography() -> None:
 
 
 @pytest.mark.slow
-def test_half_and_half_is_several_motions() -> None:
-    found = [solve(draw_scene("several or none", seed)) for seed in range(0, 16, 2)]
-    named = [geometry for geometry in found if geometry.config is Configuration.MULTIPLE]
-    assert len(named) >= 5
-    for geometry in named:
-        assert geometry.F is not None
-        assert geometry.model in ("camera", "translation", "general")
-        assert "two motions" in geometry.reason
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("correlation_px", [0.0, 20.0, 40.0, 80.0, 120.0])
 def test_fields_without_geometry_get_no_F_but_a_smooth_one_in_six(correlation_px: float) -> None:
     smooth, confident = correlation_px > 20, 0

@@ -17,14 +17,13 @@ from tools.datasets.synthetic_matches import (
     KnownMatches,
     camera,
     layered_depth,
-    nearest_share,
     project_smears,
     random_smears,
     scaled_motion,
     with_swaps,
 )
 
-Kind = Literal["no motion", "pure rotation", "plane", "pure translation", "general", "several or none"]
+Kind = Literal["no motion", "pure rotation", "plane", "pure translation", "general", "no geometry"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 CORRELATIONS_PX = (0.0, 20.0, 40.0, 80.0, 120.0)  # of the directions of fields without any geometry
 
@@ -36,7 +35,7 @@ class DegenerateOptions:
     ``noise_px`` is the standard deviation of every coordinate, ``outliers`` the share of smears of random
     direction, 0.3 to 2 medians long, ``length_px`` the median true length, ``count`` the number of smears.
     ``rotation_share`` is the median length of the rotation's smears over that of the translation's, where the
-    camera does both; ``second_share`` of the smears, a compact part, follow the second of several motions.
+    camera does both.
     """
 
     noise_px: tuple[float, float] = (0.25, 1.0)
@@ -44,15 +43,13 @@ class DegenerateOptions:
     length_px: tuple[float, float] = (8.0, 40.0)
     count: tuple[int, int] = (1000, 2000)
     rotation_share: tuple[float, float] = (0.2, 1.0)
-    second_share: tuple[float, float] = (0.4, 0.5)
 
 
 def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) -> KnownMatches:
     """Return a random scene; the same kind, seed and options give the same smears.
 
     "no motion": a still camera, so that smears are noise. "plane": one plane, tilted by about 20 degrees,
-    any motion. "several or none": even seeds two motions of the camera before one scene, odd seeds smears of
-    one length whose directions are random, correlated over 0 to 120 px.
+    any motion. "no geometry": smears of one length whose directions are random, correlated over 0 to 120 px.
     """
     options = options or DegenerateOptions()
     rng = np.random.default_rng([seed, KINDS.index(kind)])
@@ -62,21 +59,14 @@ def draw_scene(kind: Kind, seed: int, options: DegenerateOptions | None = None) 
     )
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     depth = tilted_plane(rng, points) if kind == "plane" else layered_depth(rng, points)
-
-    def moved() -> tuple[Array, Array]:
-        fixed = {"pure rotation": np.inf, "pure translation": 0.0}
-        share = fixed.get(kind, rng.uniform(*options.rotation_share))
-        return scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
-
-    R, t = moved()
+    fixed = {"pure rotation": np.inf, "pure translation": 0.0}
+    share = fixed.get(kind, rng.uniform(*options.rotation_share))
+    R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
     ends = project_smears(K, R, t, points, depth)
     if kind == "no motion":
         ends = np.stack([points, points], axis=1)
-    elif kind == "several or none" and seed % 2:
+    elif kind == "no geometry":
         ends = random_field(rng, points, length_px)
-    elif kind == "several or none":
-        other = nearest_share(rng, points, rng.uniform(*options.second_share))
-        ends[other] = project_smears(K, *moved(), points, depth)[other]
     like = random_smears(
         rng, np.stack([points, points + [length_px, 0.0]], axis=1) if kind == "no motion" else ends
     )

@@ -37,8 +37,7 @@ from tools.processes import mapped
 
 INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (
-    "no motion", "rotation", "plane", "rotation or plane", "open", "translation", "general", "several",
-    "undefined",
+    "no motion", "rotation", "plane", "rotation or plane", "open", "translation", "general", "undefined",
 )  # fmt: skip
 RIGHT: dict[Kind, tuple[str, ...]] = {
     "no motion": ("no motion",),
@@ -46,7 +45,7 @@ RIGHT: dict[Kind, tuple[str, ...]] = {
     "plane": ("plane",),
     "pure translation": ("translation",),
     "general": ("general",),
-    "several or none": ("several", "undefined"),
+    "no geometry": ("undefined",),
 }
 STRUCTURES = {"one plane": 0.01, "parallax under 5 %": 0.05, "parallax over 5 %": np.inf}  # of the smears
 NAMED = {
@@ -59,7 +58,6 @@ SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
 NAMES = {
     Configuration.PLANAR: "plane",
     Configuration.PANORAMIC: "rotation",
-    Configuration.MULTIPLE: "several",
     Configuration.DEGENERATE: "no motion",
     Configuration.UNDEFINED: "undefined",
 }
