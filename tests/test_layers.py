@@ -23,8 +23,8 @@ ROWS = [
     "output_files",
     "camera smears",
     "geometry networks images",
-    "robust movers",
     "two_view",
+    "movers",
     "pipeline",
     "segmentation exposure",
     "results",
@@ -34,13 +34,13 @@ ROWS = [
     "__main__",
 ]
 RANK = {room: rank for rank, row in enumerate(ROWS) for room in row.split()}
-MOST_FILES, MOST_MODULES, MOST_LINES = 12, 15, {"blur2view": 300, "tools": 350}
+MOST_FILES, MOST_MODULES, MOST_LINES = 12, 18, {"blur2view": 400, "tools": 350}
 CODE = [*PACKAGE.rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
 SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 FOLDERS = sorted({path.parent for path in SOURCES})
 
 NUMERIC = {"numpy", "scipy", "cv2"}
-ARRAYS_ONLY = {"arrays", "smears", "geometry", "robust", "two_view"}
+ARRAYS_ONLY = {"arrays", "smears", "geometry", "two_view"}
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
 EXTRAS = {
@@ -114,7 +114,7 @@ def test_the_package_has_few_files_beside_its_rooms() -> None:
 
 @pytest.mark.parametrize("loop", ["ransac", "levenberg_marquardt"])
 def test_loops_know_no_geometry(loop: str) -> None:
-    assert own_imports(MODULE[f"blur2view.robust.{loop}"]) == {"blur2view.arrays"}
+    assert own_imports(MODULE[f"blur2view.two_view.{loop}"]) == {"blur2view.arrays"}
 
 
 @pytest.mark.parametrize("path", PACKAGE_SOURCES, ids=str)

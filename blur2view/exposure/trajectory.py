@@ -18,7 +18,7 @@ from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.rotation import rotation_flow, rotation_matrix, rotation_vector
-from blur2view.robust.reweighted import reweighted_motion
+from blur2view.two_view.reweighted import reweighted_motion
 
 INDEPENDENT_SMEARS = 4  # at most: with more, smears are called surer than tools.evaluation.placed shows them
 MIN_SMEARS = 8  # smears; with fewer a frame's own rotation is not estimated

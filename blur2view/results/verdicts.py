@@ -8,10 +8,10 @@ import numpy as np
 
 from blur2view.arrays import TINY
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
-from blur2view.robust.calibration import MIN_LENGTH_PX
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.consensus import constant_field
+from blur2view.two_view.constants import MIN_LENGTH_PX
 
 if TYPE_CHECKING:
     from blur2view.pipeline import FileEstimate

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.smears.blur_kinds import KINDS
 from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
-from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, SharedErrors
+from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel
 
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
 _STRIP_CELLS = 8
@@ -69,9 +69,9 @@ class SmearGrid:
         """Width and height of the photograph."""
         return self.shape[1], self.shape[0]
 
-    def shared_errors(self, spacing_px: float) -> SharedErrors:
+    def shared_errors(self, spacing_px: float) -> NoiseModel:
         """Return what the errors of cells have in common, one every ``spacing_px`` pixels."""
-        return INDEPENDENT if self.window_px is None else SharedErrors.of_cells(spacing_px, self.window_px)
+        return INDEPENDENT if self.window_px is None else NoiseModel.of_cells(spacing_px, self.window_px)
 
     def points(self) -> Array:
         """Return the centres of the cells, (h, w, 2), pixels (x, y); the last may lie beyond the border."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.smears.noise import INDEPENDENT, SharedErrors, inlier_sigma_px, sampson_px
+from blur2view.smears.noise import INDEPENDENT, NoiseModel, inlier_sigma_px, sampson_px
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +28,7 @@ class SmearMatches:
     across_px : ndarray of shape (N,), float64, optional
         Standard deviation of the part of the error across every smear, positive; by default that of errors
         which are alike in all directions.
-    shared : SharedErrors
+    shared : NoiseModel
         How the deviations are meant, and what errors have in common; nothing by default.
 
     Raises
@@ -41,7 +41,7 @@ class SmearMatches:
     sigma_px: Array
     image_size: tuple[int, int] | None = None
     across_px: Array = None  # type: ignore[assignment]  # set below
-    shared: SharedErrors = INDEPENDENT
+    shared: NoiseModel = INDEPENDENT
 
     def __post_init__(self) -> None:
         ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)

@@ -35,7 +35,7 @@ SAMPSON_SHARE = 0.5**0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class SharedErrors:
+class NoiseModel:
     """How stated deviations are meant, and what errors of smears of one picture have in common.
 
     Parameters
@@ -75,7 +75,7 @@ class SharedErrors:
             raise ValueError(f"expected a share in (0, 1] and standard deviations, got {self}")
 
     @property
-    def claimed(self) -> SharedErrors:
+    def fully_correlated(self) -> NoiseModel:
         """The same with every correlation counted, and 68 % points: for what is claimed, not for fits."""
         return replace(
             self,
@@ -87,7 +87,7 @@ class SharedErrors:
         )
 
     @classmethod
-    def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> SharedErrors:
+    def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> NoiseModel:
         """Return those of a network's cells, read from windows, one every ``spacing_px`` pixels.
 
         Of 25 rendered planes and rotations and 24 general motions (seeds from 20000 and 80000) parallax gains
@@ -106,7 +106,7 @@ class SharedErrors:
         )
 
 
-INDEPENDENT = SharedErrors()
+INDEPENDENT = NoiseModel()
 """Every smear errs for itself: matches from elsewhere."""
 
 
@@ -116,7 +116,7 @@ def across_px(length_px: Array, sigma_rad: Array) -> Array:
 
 
 def inlier_sigma_px(
-    length_px: Array, sigma_px: Array, across: Array, shared: SharedErrors
+    length_px: Array, sigma_px: Array, across: Array, shared: NoiseModel
 ) -> tuple[Array, Array]:
     """Return standard deviations (N,) of errors along and across smears that are no outliers, pixels.
 
@@ -130,6 +130,6 @@ def inlier_sigma_px(
     return first, second
 
 
-def sampson_px(length_px: Array, across: Array, shared: SharedErrors) -> Array:
+def sampson_px(length_px: Array, across: Array, shared: NoiseModel) -> Array:
     """Return standard deviations (N,) of the Sampson distances of smears, pixels, as stated."""
     return np.maximum(np.hypot(SAMPSON_SHARE * across, shared.least * length_px), LEAST_PX)

@@ -1,6 +1,6 @@
 """Which model the smears show: a table of all, a probability of each, and a name.
 
-Every model is a displacement field judged by the same likelihood (`FieldFit.costs`) on the same
+Every model is a displacement field judged by the same likelihood (`HomographyFit.costs`) on the same
 smears: none, a rotation, one whose rate changes down the rows of a rolling shutter, any homography, and that
 homography with parallax along the lines of F. One calibrated step (`probabilities`) leads from their
 log-likelihoods, of the effective number of smears, to probabilities. Parallax is proven, undecided or absent
@@ -16,13 +16,13 @@ import numpy as np
 
 from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
 from blur2view.geometry.two_view_geometry import Configuration
-from blur2view.robust import calibration as c
-from blur2view.robust.field_fit import FieldFit, fit_field
-from blur2view.robust.homography import Field, rotation_of
-from blur2view.robust.homography_search import find_plane
-from blur2view.robust.likelihood import Likelihood
+from blur2view.two_view import constants as c
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.families import Fit
+from blur2view.two_view.fit_fundamental import Fit
+from blur2view.two_view.fit_homography import HomographyFit, fit_homography
+from blur2view.two_view.homography import HomographyFlow, rotation_of
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.search import find_plane
 
 HOMOGRAPHIES = {
     Configuration.PANORAMIC: MotionModel.ROTATION,
@@ -44,7 +44,7 @@ class Choice:
     sentence: str
     fit: Fit
     reports_F: bool = False
-    homography: FieldFit | None = None
+    homography: HomographyFit | None = None
     table: ModelTable = field(default_factory=ModelTable)
 
     @property
@@ -75,22 +75,24 @@ def choose(
     return named(table, fields, fit, has_consensus)
 
 
-def fields_of(sample: Likelihood, plane: FieldFit, rolling: bool) -> dict[MotionModel, FieldFit]:
+def fields_of(sample: Likelihood, plane: HomographyFit, rolling: bool) -> dict[MotionModel, HomographyFit]:
     """Return every displacement field, fitted; without a camera there are no rotations."""
     prior = sample.prior
-    fields = {MotionModel.STILL: FieldFit(likelihood=sample, family=Field.plane(np.zeros(8), prior))}
+    fields = {
+        MotionModel.STILL: HomographyFit(likelihood=sample, family=HomographyFlow.plane(np.zeros(8), prior))
+    }
     if sample.has_camera:
-        rotation = Field.rotation(rotation_of(plane.family.generator()), prior)
-        fields[MotionModel.ROTATION] = fit_field(rotation, sample)
+        rotation = HomographyFlow.rotation(rotation_of(plane.family.generator()), prior)
+        fields[MotionModel.ROTATION] = fit_homography(rotation, sample)
     fields[MotionModel.PLANE] = plane
     if rolling:
         for still_model in [model for model in ROLLING if model in fields]:
             middle = fields[still_model].family
-            fields[ROLLING[still_model]] = fit_field(middle.rolling(0), sample, middle.rolling(1))
+            fields[ROLLING[still_model]] = fit_homography(middle.rolling(0), sample, middle.rolling(1))
     return fields
 
 
-def table_of(fields: dict[MotionModel, FieldFit], gain: float | None) -> ModelTable:
+def table_of(fields: dict[MotionModel, HomographyFit], gain: float | None) -> ModelTable:
     """Return the table of the fields and, where F has a ``gain`` over the plane, of parallax."""
     plane = fields[MotionModel.PLANE]
     log_likelihood = {model: fit.log_posterior for model, fit in fields.items()}
@@ -114,15 +116,17 @@ def probabilities(
     with all correlation counted. Each model has a penalty, which grows with the number of smears by Schwarz's
     criterion.
     """
-    slope = likelihood.claimed.effective_share / likelihood.effective_share
-    more = 0.5 * float(np.log(max(likelihood.claimed.effective_count / c.PENALTY_COUNT, 1.0)))
+    slope = likelihood.fully_correlated.effective_share / likelihood.effective_share
+    more = 0.5 * float(np.log(max(likelihood.fully_correlated.effective_count / c.PENALTY_COUNT, 1.0)))
     rows = [(value, *c.MODELS[model]) for model, value in log_likelihood.items()]
     score = [slope * value - penalty - more * parameters for value, parameters, penalty in rows]
     odds = np.exp(np.array(score) - max(score))
     return dict(zip(log_likelihood, (float(p) for p in odds / odds.sum()), strict=True))
 
 
-def named(table: ModelTable, fields: dict[MotionModel, FieldFit], fit: Fit, has_consensus: bool) -> Choice:
+def named(
+    table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: Fit, has_consensus: bool
+) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
     parallax = table.probability(MotionModel.PARALLAX) or 0.0
     if parallax >= c.PROVEN_FROM:
@@ -131,7 +135,7 @@ def named(table: ModelTable, fields: dict[MotionModel, FieldFit], fit: Fit, has_
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
         )
     on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual) < c.ON_PLANE).mean())
-    count = fields[MotionModel.PLANE].likelihood.claimed.effective_count
+    count = fields[MotionModel.PLANE].likelihood.fully_correlated.effective_count
     enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
     at_once = sum(table.probability(model) or 0.0 for model in fields if model not in ROLLING.values())
     # where a shutter that reads row after row is what explains the smears, parallax may be there as well

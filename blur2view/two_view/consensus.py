@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.sampson import serrmin
-from blur2view.robust import calibration as c
-from blur2view.robust.calibration import MIN_LENGTH_PX, MIN_MATCHES
-from blur2view.robust.field_fit import FieldFit
-from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view import constants as c
+from blur2view.two_view.constants import MIN_LENGTH_PX, MIN_MATCHES
+from blur2view.two_view.fit_homography import HomographyFit
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.options import EstimatorOptions
 
 GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions
@@ -98,17 +98,17 @@ class Inliers:
         return f"{share}% of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
 
 
-def inliers_of(model: Array | FieldFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
+def inliers_of(model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
     """Return the inliers of F (3, 3), of the matches' pixels, or of a displacement field.
 
     See `EstimatorOptions.tolerance_px`; chance is measured on the same smears in random directions.
     """
-    of_field = isinstance(model, FieldFit)
+    of_field = isinstance(model, HomographyFit)
     sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px
     tolerance = options.tolerance_px(likelihood.length_px, sigma_px)
 
     def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
-        if isinstance(model, FieldFit):
+        if isinstance(model, HomographyFit):
             distance = np.abs(model.orders(likelihood).least) * likelihood.sigma_px
         else:
             distance = np.sqrt(serrmin(model, likelihood.matches.ends))

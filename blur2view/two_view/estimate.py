@@ -13,16 +13,17 @@ from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
-from blur2view.robust.calibration import MIN_AGREEMENT
-from blur2view.robust.homography import pixel_homography
-from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
 from blur2view.two_view.consensus import inliers_of, insufficient_data, still
-from blur2view.two_view.families import Fit, search_and_fit
+from blur2view.two_view.constants import MIN_AGREEMENT
+from blur2view.two_view.fit_fundamental import Fit
+from blur2view.two_view.homography import pixel_homography
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.pose import with_pose
+from blur2view.two_view.search import search_and_fit
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
 # Of two orders in time the one that needs less parallax comes first.

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.robust.calibration import INLIER_SHARE, INLIER_SIGMAS
-from blur2view.robust.ransac import RansacOptions
+from blur2view.two_view.constants import INLIER_SHARE, INLIER_SIGMAS
+from blur2view.two_view.ransac import RansacOptions
 
 MOST_PX = 1e6  # beyond any photograph, and its square is a number
 

@@ -18,14 +18,13 @@ from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
 from blur2view.geometry.sampson import swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.robust.calibration import LEAST_INDEPENDENT, LEAST_VARIANCE, SCALE_STEPS
-from blur2view.robust.field_fit import fit_field
-from blur2view.robust.homography import Field, cayley
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import CameraF
-from blur2view.robust.refinement import WeightedPoint
 from blur2view.two_view.consensus import inliers_of
-from blur2view.two_view.families import Fit, fit_best
+from blur2view.two_view.constants import LEAST_INDEPENDENT, LEAST_VARIANCE, SCALE_STEPS
+from blur2view.two_view.fit_fundamental import Fit, FundamentalFit, fit_best
+from blur2view.two_view.fit_homography import fit_homography
+from blur2view.two_view.homography import HomographyFlow, cayley
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import CameraF
 from blur2view.two_view.options import EstimatorOptions
 from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
 
@@ -60,7 +59,7 @@ def curvature(likelihood: Likelihood, point: CameraF) -> Array:
 
     Unlike Gauss and Newton's matrix it knows that a smear whose order or kind is uncertain weighs less.
     """
-    state = WeightedPoint.likelier(point, likelihood)
+    state = FundamentalFit.likelier(point, likelihood)
     normal, _ = state.normal_equations()
     steps = CURVATURE_STEP / np.sqrt(np.diag(normal) + TINY) * np.eye(len(normal))
     ahead, behind = ([state.moved(s * steps[k]).normal_equations()[1][POSE] for k in POSE] for s in (1, -1))
@@ -76,7 +75,7 @@ def with_scale_of(likelihood: Likelihood, point: CameraF) -> Likelihood:
     a tenth.
     """
     for _ in range(SCALE_STEPS):
-        residuals = WeightedPoint.likelier(point, likelihood).residuals
+        residuals = FundamentalFit.likelier(point, likelihood).residuals
         weight = likelihood.order_weights(residuals)
         variance = float((weight * residuals.both**2).sum() / max(weight.sum(), TINY))
         likelihood = likelihood.rescaled(float(np.sqrt(max(variance, LEAST_VARIANCE))))
@@ -88,12 +87,16 @@ def covariance_of(
 ) -> PoseCovariance:
     """Return the covariance of the pose of E at a point; ``region`` is that over all directions."""
     likelihood = with_scale_of(likelihood, point)
-    precision = curvature(likelihood.claimed, point)
+    precision = curvature(likelihood.fully_correlated, point)
     matrix = np.asarray(MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
     sign = np.copysign(1.0, pose.translation @ point.t)
     local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(point.t))
     # orders of the grid are outwards whatever the rotation: among many smears curvature misses less
-    wide = 0.0 if likelihood.claimed.effective_count >= LEAST_INDEPENDENT else region.translation_sigma_deg
+    wide = (
+        0.0
+        if likelihood.fully_correlated.effective_count >= LEAST_INDEPENDENT
+        else region.translation_sigma_deg
+    )
     if max(wide, local.translation_sigma_deg) < NARROW_DEG:
         return local
     own = np.zeros((5, 5))  # of the rotation, whatever the direction: the grid has one rotation for each
@@ -103,7 +106,7 @@ def covariance_of(
 
 def with_pose(
     geometry: TwoViewGeometry,
-    field: Field | None,
+    field: HomographyFlow | None,
     likelihood: Likelihood,
     fits: list[Fit],
     options: EstimatorOptions,
@@ -117,7 +120,10 @@ def with_pose(
     if geometry.F is None and geometry.H is None:
         return geometry
     if geometry.config is Configuration.PANORAMIC and field is not None:
-        fit, why = fit_field(field, likelihood.claimed), "the rotation that explains the smears alone"
+        fit, why = (
+            fit_homography(field, likelihood.fully_correlated),
+            "the rotation that explains the smears alone",
+        )
         vector, spread = fit.family.parameters[:3], fit.covariance()[:3, :3]
         return with_rotation_alone(geometry, likelihood, vector, spread, why)
     start = cast(CameraF, next(fit.point for fit in fits if fit.model is MotionModel.CAMERA))

@@ -4,7 +4,7 @@ Given a direction of translation every smear's epipolar line and order follow (a
 away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly.
 So the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave
 it flat, which no covariance about one optimum shows. What is claimed counts all correlation of neighbouring
-smears (`Likelihood.claimed`).
+smears (`Likelihood.fully_correlated`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import unit_lines
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow
-from blur2view.robust.calibration import FREEDOM
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.reweighted import reweighted_motion
+from blur2view.two_view.constants import FREEDOM
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.reweighted import reweighted_motion
 
 DIRECTIONS = 400  # half a sphere in steps of about 4 degrees
 SMEARS = 300  # looked at, or up to twice as many
@@ -41,7 +41,7 @@ class DirectionLikelihood:
     @classmethod
     def of(cls, likelihood: Likelihood) -> DirectionLikelihood:
         """Return the smears of a likelihood, thinned; all correlation of neighbours is counted."""
-        claimed = likelihood.claimed
+        claimed = likelihood.fully_correlated
         part = claimed.subset(slice(None, None, max(1, len(claimed) // SMEARS)))
         _, across_px = part.matches.inlier_sigma_px
         share = likelihood.sigma_scale * across_px / np.maximum(part.length_px, TINY)

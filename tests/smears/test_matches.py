@@ -7,7 +7,7 @@ import pytest
 
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.noise import INDEPENDENT, SharedErrors, sampson_px
+from blur2view.smears.noise import INDEPENDENT, NoiseModel, sampson_px
 from blur2view.smears.selection import SelectOptions, select_matches
 
 
@@ -89,7 +89,7 @@ def test_cells_whose_centre_lies_beyond_the_border_are_left_out() -> None:
 
 def test_no_cell_is_believed_better_than_3_percent_of_its_length() -> None:
     long, sure = np.full(3, 100.0), np.full(3, 0.01)
-    assert (sampson_px(long, sure, SharedErrors.of_cells(32)) >= 3).all()
+    assert (sampson_px(long, sure, NoiseModel.of_cells(32)) >= 3).all()
     assert (sampson_px(long, sure, INDEPENDENT) < 3).all()
 
 

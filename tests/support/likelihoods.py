@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import assumed_camera
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.noise import SharedErrors
+from blur2view.smears.noise import NoiseModel
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import assumed_camera
 from tests.support.scenes import IMAGE_SIZE
 
 T = assumed_camera(IMAGE_SIZE)
 UNIT_PX = 1 / T[0, 0]
-PLAIN = SharedErrors(least=0.0, least_along=0.0, least_across=0.0)
+PLAIN = NoiseModel(least=0.0, least_along=0.0, least_across=0.0)
 
 
 def normalised_likelihood(ends: Array, sigma: float | Array, effective_share: float = 1.0) -> Likelihood:

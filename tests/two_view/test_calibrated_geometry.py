@@ -9,8 +9,8 @@ from blur2view.geometry.epipolar import homogeneous, transfer
 from blur2view.geometry.model_table import MotionModel
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.robust.likelihood import Likelihood
-from blur2view.smears.noise import SharedErrors
+from blur2view.smears.noise import NoiseModel
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.pose import with_rotation_alone
 from tests.support.lens import distorted_points
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
@@ -97,9 +97,7 @@ def test_smears_of_a_rotation_and_H_run_the_way_of_the_pose(rotation_share: floa
         rng = np.random.default_rng(seed)
         scene = make_scene(rng, count=300, length_px=12, rotation_share=rotation_share)
         scene = disturb(scene, rng, direction_deg=2.0, length_share=0.05)
-        matches = scene.matches(
-            0.8, shared=SharedErrors(effective_share=0.05, length=0.04, direction_rad=0.02)
-        )
+        matches = scene.matches(0.8, shared=NoiseModel(effective_share=0.05, length=0.04, direction_rad=0.02))
         geometry = estimate_two_view(matches, camera=scene.camera)
         pose, inliers = geometry.cam2_from_cam1, geometry.inlier_mask
         if pose is None or pose.translation.any():

@@ -9,7 +9,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.noise import SharedErrors
+from blur2view.smears.noise import NoiseModel
 from blur2view.two_view.consensus import collinear, constant_field, within_errors
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
@@ -18,7 +18,7 @@ from tools.datasets.synthetic_matches import KnownMatches, SyntheticOptions, syn
 from tools.metrics import rho
 
 SEEDS = range(6)
-ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)  # as a network's
+ALIKE = NoiseModel(effective_share=0.03, length=0.04, direction_rad=0.02)  # as a network's
 
 
 def solve(scene: KnownMatches) -> TwoViewGeometry:

@@ -12,11 +12,11 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, transfer, unit_norm
 from blur2view.geometry.sampson import serrmin, swapped_order
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.matches import SmearMatches
-from blur2view.smears.noise import SharedErrors
+from blur2view.smears.noise import NoiseModel
 from blur2view.two_view.consensus import inliers_of
 from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.options import EstimatorOptions
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
 from tools.estimators.baselines import two_parameter_fundamental
@@ -24,7 +24,7 @@ from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)
 LOCAL_MINIMA = (12, 29, 44, 79, 95, 132)  # from the search's F alone they ended at a rho of 0.0009 to 0.0084
-ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)
+ALIKE = NoiseModel(effective_share=0.03, length=0.04, direction_rad=0.02)
 
 
 def matches_of(scene: Scene, sigma_px: float | Array = 1.0, camera: bool = True) -> SmearMatches:

@@ -12,14 +12,14 @@ from blur2view.geometry.epipolar import unit_lines
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
 from blur2view.geometry.two_view_geometry import MotionModel
-from blur2view.robust.calibration import FREEDOM
-from blur2view.robust.likelihood import Likelihood
-from blur2view.smears.noise import CLAIMED, SharedErrors
+from blur2view.smears.noise import CLAIMED, NoiseModel
+from blur2view.two_view.constants import FREEDOM
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.translation import ROTATION_SPREAD, DirectionLikelihood
 from tests.support.scenes import Scene, disturb, make_scene, with_outliers
 from tools.metrics import translation_direction_error_deg
 
-ALIKE = SharedErrors(effective_share=0.1, correlation=5.0, length=0.04, direction_rad=0.02)
+ALIKE = NoiseModel(effective_share=0.1, correlation=5.0, length=0.04, direction_rad=0.02)
 
 
 def likelihood_of(scene: Scene, sigma_px: float = 0.05) -> DirectionLikelihood:

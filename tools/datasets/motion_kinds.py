@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.robust.homography_search import find_plane
-from blur2view.robust.likelihood import Likelihood
 from blur2view.smears.field import smear_ends
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.search import find_plane
 from tools.arguments import Existing, run
 from tools.datasets.testset import SERIES, write_photographed
 from tools.processes import mapped

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
-from blur2view.robust.calibration import MIN_MATCHES
-from blur2view.robust.estimators import SmearEstimator
-from blur2view.robust.likelihood import Likelihood
-from blur2view.two_view.families import fit_translation
+from blur2view.two_view.constants import MIN_MATCHES
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.search import SmearEstimator, fit_translation
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 from tools.estimators.paper import paper_of_matches
 

@@ -11,9 +11,9 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import denormalise, unit_norm
 from blur2view.geometry.sampson import serrmin
-from blur2view.robust.ransac import weighted_samples
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.consensus import insufficient_data, still
+from blur2view.two_view.ransac import weighted_samples
 from tools.estimators.seven_smears import SAMPLE_SIZE, apply_similarity, constraint_rows, shared_normalisation
 
 STEPS = 100  # of SLSQP, SciPy's default

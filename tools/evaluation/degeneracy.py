@@ -26,7 +26,7 @@ from blur2view import Configuration, MotionModel, Parallax, TwoViewGeometry, est
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import essential_motions
-from blur2view.smears.noise import SharedErrors
+from blur2view.smears.noise import NoiseModel
 from tools.arguments import Existing, Target, run
 from tools.datasets import motion_kinds
 from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene, with_shared_errors
@@ -62,7 +62,7 @@ NAMES = {
     Configuration.UNDEFINED: "undefined",
 }
 REPORTED = (Configuration.UNCALIBRATED, Configuration.PLANAR_OR_PANORAMIC, *NAMES)
-ALIKE = SharedErrors(effective_share=0.03, length=0.04, direction_rad=0.02)
+ALIKE = NoiseModel(effective_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
 
 

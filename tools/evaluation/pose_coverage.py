@@ -14,7 +14,7 @@ from typing import NamedTuple, get_args
 import numpy as np
 
 from blur2view import Camera, RigidTransform, SmearMatches, estimate_two_view
-from blur2view.smears.noise import SharedErrors
+from blur2view.smears.noise import NoiseModel
 from tools.arguments import Target, run
 from tools.datasets.degenerate_scenes import with_shared_errors
 from tools.datasets.synthetic_matches import IMAGE_SIZE, Kind, SyntheticOptions, synthetic_smears
@@ -59,7 +59,7 @@ def correlated(ends: np.ndarray, seed: int, case: Case) -> SmearMatches:
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     sigma_px = np.maximum(length * np.hypot(np.radians(errors[0]), errors[1]), 1e-2)
     patches = IMAGE_SIZE[0] * IMAGE_SIZE[1] / (4 * np.pi * CORRELATED_PX**2)
-    shared = SharedErrors(effective_share=min(1.0, patches / len(ends)))
+    shared = NoiseModel(effective_share=min(1.0, patches / len(ends)))
     return SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
 
 

@@ -8,8 +8,8 @@ import pytest
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, MotionModel, TwoViewGeometry
-from blur2view.robust.homography_search import find_plane
-from blur2view.robust.likelihood import Likelihood
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.search import find_plane
 from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene
 from tools.evaluation.degeneracy import RIGHT, confusions, outcome
 

@@ -17,22 +17,22 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.rotation import GENERATORS
-from blur2view.robust.calibration import ROLLING_SPREAD
-from blur2view.robust.parametrization import CameraPrior
+from blur2view.two_view.constants import ROLLING_SPREAD
+from blur2view.two_view.models import CameraPrior
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 
 
 @dataclass(frozen=True, kw_only=True)
-class Field:
+class HomographyFlow:
     """The field of a plane (8 parameters) or a rotation (6), with 3 more where the shutter rolls.
 
     Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with K = [[g, 0, cx],
     [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), log g,
     cx and cy, held by ``spread`` as in `CameraF`. A rolling shutter reads one row after the other: at y
     (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
-    rotation y * change, besides; its prior is what a hand does meanwhile (`calibration.ROLLING_SPREAD`).
+    rotation y * change, besides; its prior is what a hand does meanwhile (`constants.ROLLING_SPREAD`).
     """
 
     parameters: Array  # (k,): those of the middle row, then the change (3,)
@@ -41,12 +41,12 @@ class Field:
     axis: int = 1  # 0: x, along which rows follow one another in a picture that was turned upright
 
     @classmethod
-    def plane(cls, entries: Array, spread: CameraPrior) -> Field:
+    def plane(cls, entries: Array, spread: CameraPrior) -> HomographyFlow:
         """Return the field of a generator's entries (8,)."""
         return cls(parameters=entries, turns=False, spread=spread)
 
     @classmethod
-    def rotation(cls, vector: Array, spread: CameraPrior) -> Field:
+    def rotation(cls, vector: Array, spread: CameraPrior) -> HomographyFlow:
         """Return the field of a rotation vector (3,) of the assumed camera (K = I)."""
         return cls(parameters=np.append(vector, np.zeros(3)), turns=True, spread=spread)
 
@@ -61,11 +61,11 @@ class Field:
         still = self.spread.weight if self.turns else np.zeros(8)
         return np.append(still, self.spread.weight[: len(self.change)] / ROLLING_SPREAD)
 
-    def rolling(self, axis: int = 1) -> Field:
+    def rolling(self, axis: int = 1) -> HomographyFlow:
         """Return the same field with a change down the rows, of zero."""
         return replace(self, parameters=np.append(self.parameters, np.zeros(3)), axis=axis)
 
-    def step(self, delta: Array) -> Field:
+    def step(self, delta: Array) -> HomographyFlow:
         """Return the field with delta (k,) added to the parameters."""
         return replace(self, parameters=self.parameters + delta)
 

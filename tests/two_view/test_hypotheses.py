@@ -6,11 +6,11 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.rotation import half_sphere
 from blur2view.geometry.sampson import serrmin
-from blur2view.robust.calibration import CUTOFF
-from blur2view.robust.estimators import SmearEstimator, meeting_points, small_rotation_hypotheses
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.ransac import RansacOptions, ransac, weighted_samples
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.constants import CUTOFF
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.ransac import RansacOptions, ransac, weighted_samples
+from blur2view.two_view.search import SmearEstimator, meeting_points, small_rotation_hypotheses
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.metrics import rho
 

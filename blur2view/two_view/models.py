@@ -25,7 +25,7 @@ from blur2view.geometry.rotation import (
     rotation_vector,
     step_on_sphere,
 )
-from blur2view.robust.calibration import ASSUMED_FOCAL
+from blur2view.two_view.constants import ASSUMED_FOCAL
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +184,7 @@ class CameraF:
         return self.rotation, self.t
 
 
-Manifold = CameraF | GeneralF
+FundamentalModel = CameraF | GeneralF
 
 
 def assumed_camera(image_size: tuple[float, ...]) -> Array:

@@ -14,12 +14,12 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import symmetric_skew, unit_lines
-from blur2view.robust import calibration as c
-from blur2view.robust.calibration import FREEDOM
-from blur2view.robust.homography import Field
-from blur2view.robust.levenberg_marquardt import least_of
-from blur2view.robust.likelihood import Likelihood, mixture
-from blur2view.robust.residuals import OrderedResiduals
+from blur2view.two_view import constants as c
+from blur2view.two_view.constants import FREEDOM
+from blur2view.two_view.homography import HomographyFlow
+from blur2view.two_view.levenberg_marquardt import least_of
+from blur2view.two_view.likelihood import Likelihood, mixture
+from blur2view.two_view.residuals import OrderedResiduals
 
 SLOW = 6  # parameters of the errors that vary slowly
 # Their precisions. The first, lengths wrong by a share everywhere, is held at zero: no residual shows it, and
@@ -28,11 +28,11 @@ PRECISION = np.array([1e6, 1, 1, 1, 1, 1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FieldFit:
+class HomographyFit:
     """A field among smears, each in the order that fits it better."""
 
     likelihood: Likelihood
-    family: Field
+    family: HomographyFlow
     slow: Array = field(default_factory=lambda: np.zeros(SLOW))  # errors that vary slowly, in deviations
 
     @cached_property
@@ -115,7 +115,7 @@ class FieldFit:
         residual = (weight * self.residual).reshape(-1)
         return jacobian @ jacobian.T + np.diag(precision), jacobian @ residual + prior
 
-    def moved(self, delta: Array) -> FieldFit:
+    def moved(self, delta: Array) -> HomographyFit:
         """Return the fit moved by delta (k,)."""
         return replace(self, family=self.family.step(delta[:-SLOW]), slow=self.slow + delta[-SLOW:])
 
@@ -134,9 +134,13 @@ class FieldFit:
         return OrderedResiduals(both=np.stack(both))
 
 
-def fit_field(start: Field, likelihood: Likelihood, other: Field | None = None) -> FieldFit:
+def fit_homography(
+    start: HomographyFlow, likelihood: Likelihood, other: HomographyFlow | None = None
+) -> HomographyFit:
     """Return the cheapest field near a start, or near that of two which is cheaper after a step."""
-    starts = [FieldFit(likelihood=likelihood, family=field) for field in (start, other) if field is not None]
+    starts = [
+        HomographyFit(likelihood=likelihood, family=field) for field in (start, other) if field is not None
+    ]
     return least_of(starts, (2,), c.FIELD_STEPS, c.FIELD_TOLERANCE)
 
 

@@ -7,7 +7,7 @@ tempered by that share. Two kinds of models are judged:
 
 - F says on which line a smear lies, not where: the Sampson distance counts (`residuals`, `costs`);
 - a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
-  (`field_fit.FieldFit`, also of a field with parallax along the lines of F, which links the two).
+  (`fit_homography.HomographyFit`, also of a field with parallax along the lines of F, which links the two).
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import denormalise
-from blur2view.robust import calibration as c
-from blur2view.robust.homography import velocity_basis
-from blur2view.robust.parametrization import CameraPrior, assumed_camera
-from blur2view.robust.residuals import DepthOdds, EndProducts, OrderedResiduals
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view import constants as c
+from blur2view.two_view.homography import velocity_basis
+from blur2view.two_view.models import CameraPrior, assumed_camera
+from blur2view.two_view.residuals import DepthOdds, EndProducts, OrderedResiduals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,9 +127,9 @@ class Likelihood:
         return self.subset(slice(None, None, max(1, len(self) // c.ROUGH_COUNT)))
 
     @cached_property
-    def claimed(self) -> Likelihood:
+    def fully_correlated(self) -> Likelihood:
         """The same smears with all correlation of neighbours counted: for regions, not for fits."""
-        return replace(self, matches=replace(self.matches, shared=self.matches.shared.claimed))
+        return replace(self, matches=replace(self.matches, shared=self.matches.shared.fully_correlated))
 
     def pixels(self, F: Array) -> Array:
         """Return F of pixels, unit norm, from F of normalised coordinates."""
@@ -171,7 +171,7 @@ class Likelihood:
         """Return both orders' probabilities (2, N) by positive depth, of a motion whose translation is +-t.
 
         Errors that neighbours share mislead about depth as they do about F: the fewer smears are
-        independent, the nearer the odds are to even ones (`calibration.DEPTH_TRUST`).
+        independent, the nearer the odds are to even ones (`constants.DEPTH_TRUST`).
         """
         odds = self.depths.at(rotation, t, sign)
         weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)

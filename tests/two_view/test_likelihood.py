@@ -5,10 +5,10 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
-from blur2view.robust.field_fit import FieldFit, fit_field
-from blur2view.robust.homography import Field, cayley
-from blur2view.robust.likelihood import Likelihood, mixture
-from blur2view.robust.parametrization import CameraPrior
+from blur2view.two_view.fit_homography import HomographyFit, fit_homography
+from blur2view.two_view.homography import HomographyFlow, cayley
+from blur2view.two_view.likelihood import Likelihood, mixture
+from blur2view.two_view.models import CameraPrior
 from tests.support.likelihoods import normalised_likelihood
 
 NOISE = 8e-4
@@ -31,8 +31,8 @@ def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Arra
     return A, cross_matrix(epipole) @ cayley(A), ends
 
 
-def plane_of(A: Array, likelihood: Likelihood) -> FieldFit:
-    return fit_field(Field.plane(A.ravel()[:8], likelihood.prior), likelihood)
+def plane_of(A: Array, likelihood: Likelihood) -> HomographyFit:
+    return fit_homography(HomographyFlow.plane(A.ravel()[:8], likelihood.prior), likelihood)
 
 
 def gain(A: Array, F: Array, ends: Array, sigma: float = NOISE) -> float:
@@ -69,7 +69,7 @@ def test_distances_from_the_lines_are_those_of_F_not_of_the_field() -> None:
     A, F, ends = beside_a_plane(3, 0.0)
     plane = plane_of(A, normalised_likelihood(ends, NOISE))
     shifted = plane.family.step(np.array([0, 0, 6 * NOISE, 0, 0, 6 * NOISE, 0, 0]))
-    assert FieldFit(likelihood=plane.likelihood, family=shifted).gain_of_parallax(F) > 100
+    assert HomographyFit(likelihood=plane.likelihood, family=shifted).gain_of_parallax(F) > 100
 
 
 def test_order_transpose_and_time_do_not_matter() -> None:
@@ -90,7 +90,7 @@ def test_both_orders_of_every_smear_are_summed() -> None:
     A, _, ends = beside_a_plane(6, 0.0)
     plane = plane_of(A, normalised_likelihood(ends, NOISE))
     family = plane.family.step(-2 * plane.family.parameters)
-    backward = FieldFit(likelihood=plane.likelihood, family=family, slow=plane.slow)
+    backward = HomographyFit(likelihood=plane.likelihood, family=family, slow=plane.slow)
     assert np.allclose(plane.costs, backward.costs)
     decided = 6 * np.log1p((plane.residual**2).sum(axis=0) / 4)
     far = plane.likelihood.length_px > 8
@@ -102,5 +102,5 @@ def test_smears_without_length_break_nothing(length: float) -> None:
     ends = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 1, 2)).repeat(2, axis=1)
     ends[:, 1, 0] += length
     likelihood = normalised_likelihood(ends, NOISE)
-    still = FieldFit(likelihood=likelihood, family=Field.plane(np.zeros(8), SOFT))
+    still = HomographyFit(likelihood=likelihood, family=HomographyFlow.plane(np.zeros(8), SOFT))
     assert np.isfinite(still.gain_of_parallax(np.eye(3)))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.robust.ransac import RansacOptions, needed_iterations, preempt, ransac
+from blur2view.two_view.ransac import RansacOptions, needed_iterations, preempt, ransac
 
 Floats = NDArray[Any]
 

@@ -8,28 +8,28 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.rotation import rotation_vector
-from blur2view.robust.field_fit import SLOW, FieldFit, fit_field
-from blur2view.robust.homography import Field
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import CameraPrior
-from blur2view.smears.noise import INDEPENDENT, SharedErrors
+from blur2view.smears.noise import INDEPENDENT, NoiseModel
+from blur2view.two_view.fit_homography import SLOW, HomographyFit, fit_homography
+from blur2view.two_view.homography import HomographyFlow
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import CameraPrior
 from tests.support.scenes import Scene, disturb, make_scene, with_outliers
 from tools.metrics import CHI_SQUARED_90
 
 FIXED = CameraPrior(rotation=(1.0, 1.0, 1.0), log_focal=0.0, principal=0.0)
-SLOWLY = SharedErrors(length=0.05, direction_rad=0.03)
+SLOWLY = NoiseModel(length=0.05, direction_rad=0.03)
 
 
 def turning(seed: int, count: int = 600) -> Scene:
     return make_scene(np.random.default_rng(seed), count=count, length_px=15, rotation_share=np.inf)
 
 
-def likelihood_of(scene: Scene, sigma_px: float = 1.0, shared: SharedErrors = INDEPENDENT) -> Likelihood:
+def likelihood_of(scene: Scene, sigma_px: float = 1.0, shared: NoiseModel = INDEPENDENT) -> Likelihood:
     return Likelihood.of(scene.matches(sigma_px, shared=shared), scene.camera)
 
 
-def start(scene: Scene) -> Field:
-    return Field.rotation(1.3 * rotation_vector(scene.R) + 0.002, FIXED)
+def start(scene: Scene) -> HomographyFlow:
+    return HomographyFlow.rotation(1.3 * rotation_vector(scene.R) + 0.002, FIXED)
 
 
 def stretched(scene: Scene, stretch: np.ndarray | float) -> Scene:
@@ -43,7 +43,7 @@ def test_a_pure_rotation_is_found_without_orders_though_a_fifth_are_outliers() -
     for seed in range(4):
         rng = np.random.default_rng(seed)
         scene = with_outliers(turning(seed), rng, 0.2)
-        fit = fit_field(start(scene), likelihood_of(scene))
+        fit = fit_homography(start(scene), likelihood_of(scene))
         true = rotation_vector(scene.R)
         assert np.linalg.norm(fit.family.parameters[:3] - true) < 0.01 * np.linalg.norm(true)
         backward = (fit.sign < 0)[~scene.outlier]
@@ -55,7 +55,9 @@ def test_a_rotation_finds_turn_and_focal_length() -> None:
     shorter = scene.K * np.array([[0.8, 1, 1], [1, 0.8, 1], [1, 1, 1]])
     likelihood = likelihood_of(replace(scene, K=shorter), 0.02)
     spread = CameraPrior(rotation=(0.1, 0.1, 0.3))
-    found = fit_field(Field.rotation(rotation_vector(scene.R), spread), likelihood).family.parameters
+    found = fit_homography(
+        HomographyFlow.rotation(rotation_vector(scene.R), spread), likelihood
+    ).family.parameters
     assert np.isclose(np.exp(found[3]), 1.25, rtol=0.03)
     assert np.allclose(np.abs(found[:3]), np.abs(rotation_vector(scene.R)), atol=1e-3)
 
@@ -67,7 +69,7 @@ def test_its_jacobian_is_the_derivative_of_its_residuals(rolling: bool) -> None:
     rotation = start(scene)
     change = np.append(np.zeros(6), 0.2 * rotation.parameters[:3])
     family = rotation.rolling().step(change) if rolling else rotation
-    fit = FieldFit(likelihood=likelihood, family=family, slow=np.full(SLOW, 0.1))
+    fit = HomographyFit(likelihood=likelihood, family=family, slow=np.full(SLOW, 0.1))
     _, gradient = fit.normal_equations()
     step = 1e-6
     for k in range(len(gradient)):
@@ -83,8 +85,10 @@ def test_errors_all_over_the_picture_do_not_speak_against_a_rotation() -> None:
         scene = turning(2)
         wrong = stretched(scene, 1 + 0.06 * (scene.ends.mean(axis=1)[:, 0] / 320 - 1))
         likelihood = likelihood_of(wrong, 0.3, shared)
-        rotation = fit_field(start(scene), likelihood)
-        plane = fit_field(Field.plane(rotation.family.generator().ravel()[:8], FIXED), likelihood)
+        rotation = fit_homography(start(scene), likelihood)
+        plane = fit_homography(
+            HomographyFlow.plane(rotation.family.generator().ravel()[:8], FIXED), likelihood
+        )
         gains[shared] = plane.log_posterior - rotation.log_posterior
     assert gains[INDEPENDENT] > 50
     assert gains[SLOWLY] < 0.15 * gains[INDEPENDENT]
@@ -96,8 +100,8 @@ def test_a_change_down_the_rows_is_a_rolling_shutter_and_not_a_plane() -> None:
         scene = turning(seed)
         wrong = stretched(scene, 1 + 0.33 * (scene.ends.mean(axis=1)[:, 1] / 480 - 0.5))
         likelihood = likelihood_of(wrong, 0.3)
-        rotation = fit_field(start(scene), likelihood)
-        rolling = fit_field(rotation.family.rolling(), likelihood)
+        rotation = fit_homography(start(scene), likelihood)
+        rolling = fit_homography(rotation.family.rolling(), likelihood)
         assert rolling.log_posterior > rotation.log_posterior + 20
 
 
@@ -110,7 +114,7 @@ def test_regions_hold_the_rotation_where_all_lengths_err_alike() -> None:
         scene = disturb(turning(seed), rng, noise_px=0.2)
         wrong = stretched(scene, 1 + 0.05 * rng.normal())
         plain = likelihood_of(wrong, 0.8)
-        fit = fit_field(start(scene), plain)
+        fit = fit_homography(start(scene), plain)
         error = fit.family.parameters[:3] - rotation_vector(scene.R)
         for regions, given in ((held, likelihood_of(wrong, 0.8, SLOWLY)), (without, plain)):
             covariance = replace(fit, likelihood=given, slow=np.zeros(SLOW)).covariance()[:3, :3]

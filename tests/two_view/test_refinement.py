@@ -7,24 +7,24 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, symmetric_skew, unit_norm
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.geometry.sampson import sampson, serrmin
-from blur2view.robust.levenberg_marquardt import levenberg_marquardt
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import (
+from blur2view.two_view.fit_fundamental import FundamentalFit
+from blur2view.two_view.levenberg_marquardt import levenberg_marquardt
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import (
     UNROTATED,
     CameraF,
     CameraPrior,
+    FundamentalModel,
     GeneralF,
-    Manifold,
     assumed_camera,
 )
-from blur2view.robust.refinement import WeightedPoint
-from blur2view.robust.residuals import EndProducts, OrderedResiduals
+from blur2view.two_view.residuals import EndProducts, OrderedResiduals
 from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
 PRIOR = CameraPrior(rotation=(0.1, 0.1, 0.2))
 DIRECTION = np.array([0.6, 0.0, 0.8])
-FAMILIES: list[Manifold] = [
+FAMILIES: list[FundamentalModel] = [
     CameraF(t=DIRECTION, R=np.eye(3), spread=UNROTATED),
     GeneralF.from_matrix(np.random.default_rng(0).normal(size=(3, 3))),
     CameraF(t=DIRECTION, R=rotation_matrix(np.array([0.1, 0.2, -0.1])), log_focal=0.1,
@@ -43,16 +43,16 @@ def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
 
 
 def refined(
-    point: Manifold,
+    point: FundamentalModel,
     likelihood: Likelihood,
     *,
     decided: bool = False,
     steps: int = 20,
     tolerance: float = 1e-5,
-) -> WeightedPoint:
-    start = WeightedPoint(point=point, likelihood=likelihood)
+) -> FundamentalFit:
+    start = FundamentalFit(point=point, likelihood=likelihood)
     if not decided:
-        start = WeightedPoint.likelier(point, likelihood)
+        start = FundamentalFit.likelier(point, likelihood)
     *_, best = levenberg_marquardt(start, steps, tolerance)
     return best
 
@@ -74,7 +74,7 @@ def test_signed_sampson_squared_is_sampson() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
-def test_tangents_are_numeric_derivatives_and_keep_rank_two(family: Manifold) -> None:
+def test_tangents_are_numeric_derivatives_and_keep_rank_two(family: FundamentalModel) -> None:
     tangent = family.tangent()
     assert tangent.shape[1:] == (3, 3)
     for k, step in enumerate(1e-6 * np.eye(len(family.tangent()))):
@@ -106,10 +106,10 @@ def test_camera_prior_is_zero_for_the_assumed_camera_at_rest() -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)
-def test_gradient_is_the_derivative_of_half_the_cost_prior_included(family: Manifold) -> None:
+def test_gradient_is_the_derivative_of_half_the_cost_prior_included(family: FundamentalModel) -> None:
     ends = normalised(make_scene(np.random.default_rng(6), count=60).ends)
     matches = normalised_likelihood(ends, np.full(60, 0.02), effective_share=0.1)
-    state = WeightedPoint.likelier(family, matches)
+    state = FundamentalFit.likelier(family, matches)
     normal, gradient = state.normal_equations()
     for k, direction in enumerate(np.eye(len(gradient))):
         ahead, behind = (state.moved(s * 1e-6 * direction).cost for s in (1, -1))

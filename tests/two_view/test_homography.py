@@ -7,10 +7,19 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
-from blur2view.robust.calibration import CUTOFF
-from blur2view.robust.field_fit import fit_field
-from blur2view.robust.homography import Field, cayley, chords, pixel_homography, rotation_of, velocity_basis
-from blur2view.robust.homography_search import (
+from blur2view.two_view.constants import CUTOFF
+from blur2view.two_view.fit_homography import fit_homography
+from blur2view.two_view.homography import (
+    HomographyFlow,
+    cayley,
+    chords,
+    pixel_homography,
+    rotation_of,
+    velocity_basis,
+)
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import CameraPrior, assumed_camera
+from blur2view.two_view.search import (
     FOUR_SIGNS,
     ROTATIONS,
     TWO_SIGNS,
@@ -18,8 +27,6 @@ from blur2view.robust.homography_search import (
     find_plane,
     solve_signed,
 )
-from blur2view.robust.likelihood import Likelihood
-from blur2view.robust.parametrization import CameraPrior, assumed_camera
 from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, rotation
 
@@ -67,7 +74,7 @@ def test_rotation_family_holds_exactly_the_rotations() -> None:
     K = np.array([[1.1, 0, 0.02], [0, 1.1, -0.01], [0, 0, 1]])
     axis, angle = np.array([0.6, 0.0, 0.8]), 0.2
     parameters = np.concatenate([2 * np.tan(angle / 2) * axis, [np.log(1.1)], K[:2, 2]])
-    family = Field(parameters=parameters, turns=True, spread=SOFT)
+    family = HomographyFlow(parameters=parameters, turns=True, spread=SOFT)
     assert np.allclose(cayley(family.generator()), K @ rotation(angle * axis) @ np.linalg.inv(K), atol=1e-14)
 
 
@@ -79,11 +86,11 @@ def test_start_of_the_rotation_is_the_skew_part() -> None:
 @pytest.mark.parametrize(
     "field",
     [
-        Field.plane(plane(1).A.ravel()[:8], SOFT),
-        Field(parameters=np.array([0.02, 0.03, -0.05, 0.2, 0.03, -0.02]), turns=True, spread=SOFT),
+        HomographyFlow.plane(plane(1).A.ravel()[:8], SOFT),
+        HomographyFlow(parameters=np.array([0.02, 0.03, -0.05, 0.2, 0.03, -0.02]), turns=True, spread=SOFT),
     ],
 )
-def test_derivatives_match_differences(field: Field) -> None:
+def test_derivatives_match_differences(field: HomographyFlow) -> None:
     step, points = 1e-6, plane(6).likelihood.middle
     for one in (field, field.rolling()):
         derivatives = one.derivatives(velocity_basis(points), points)
@@ -114,14 +121,14 @@ def test_the_sign_of_A_is_the_order_of_the_ends() -> None:
 
 def test_distances_have_the_standard_deviation_of_a_sampson_distance() -> None:
     scene = plane(5, size=0.03, count=4000, noise=1e-3)
-    fit = fit_field(Field.plane(scene.A.ravel()[:8], SOFT), scene.likelihood)
+    fit = fit_homography(HomographyFlow.plane(scene.A.ravel()[:8], SOFT), scene.likelihood)
     distance = fit.orders(scene.likelihood).least
     assert np.isclose(np.sqrt((distance**2).mean() / 2), 1.0, rtol=0.05)
     assert (fit.orders(scene.likelihood).swapped == scene.swapped).mean() > 0.97
 
 
 def test_a_rolling_rotation_is_a_rotation_whose_change_is_zero() -> None:
-    still = Field.rotation(np.array([0.02, 0.03, -0.05]), SOFT)
+    still = HomographyFlow.rotation(np.array([0.02, 0.03, -0.05]), SOFT)
     points = plane(6).likelihood.middle
     rolling = still.rolling()
     assert np.allclose(rolling.displacement(points), still.displacement(points))

@@ -1,1 +1,0 @@
-"""Robust estimation: the loop, minimal solvers, parametrizations, refinement."""

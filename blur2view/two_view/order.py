@@ -1,0 +1,129 @@
+"""Which end of every smear is the open one under an estimated geometry: the one answer, which all ask.
+
+A rotation alone orders all smears. So does a homography. F leaves the order of most smears open where the
+camera hardly rotates; there positive depth decides it (cheirality), for which a roughly right focal length is
+enough. On 8 scenes each of 800 disturbed smears the median share of right orders rose from 0.58, by F alone,
+to 0.99 for a pure translation and from 0.96 to 1.00 for a general motion (`tests/two_view/test_order.py`);
+where the pose of a frame of RedKitchen has no translation, its rotation orders 0.9998 of the smears of 30
+frames rightly, the F beside it 0.977.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.camera.camera import Camera
+from blur2view.geometry.epipolar import transfer
+from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
+from blur2view.geometry.rotation import rotation_flow
+from blur2view.geometry.sampson import sampson
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.constants import BEHIND, GUESSED_FOCAL
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EndOrder:
+    """A geometry by which any smear of its photograph can be ordered."""
+
+    geometry: TwoViewGeometry  # its F and H
+    camera: Camera  # known, approximate (EXIF) or guessed
+    pose: RigidTransform | None  # of that camera; None leaves the order to F or H alone
+
+    def second_end_is_open(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
+        """Return where ends[:, 1] is the open end, (N,); nowhere if neither F, H nor a pose is known.
+
+        Parameters
+        ----------
+        ends : ndarray of shape (N, 2, 2)
+            Both ends of smears of the photograph, finite pixels.
+        sampson_px : ndarray of shape (N,)
+            Standard deviations of their Sampson distances, pixels.
+        """
+        if self.pose is not None and not self.pose.translation.any():
+            return against_rotation(self.pose.rotation_vector, self.camera.rays(ends))
+        forward = forward_probability(self.geometry, self.camera.undistorted(ends), sampson_px)
+        if self.pose is None or self.geometry.F is None:
+            return forward < 0.5
+        return order_before_both(self.pose, self.camera.rays(ends), forward)[0]
+
+
+def end_order(geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None = None) -> EndOrder:
+    """Return the order of ends under a geometry estimated from ``matches``, of the camera's distorted pixels.
+
+    Where the pose is not known it is that of F and of the camera; without one the focal length is guessed as
+    COLMAP does.
+    """
+    if camera is None:
+        size = matches.image_size or tuple(np.ptp(matches.ends, axis=(0, 1)).astype(int) + 1)
+        camera = Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
+    pose = geometry.cam2_from_cam1
+    if pose is None and geometry.F is not None and len(matches):
+        E, inliers = camera.K.T @ geometry.F @ camera.K, geometry.inlier_mask.astype(float)
+        forward = forward_probability(geometry, camera.undistorted(matches.ends), matches.sampson_px)
+        pose = pose_before_both(E, camera.rays(matches.ends), forward, inliers)
+    return EndOrder(geometry=geometry, camera=camera, pose=pose)
+
+
+def open_and_close(ends: Array, second_end_is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return open and close ends, (N, 2) each, of smears (N, 2, 2) in the given order (N,)."""
+    first, second, other = ends[:, 0], ends[:, 1], second_end_is_open[:, None]
+    return np.where(other, second, first), np.where(other, first, second)
+
+
+def forward_probability(geometry: TwoViewGeometry, ends: Array, sampson_px: Array) -> Array:
+    """Return the probability (N,) that ends[:, 0] is open, by F or H alone; one half without either.
+
+    ``ends`` (N, 2, 2) are undistorted pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
+    """
+    sides = ends, ends[:, ::-1]
+    if geometry.F is not None:
+        ahead, behind = (sampson(geometry.F, side[:, 0], side[:, 1]) for side in sides)
+    elif geometry.H is not None:
+        ahead, behind = (transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
+    else:
+        return np.full(len(ends), 0.5)
+    return 0.5 * (1 + np.tanh((behind - ahead) / (2 * sampson_px) ** 2))
+
+
+def against_rotation(vector: Array, rays: Array) -> NDArray[np.bool_]:
+    """Return where smears (N, 2, 2) of rays x/z, y/z run against the motion of points, (N,).
+
+    Points move by a rotation vector (3,) of the camera, in radians, to first order (`rotation_flow`).
+    """
+    flow = np.tensordot(vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
+    return np.asarray((flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) < 0)
+
+
+def order_before_both(
+    pose: RigidTransform, rays: Array, forward: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the order of smears (N, 2, 2) of rays x/z, y/z by their probability and by positive depth.
+
+    ``forward`` (N,) is the probability that ends[:, 0] is open. Returned are where ends[:, 1] is open, (N,),
+    and where the point lies before both cameras in the order chosen, (N,).
+    """
+    front, back = before_both(pose, rays[:, 0], rays[:, 1]), before_both(pose, rays[:, 1], rays[:, 0])
+    second = (1 - forward) * np.where(back, 1.0, BEHIND) > forward * np.where(front, 1.0, BEHIND)
+    return second, np.where(second, back, front)
+
+
+def pose_before_both(E: Array, rays: Array, forward: Array, weights: Array) -> RigidTransform:
+    """Return the pose of E (3, 3) that puts most of the smears (N, 2, 2), by ``weights`` (N,), before both
+    cameras; among equal ones that of the smaller rotation.
+
+    ``rays`` and ``forward`` are as in `order_before_both`. Reversing time inverts the pose and every order
+    and changes no count: one of the two is given.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 9.6.3.
+    """
+    poses = decompose_essential(E)  # those of the smaller rotation first, and max() takes the first of equals
+    total = max(float(weights.sum()), TINY)
+    shares = [round(float(weights @ order_before_both(pose, rays, forward)[1]) / total, 9) for pose in poses]
+    return poses[int(np.argmax(shares))]
