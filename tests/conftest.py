@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from tests.support.report_browser import Opener
 
-NEEDS_TORCH = ("tools/training/test_*.py", "tools/paper/test_*.py")
+NEEDS_TORCH = ("tools/training/test_*.py", "tools/paper/test_losses.py")
 collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)
 
 
