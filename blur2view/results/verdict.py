@@ -1,0 +1,133 @@
+"""What a record means, in one sentence: the same in the terminal, pictures, the report and tables."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from blur2view.results.photograph import Photograph
+
+MAY_HAVE_TURNED = 0.1
+"""Probability of a rotation from which on it is named beside the movement."""
+DIAGONAL = 0.5
+"""Of a direction, its smaller part over its larger one."""
+
+
+def verdict(one: Photograph) -> str:
+    """Return the sentence that matters: why there is no result, what blurred the photograph, what moved."""
+    match one.blur:
+        case "":
+            return one.error
+        case "sharp":
+            return "Sharp"
+        case "out of focus":
+            return f"Out of focus ({_radius(one)})"
+        case "camera at rest":
+            return f"The camera stood still; {one.moving_share or 0:.0%} of the picture moves by itself"
+        case "cannot tell":
+            return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
+        case "out of focus and moved":
+            return f"{_motion(one)}; out of focus, too ({_radius(one)})"
+    return _motion(one)
+
+
+def length_text(one: Photograph, *, digits: int = 2) -> str:
+    """Return the length of the photograph's smear in pixels and as a share of the width."""
+    if one.smear_px is None:
+        return "no smears"
+    return (
+        f"smears of {rounded(one.smear_px, digits)} px, {rounded(one.smear_percent or 0.0, 2)} % of the width"
+    )
+
+
+def rounded(value: float, digits: int) -> str:
+    """Return a number with so many significant digits, without an exponent."""
+    decimals = max(digits - 1 - math.floor(math.log10(max(abs(value), 1e-3))), 0)
+    return f"{value:.{decimals}f}"
+
+
+def _radius(one: Photograph) -> str:
+    return f"radius {one.defocus_px or 0.0:.1f} px"
+
+
+def _motion(one: Photograph) -> str:
+    """Return what a camera that moved did, as far as that can be told."""
+    undecided = ", parallax undecided" * (one.parallax == "undecided")
+    posed = one.cam2_from_cam1 is not None
+    by = f" {_turned_by(one)}" if posed else f"; {length_text(one)}"
+    match one.config:
+        case "UNDEFINED":
+            return f"Camera moved, and no one motion explains the blur; {length_text(one)}"
+        case "MULTIPLE":
+            return f"Most of the picture moves by itself; {length_text(one)}"
+        case "PANORAMIC":
+            return f"Camera {_turned(one)}{by if posed else ''}{undecided}{'' if posed else by}"
+        case "PLANAR_OR_PANORAMIC":
+            return f"Camera turned{by if posed else ''} or moved past something flat{'' if posed else by}"
+        case "DEGENERATE" if one.parallax == "undecided":
+            return f"Camera moved, and too little of the picture shows how; {length_text(one)}"
+        case "DEGENERATE":
+            return f"Camera turned or moved, with the same blur everywhere; {length_text(one)}"
+    if posed:
+        return f"Camera moved {_towards(one)}, turned{by}{undecided * (one.config == 'PLANAR')}"
+    if one.config == "PLANAR":
+        may_turn = (one.rotation_probability or 0.0) > MAY_HAVE_TURNED and undecided
+        flat = "" if undecided else " past something flat"
+        return f"Camera moved{' or turned' if may_turn else flat}{undecided}{by}"
+    return f"Camera moved past near and far things{by}"
+
+
+def _turned(one: Photograph) -> str:
+    """Return which way a camera turned.
+
+    It rolled where that moves a corner of the picture by more than pan and tilt move its middle.
+    """
+    import numpy as np
+
+    if one.H is None or one.width is None or one.height is None:
+        return "turned"
+    to_middle = np.eye(3)
+    to_middle[:2, 2] = (1 - one.width) / 2, (1 - one.height) / 2
+    centred = to_middle @ np.array(one.H) @ np.linalg.inv(to_middle)
+    centred /= centred[2, 2]
+    (a, b), (c, d) = centred[:2, :2]
+    pan, roll = centred[:2, 2], abs(math.atan2(c - b, a + d))
+    if roll * math.hypot(one.width, one.height) / 2 > math.hypot(*pan):
+        return "rolled"
+    return f"turned {_way(*pan)}"
+
+
+def _turned_by(one: Photograph) -> str:
+    """Return by how much, or how fast, a pose turns, with its standard deviation: that along its axis."""
+    rate = [one.wx or 0.0, one.wy or 0.0, one.wz or 0.0]
+    sigmas = [one.sigma_wx or 0.0, one.sigma_wy or 0.0, one.sigma_wz or 0.0]
+    angle = math.hypot(*rate)
+    sigma = math.sqrt(sum((r / max(angle, 1e-30) * s) ** 2 for r, s in zip(rate, sigmas, strict=True)))
+    if one.rate_unit == "rad":
+        return f"by {_with_deviation(math.degrees(angle), math.degrees(sigma))} degrees"
+    return f"at {_with_deviation(angle, sigma)} rad/s"
+
+
+def _towards(one: Photograph) -> str:
+    """Return which way a camera moved: time has no arrow."""
+    x, y, z = one.cam2_from_cam1["translation"] if one.cam2_from_cam1 else (0.0, 0.0, 0.0)
+    if not (x or y or z):
+        return "(direction unknown)"
+    sigma = ""
+    if one.pose_covariance is not None:
+        sigma = f" (+/- {one.pose_covariance['translation_sigma_deg']:.0f} degrees)"
+    return ("forward or back" if abs(z) > math.hypot(x, y) else _way(x, y)) + sigma
+
+
+def _way(x: float, y: float) -> str:
+    short, long = sorted((abs(x), abs(y)))
+    if short > DIAGONAL * long:
+        return "diagonally"
+    return "sideways" if abs(x) > abs(y) else "up or down"
+
+
+def _with_deviation(value: float, sigma: float) -> str:
+    """Return a value with its standard deviation, both with the decimals that the latter admits."""
+    digits = min(max(-math.floor(math.log10(max(sigma, 1e-3))), 1), 3)
+    return f"{value:.{digits}f} +/- {sigma:.{digits}f}"

@@ -1,0 +1,54 @@
+"""The record of a photograph: what is written is read back, and tables are its flat part."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+import blur2view
+from blur2view.results.photograph import Photograph, explanations, table_text
+
+
+@pytest.fixture
+def record(moving: Path, tiny_model: Path) -> Photograph:
+    estimate = blur2view.estimate(moving, network=tiny_model)
+    return Photograph.of(estimate, name="a.jpg", exposure_s=0.04, input_sha256="ab")
+
+
+def test_json_holds_the_record_and_what_is_derived_is_computed_anew(record: Photograph) -> None:
+    assert Photograph.from_json(record.to_json()) == record
+    stored = json.loads(record.to_json())
+    assert list(stored) == list(explanations()) and stored["verdict"] == record.verdict
+    edited = json.dumps(stored | {"verdict": "Sharp", "unknown": 1})
+    assert Photograph.from_json(edited).verdict == record.verdict
+
+
+def test_a_failed_photograph_has_a_name_and_an_error_alone() -> None:
+    one = Photograph(name="b.jpg", error="b.jpg: is no picture")
+    assert json.loads(one.to_json()) == {"name": "b.jpg", "error": one.error}
+    assert Photograph.from_json(one.to_json()) == one and one.verdict == one.error
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", "not JSON"])
+def test_text_without_a_record_is_refused(text: str) -> None:
+    with pytest.raises(ValueError):
+        Photograph.from_json(text)
+
+
+def test_a_table_is_the_flat_part_of_the_records(record: Photograph) -> None:
+    (row,) = csv.DictReader(io.StringIO(table_text([record]).decode()))
+    assert list(row)[:5] == ["name", "error", "use", "verdict", "blur"] and row["name"] == "a.jpg"
+    assert set(row) == set(explanations(flat=True)) <= set(explanations())
+    assert row["config"] == record.config and row["verdict"] == record.verdict
+    assert record.smear_px is not None and float(row["smear_px"]) == pytest.approx(record.smear_px, rel=1e-5)
+    assert "F" not in row and "models" not in row
+
+
+def test_likeliest_model_comes_first_with_its_probability(record: Photograph) -> None:
+    probabilities = [one["probability"] for one in record.models]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert (
+        record.model_probability == probabilities[0] and record.probability(record.model) == probabilities[0]
+    )
