@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from blur2view.results.photograph import Photograph
+from blur2view.results.record import Record
 
 MAY_HAVE_TURNED = 0.1
 """Probability of a rotation from which on it is named beside the movement."""
@@ -14,7 +12,7 @@ DIAGONAL = 0.5
 """Of a direction, its smaller part over its larger one."""
 
 
-def verdict(one: Photograph) -> str:
+def verdict(one: Record) -> str:
     """Return the sentence that matters: why there is no result, what blurred the photograph, what moved."""
     match one.blur:
         case "":
@@ -32,7 +30,7 @@ def verdict(one: Photograph) -> str:
     return _motion(one)
 
 
-def length_text(one: Photograph, *, digits: int = 2) -> str:
+def length_text(one: Record, *, digits: int = 2) -> str:
     """Return the length of the photograph's smear in pixels and as a share of the width."""
     if one.smear_px is None:
         return "no smears"
@@ -47,11 +45,11 @@ def rounded(value: float, digits: int) -> str:
     return f"{value:.{decimals}f}"
 
 
-def _radius(one: Photograph) -> str:
+def _radius(one: Record) -> str:
     return f"radius {one.defocus_px or 0.0:.1f} px"
 
 
-def _motion(one: Photograph) -> str:
+def _motion(one: Record) -> str:
     """Return what a camera that moved did, as far as that can be told."""
     undecided = ", parallax undecided" * (one.parallax == "undecided")
     posed = one.cam2_from_cam1 is not None
@@ -78,7 +76,7 @@ def _motion(one: Photograph) -> str:
     return f"Camera moved past near and far things{by}"
 
 
-def _turned(one: Photograph) -> str:
+def _turned(one: Record) -> str:
     """Return which way a camera turned.
 
     It rolled where that moves a corner of the picture by more than pan and tilt move its middle.
@@ -98,7 +96,7 @@ def _turned(one: Photograph) -> str:
     return f"turned {_way(*pan)}"
 
 
-def _turned_by(one: Photograph) -> str:
+def _turned_by(one: Record) -> str:
     """Return by how much, or how fast, a pose turns, with its standard deviation: that along its axis."""
     rate = [one.wx or 0.0, one.wy or 0.0, one.wz or 0.0]
     sigmas = [one.sigma_wx or 0.0, one.sigma_wy or 0.0, one.sigma_wz or 0.0]
@@ -109,7 +107,7 @@ def _turned_by(one: Photograph) -> str:
     return f"at {_with_deviation(angle, sigma)} rad/s"
 
 
-def _towards(one: Photograph) -> str:
+def _towards(one: Record) -> str:
     """Return which way a camera moved: time has no arrow."""
     x, y, z = one.cam2_from_cam1["translation"] if one.cam2_from_cam1 else (0.0, 0.0, 0.0)
     if not (x or y or z):
