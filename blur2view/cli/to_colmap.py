@@ -17,8 +17,7 @@ from blur2view.cli.work import estimated, outcome_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import refuse_existing, write_database, written_photographs
-from blur2view.colmap.link import write_links
-from blur2view.colmap.project import ProjectImage
+from blur2view.colmap.link import ProjectImage, write_links
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.results.stored import plain, restore

@@ -7,8 +7,8 @@ from typing import Any
 
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap.database import matched, translation_known
-from blur2view.colmap.link import plan_links
-from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names, storable
+from blur2view.colmap.link import ProjectImage, Step, plan_links
+from blur2view.colmap.project import database_matcher, database_names, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.features import photograph_matcher
 from blur2view.exposure.time_direction import consecutive_runs, with_time_direction

@@ -1,6 +1,6 @@
 """A user's COLMAP database, opened without changing a byte of it or of its folder, or to be linked to.
 
-pycolmap's ``Database.open`` is not used, because it writes (see `blur2view.colmap.schema`), and a plain
+pycolmap's ``Database.open`` is not used, because it writes (see `blur2view.colmap.project`), and a plain
 read-only connection of SQLite is not enough: with a write-ahead log it leaves two files beside the database.
 Linking (`blur2view.colmap.link`) writes to the file, in one transaction: its journal outlives a kill at any
 moment. A changed copy renamed over the original would lose what others write meanwhile, and its log.
@@ -20,6 +20,8 @@ MAX_VALUE_BYTES = 1 << 26  # of 2.7 million keypoints with scale and orientation
 LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
 BESIDE = (*LOGS, "-shm")
 KILLED = "if a program was killed that used it, open it once with COLMAP"
+TABLES = "cameras rigs rig_sensors frames frame_data images keypoints descriptors pose_priors matches"
+TABLES += " two_view_geometries blur2view_views"
 HINTS = {
     "locked": "another program uses it; close that and try again",
     "changed while": "another program uses it; close that and try again",
@@ -45,7 +47,7 @@ def open_read_only(path: Path) -> Iterator[sqlite3.Connection]:
         before = path.stat()
         with closing(connect(path, "immutable=1" if settled else "mode=ro&readonly_shm=1")) as database:
             database.execute("BEGIN")
-            database.execute("SELECT 1 FROM sqlite_master").fetchone()  # takes the lock
+            _refuse_views(database)  # takes the lock
             yield database
         after = path.stat()
         if settled and (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
@@ -61,8 +63,19 @@ def open_for_writing(path: Path) -> Iterator[sqlite3.Connection]:
     with database_errors(path), closing(connect(path, "mode=rw")) as database:
         database.execute("PRAGMA foreign_keys = ON")
         database.execute("BEGIN IMMEDIATE")
+        _refuse_views(database)
         yield database
         database.execute("COMMIT")
+
+
+def _refuse_views(database: sqlite3.Connection) -> None:
+    """Raise ValueError where a view of SQL stands for a table of COLMAP's: it may compute without end."""
+    views = {
+        str(name).lower()
+        for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'view'")
+    }
+    if odd := sorted(views & {*TABLES.split()}):
+        raise ValueError(f"its {odd[0]} is a view, where COLMAP has a table; remove it")
 
 
 @contextmanager

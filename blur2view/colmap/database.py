@@ -1,8 +1,8 @@
-"""Both virtual images of blurred photographs in a COLMAP database: their rows, and a fresh database."""
+"""Both virtual images of blurred photographs in a COLMAP database: a fresh one, written by pycolmap."""
 
 import os
 import sqlite3
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
-from blur2view.colmap.project import ProjectImage, has_frames, own_views
-from blur2view.colmap.schema import CAMERA_SENSOR, MAX_IMAGES, VIEWS_TABLE, put_image, put_row
+from blur2view.colmap.project import MAX_IMAGES, VIEWS_TABLE, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.end_order import GUESSED_FOCAL
-from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
 from blur2view.output_files import remove_half_written, write_files
@@ -33,12 +31,9 @@ UNION ALL SELECT 1 FROM descriptors
 UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
 UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
 LIMIT 1"""
+PUT_VIEW = "INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?)"
 
-COLUMNS = {  # what pycolmap writes and every version of COLMAP's database has
-    "keypoints": "image_id, rows, cols, data",
-    "matches": "pair_id, rows, cols, data",
-    "two_view_geometries": "pair_id, rows, cols, data, config, F, E, H, qvec, tvec",
-}
+Pair = tuple[int, int]
 
 
 def write_database(
@@ -48,11 +43,14 @@ def write_database(
 
     Photographs with equal cameras share one. Without F and H nothing is matched. The table
     ``blur2view_views`` says whether time directions are known. With ``replace`` an earlier file is replaced.
-    DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name.
+    DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name,
+    or a name is no UTF-8.
     """
     names, path = [views.name for views in photographs], Path(path)
     if len(set(names)) != len(names):
         raise ValueError(f"photographs must have different names, got {names}")
+    if not all(map(storable, names)):
+        raise ValueError(f"names must be UTF-8, which a database needs, got {names}")
     if not replace:
         refuse_existing(path)
     try:
@@ -64,8 +62,9 @@ def write_database(
                 old.execute("SELECT 1 FROM sqlite_master")
         else:
             refuse_existing(path)  # may have come meanwhile
-        remove_half_written(path.parent)
-        write_files({path: content})
+        target = path.resolve()  # a link stays one
+        remove_half_written(target.parent)
+        write_files({target: content})
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
@@ -76,95 +75,74 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
     import pycolmap
 
     cameras: list[Any] = []
+    ids: list[Pair] = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "new.db"
-        stored = [colmap_camera_of(views.camera, views.size) for views in photographs]
-        with pycolmap.Database.open(path) as opened:
-            for camera in stored:
+        with pycolmap.Database.open(path) as opened, pycolmap.DatabaseTransaction(opened):
+            for views in photographs:
+                camera = colmap_camera_of(views.camera, views.size)
                 if camera not in cameras:
-                    opened.write_camera(camera)
                     cameras.append(camera)
-        ids = [1 + cameras.index(camera) for camera in stored]
+                    rig = pycolmap.Rig()
+                    number = opened.write_camera(camera)
+                    rig.add_ref_sensor(pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=number))
+                    opened.write_rig(rig)
+                ids.append(_write_images(opened, views.names, 1 + cameras.index(camera)))
+                write_rows(opened, views, ids[-1], {ids[-1]: _alone(views)})
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
             database.executescript(f"BEGIN; {VIEWS_TABLE}")
-            for number in range(1, len(cameras) + 1):
-                put_row(database, "rigs", ref_sensor_id=number, ref_sensor_type=CAMERA_SENSOR)
-            put_views(database, [(one, number, None) for one, number in zip(photographs, ids, strict=True)])
+            for views, pair in zip(photographs, ids, strict=True):
+                put_views(database, views, pair)
             database.execute("COMMIT")
         return path.read_bytes()
 
 
-def put_views(
-    database: sqlite3.Connection, photographs: Iterable[tuple[ExposureViews, int, ProjectImage | None]]
-) -> None:
-    """Write both images of photographs, of cameras with these ids, and their pairs, in place of earlier ones.
-
-    Of a photograph of a project also its pairs with both. pycolmap makes keypoints, matches and geometries in
-    a file of its own.
-    """
+def _write_images(opened: Any, names: tuple[str, str], camera_id: int) -> Pair:
+    """Write both images of a camera, whose rig has its id, each with a frame of its own; return their ids."""
     import pycolmap
 
-    any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "rows.db"
-        with pycolmap.Database.open(path) as opened, pycolmap.DatabaseTransaction(opened):
-            opened.write_camera(any_camera)
-            for views, camera_id, photograph in photographs:
-                ids = _put_images(database, views, camera_id, photograph)
-                for image_id, points in zip(ids, (views.points_open, views.points_close), strict=True):
-                    image = pycolmap.Image(name=f"{image_id}", camera_id=1, image_id=image_id)
-                    opened.write_image(image, use_image_id=True)
-                    opened.write_keypoints(image_id, to_colmap(points).astype(np.float32))
-                matches = np.stack([matched(views)] * 2, axis=1).astype(np.uint32)
-                for pair, geometry in _pairs(views, ids, photograph).items():
-                    opened.write_matches(*pair, matches)
-                    opened.write_two_view_geometry(*pair, geometry.to_pycolmap())
-        with closing(sqlite3.connect(path)) as rows:
-            rows.row_factory = sqlite3.Row
-            for table, columns in COLUMNS.items():
-                for row in rows.execute(f"SELECT {columns} FROM {table}"):
-                    put_row(database, table, **dict(row))
-
-
-def _put_images(
-    database: sqlite3.Connection, views: ExposureViews, camera_id: int, photograph: ProjectImage | None
-) -> tuple[int, int]:
-    """Write the images of both views and what is known of them; return their ids."""
-    own = {} if photograph is None else own_views(database, photograph.name)
-    with_frame = photograph is None or has_frames(database)
-    known = {
-        "photograph": views.name,
-        "config": views.geometry.config.name,
-        "time_known": int(views.time.known),
-        "time_confidence": views.time.confidence,
-        "source": None if photograph is None else photograph.digest,
-    }
     ids = []
-    for role, name in zip(("open", "close"), views.names, strict=True):
-        image_id = own[role][0] if role in own else None
-        ids.append(put_image(database, name, camera_id, image_id, with_frame=with_frame))
-        put_row(database, "blur2view_views", image_id=ids[-1], role=role, **known)
+    for name in names:
+        image = pycolmap.Image(name=name, camera_id=camera_id)
+        image.image_id = opened.write_image(image)
+        frame = pycolmap.Frame(rig_id=camera_id)
+        frame.add_data_id(image.data_id)
+        opened.write_frame(frame)
+        ids.append(image.image_id)
     return ids[0], ids[1]
 
 
-def _pairs(
-    views: ExposureViews, ids: tuple[int, int], photograph: ProjectImage | None
-) -> dict[tuple[int, int], TwoViewGeometry]:
-    """Return the geometries by pairs of images, with the inliers that COLMAP may make points from.
+def write_rows(opened: Any, views: ExposureViews, ids: Pair, pairs: Mapping[Pair, TwoViewGeometry]) -> None:
+    """Write keypoints of both images, and matches and geometry of pairs, into a pycolmap.Database.
 
-    Without a project that is none unless the translation is known: a mapper looks at no configuration, and
-    would make points of a pure rotation, at a depth that nothing shows.
+    ``ids`` are those of the open and the close image. Every pair has the matches (i, i) of the usable points.
     """
-    whole = views.geometry
-    if photograph is None:
-        known = len(matched(views)) > 0 and translation_known(whole)
-        return {ids: replace(whole, inlier_mask=whole.inlier_mask & known)}
-    halves = {
-        (photograph.image_id, end): half_geometry(geometry, views.camera, views.size)
-        for end, geometry in zip(ids, (whole.reversed(), whole), strict=True)
-    }
-    return {ids: whole, **halves}
+    for image_id, points in zip(ids, (views.points_open, views.points_close), strict=True):
+        opened.write_keypoints(image_id, to_colmap(points).astype(np.float32))
+    matches = np.stack([matched(views)] * 2, axis=1).astype(np.uint32)
+    for pair, geometry in pairs.items():
+        opened.write_matches(*pair, matches)
+        opened.write_two_view_geometry(*pair, geometry.to_pycolmap())
+
+
+def put_views(
+    database: sqlite3.Connection, views: ExposureViews, ids: Pair, source: bytes | None = None
+) -> None:
+    """List both images of a photograph in the table `blur2view_views`, with what they were made from."""
+    known = views.geometry.config.name, int(views.time.known), views.time.confidence, source
+    for image_id, role in zip(ids, ("open", "close"), strict=True):
+        database.execute(PUT_VIEW, (image_id, views.name, role, *known))
+
+
+def _alone(views: ExposureViews) -> TwoViewGeometry:
+    """Return the geometry of both views with the inliers that COLMAP may make points from.
+
+    Those are none unless the translation is known: a mapper looks at no configuration, and would make points
+    from a pure rotation, at a depth that nothing shows.
+    """
+    known = len(matched(views)) > 0 and translation_known(views.geometry)
+    return replace(views.geometry, inlier_mask=views.geometry.inlier_mask & known)
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
@@ -194,7 +172,7 @@ def refuse_existing(path: Path) -> None:
 
 
 def written_photographs(path: Path) -> set[str] | None:
-    """Return the photographs of a database of ours that holds nothing but their views; None of another."""
+    """Return the photographs of a database that holds nothing but their views; None of any other file."""
     try:
         with open_read_only(path) as database:
             if database.execute(NO_VIEWS).fetchone() is None:

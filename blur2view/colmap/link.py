@@ -1,43 +1,73 @@
 """Virtual views added to a COLMAP project that holds the photographs and their features.
 
 Per photograph two images, their keypoints, and three pairs: photograph-open, photograph-close, open-close.
-Rows of the user are read, never written.
+Rows of the user are read, never written: views go in by plain INSERT, which no row can be lost to.
 """
 
 import hashlib
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from datetime import datetime
+from enum import StrEnum
+from itertools import combinations
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import connect, open_for_writing, open_read_only
-from blur2view.colmap.database import put_views
+from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (
-    ProjectImage,
-    Step,
+    CAMERA_SENSOR,
+    MAX_ID,
+    VIEWS_TABLE,
+    check_schema,
+    frame_of,
     has_frames,
     image_names,
     longest_suffix,
     own_views,
+    pair_id,
+    read_keypoints,
+    rig_of,
     views_are_whole,
 )
-from blur2view.colmap.schema import MAX_IMAGES, VIEWS_TABLE, check_schema, read_keypoints, rig_of
 from blur2view.errors import DatabaseError
+from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import half_written, remove_half_written
 
-OURS = "(SELECT image_id FROM blur2view_views)"
-OF_THE_USER = {  # by table, which rows; of the others none is changed
-    **dict.fromkeys(("images", "keypoints", "descriptors"), f"image_id NOT IN {OURS}"),
-    **dict.fromkeys(
-        ("matches", "two_view_geometries"),
-        f"pair_id / {MAX_IMAGES} NOT IN {OURS} AND pair_id % {MAX_IMAGES} NOT IN {OURS}",
-    ),
-    "frame_data": f"data_id NOT IN {OURS}",
-    "frames": f"frame_id NOT IN (SELECT frame_id FROM frame_data WHERE data_id IN {OURS})",
+PAIRS = "matches", "two_view_geometries"
+COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's database has
+    "keypoints": "image_id, rows, cols, data",
+    "matches": "pair_id, rows, cols, data",
+    "two_view_geometries": "pair_id, rows, cols, data, config, F, E, H, qvec, tvec",
 }
+
+
+class Step(StrEnum):
+    """What linking does with a photograph."""
+
+    ADD = "add"
+    REPLACE = "replace"
+    KEEP = "keep"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProjectImage:
+    """One image of a project, as it was read, and what linking will do with it."""
+
+    step: Step
+    image_id: int
+    camera_id: int
+    name: str
+    prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
+    keypoints: NDArray[np.float64]  # our pixels (N, 2)
+    digest: bytes  # of what its views are made from, its camera and its keypoints, to notice a change
 
 
 def plan_links(
@@ -80,6 +110,8 @@ def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, re
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
     if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
         raise ValueError(f"image {name} has no camera, or that no rig; the database is damaged")
+    if not (isinstance(camera_id, int) and 0 <= camera_id <= MAX_ID):
+        raise ValueError(f"image {name} has a camera of number {camera_id!r:.20}, which COLMAP cannot read")
     (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
     stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + data
     digest, own = hashlib.sha256(stored).digest(), own_views(database, name)
@@ -127,22 +159,72 @@ def write_links(
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
             database.execute(VIEWS_TABLE)
-            before = _rows_of_the_user(database)
-            put_views(database, [(views, image.camera_id, image) for image, views in links])
-            if _rows_of_the_user(database) != before:
-                raise ValueError("would lose rows of yours; nothing is written: is it COLMAP's?")
+            _put_all(database, links)
         undo.pop_all()
     return copy
 
 
-def _rows_of_the_user(database: sqlite3.Connection) -> dict[str, int]:
-    """Return of every table of COLMAP's how many rows blur2view did not write, which a schema may replace."""
-    tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    return {
-        table: int(database.execute(f"SELECT count(*) FROM {table} WHERE {which}").fetchone()[0])
-        for table, which in OF_THE_USER.items()
-        if table in tables
-    }
+def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, ExposureViews]]) -> None:
+    """Write the views of photographs: pycolmap makes keypoints, matches and geometries in a file beside."""
+    import pycolmap
+
+    any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
+    with TemporaryDirectory() as folder:
+        beside = Path(folder) / "rows.db"
+        with pycolmap.Database.open(beside) as opened, pycolmap.DatabaseTransaction(opened):
+            opened.write_camera(any_camera)
+            for image, views in links:
+                ids = _put_images(database, image)
+                put_views(database, views, ids, image.digest)
+                for image_id in ids:
+                    view = pycolmap.Image(name=f"{image_id}", camera_id=1, image_id=image_id)
+                    opened.write_image(view, use_image_id=True)
+                halves = {
+                    (image.image_id, end): half_geometry(geometry, views.camera, views.size)
+                    for end, geometry in zip(ids, (views.geometry.reversed(), views.geometry), strict=True)
+                }
+                write_rows(opened, views, ids, {ids: views.geometry, **halves})
+        with closing(sqlite3.connect(beside)) as rows:
+            for table, columns in COLUMNS.items():
+                sql = f"INSERT INTO {table}({columns}) VALUES ({', '.join('?' * len(columns.split()))})"
+                database.executemany(sql, rows.execute(f"SELECT {columns} FROM {table}"))
+
+
+def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
+    """Write the images of both views, each with a frame of its own if the project has frames.
+
+    What an earlier call wrote goes before, and its ids are taken again. Return the ids.
+    """
+    own = {role: number for role, (number, _) in own_views(database, image.name).items()}
+    frames = {role: frame_of(database, number) for role, number in own.items()}
+    for number in own.values():
+        for table in ("keypoints WHERE image_id", "images WHERE image_id", "frame_data WHERE data_id")[
+            : 2 + has_frames(database)
+        ]:
+            database.execute(f"DELETE FROM {table} = ?", (number,))
+    for pair in combinations([image.image_id, *own.values()], 2):
+        for table in PAIRS:
+            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (pair_id(*pair),))
+    ids = []
+    for role, ending in (("open", OPEN), ("close", CLOSE)):
+        row = {"image_id": own.get(role), "name": image.name + ending, "camera_id": image.camera_id}
+        ids.append(_insert(database, "images", row))
+        if has_frames(database):
+            if (frame_id := frames.get(role)) is None:
+                rig = {"frame_id": None, "rig_id": rig_of(database, image.camera_id)}
+                frame_id = _insert(database, "frames", rig)
+            sensor = {"sensor_id": image.camera_id, "sensor_type": CAMERA_SENSOR}
+            _insert(database, "frame_data", {"frame_id": frame_id, "data_id": ids[-1], **sensor})
+    return ids[0], ids[1]
+
+
+def _insert(database: sqlite3.Connection, table: str, row: Mapping[str, object]) -> int:
+    """Insert a row and return its id; ValueError of one that COLMAP cannot read."""
+    sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
+    number = database.execute(sql, tuple(row.values())).lastrowid
+    if number is None or number > MAX_ID:
+        raise ValueError(f"its ids of {table} are used up; extract features into a new database")
+    return number
 
 
 def back_up(path: Path) -> Path:

@@ -18,8 +18,7 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import read_model, seen_points
-from blur2view.colmap.project import frame_of, image_names
-from blur2view.colmap.schema import read_keypoints, read_matches
+from blur2view.colmap.project import frame_of, image_names, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.time_direction import frame_times, place_of
 from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
@@ -145,7 +144,8 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: An
     for name in (photograph.name + OPEN, photograph.name + CLOSE):
         points, camera_id = read_keypoints(opened, ids[name]), photograph.camera_id
         view = pycolmap.Image(name=name, keypoints=points, camera_id=camera_id, image_id=ids[name])
-        view.frame_id = frame_of(opened, ids[name])
+        own = frame_of(opened, ids[name])
+        view.frame_id = ids[name] if own is None else own  # as mappers number them
         views.append(view)
     first, last = views
     matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]

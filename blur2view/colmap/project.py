@@ -1,11 +1,24 @@
-"""A user's COLMAP project: the images, keypoints and matches in its database."""
+"""A user's COLMAP project as SQLite sees it: images, keypoints and matches in its database.
 
-import sqlite3
+SQLite reads, and `blur2view.colmap.link` writes, because ``pycolmap.Database.open`` changes a file before
+anything is asked of it: it adds tables and columns, turns on write-ahead logging and stamps its own version,
+in no transaction with what comes after. The format is that of pycolmap 4.2:
+
+- Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches are uint32
+  (N, 2).
+- A pair of images is one row, of key ``2147483647 * id1 + id2`` with id1 < id2; the rows of both match
+  tables are oriented from image 1 to image 2.
+- If the table of frames has any row, every image needs a frame, or the mapper throws; if it has none
+  (databases of COLMAP 3.11 and older), the mapper makes a frame of every image itself.
+- A camera is sensor type 0 and belongs to exactly one rig.
+- The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
+"""
+
 from collections.abc import Callable, Collection, Container, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
+from sqlite3 import Connection
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,32 +26,42 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.schema import CAMERA_SENSOR, pair_id, read_keypoints, read_matches
 from blur2view.exposure.features import NO_POINTS
 
-
-class Step(StrEnum):
-    """What linking does with a photograph."""
-
-    ADD = "add"
-    REPLACE = "replace"
-    KEEP = "keep"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ProjectImage:
-    """One image of a project, as it was read, and what linking will do with it."""
-
-    step: Step
-    image_id: int
-    camera_id: int
-    name: str
-    prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
-    keypoints: NDArray[np.float64]  # our pixels (N, 2)
-    digest: bytes  # of what its views are made from, its camera and its keypoints, to notice a change
+NEWEST_KNOWN = 4029999  # user_version of any 4.2
+MAX_IMAGES = 2147483647
+MAX_ID = 2**32 - 2  # of cameras, rigs and frames, which pycolmap reads into 32 bits; the last means none
+CAMERA_SENSOR = 0
+RIG_OF_CAMERA = f"""
+SELECT rig_id FROM rigs WHERE ref_sensor_id = ? AND ref_sensor_type = {CAMERA_SENSOR}
+UNION ALL SELECT rig_id FROM rig_sensors WHERE sensor_id = ? AND sensor_type = {CAMERA_SENSOR}"""
+# Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
+VIEWS_TABLE = """
+CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
+  photograph TEXT NOT NULL, role TEXT NOT NULL CHECK(role IN ('open', 'close')), config TEXT NOT NULL,
+  time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
+  FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
+"""
 
 
-def image_names(database: sqlite3.Connection) -> dict[str, int]:
+def check_schema(database: Connection) -> None:
+    """Raise ValueError of what is not a COLMAP database of a known version, whole.
+
+    A table or a column that is missing is an error of SQLite's, and ends the transaction that writes to it.
+    """
+    (version,) = database.execute("PRAGMA user_version").fetchone()
+    if version > NEWEST_KNOWN:
+        known = f"version {version}, known up to {NEWEST_KNOWN}"
+        raise ValueError(f"written by a newer COLMAP ({known}); update blur2view")
+    odd = "SELECT 1 FROM sqlite_master WHERE type = 'trigger' OR sql LIKE '%ON CONFLICT%'"
+    if database.execute(odd).fetchone():  # which could change rows of the user while views are written
+        raise ValueError("has triggers or ON CONFLICT clauses, which COLMAP never makes; remove them first")
+    (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
+    if damage != "ok":
+        raise ValueError(f"is damaged ({' '.join(damage.split())}); restore a backup")
+
+
+def image_names(database: Connection) -> dict[str, int]:
     """Return the id of every image by its name, in the order of ids; names that are no UTF-8 are left out."""
     rows = database.execute("SELECT name, image_id FROM images ORDER BY image_id").fetchall()
     return {name: number for name, number in rows if isinstance(name, str) and storable(name)}
@@ -56,20 +79,61 @@ def storable(name: str) -> bool:
     return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
-def has_frames(database: sqlite3.Connection) -> bool:
+def pair_id(image1: int, image2: int) -> int:
+    """Return the key of a pair of images in both match tables, in either order; ValueError of no such ids."""
+    first, last = sorted((image1, image2))
+    if not 0 <= first < last < MAX_IMAGES:
+        raise ValueError(f"image ids must differ and lie below {MAX_IMAGES}, got {image1} and {image2}")
+    return MAX_IMAGES * first + last
+
+
+def read_keypoints(database: Connection, image_id: int) -> NDArray[np.float64]:
+    """Return COLMAP's pixels (N, 2) of an image's keypoints; ValueError if the row contradicts itself."""
+    query = "SELECT rows, cols, data FROM keypoints WHERE image_id = ?"
+    return _numbers(database.execute(query, (image_id,)).fetchone(), "<f4", f"keypoints of image {image_id}")
+
+
+def read_matches(database: Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
+
+    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
+    """
+    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
+    row = database.execute(query, (pair_id(id1, id2),)).fetchone()
+    index = _numbers(row, "<u4", f"matches of images {id1} and {id2}").astype(np.int64)
+    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
+
+
+def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray[np.float64]:
+    """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
+    rows, cols, data = row or (0, 2, None)
+    blob = b"" if data is None else data
+    whole = isinstance(blob, bytes) and isinstance(rows, int) and isinstance(cols, int)
+    if not whole or rows < 0 or cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
+        raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
+    return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
+
+
+def has_frames(database: Connection) -> bool:
     """Return whether images of this project have frames; then every image needs one."""
     table = database.execute("SELECT 1 FROM sqlite_master WHERE name = 'frames'").fetchone()
     return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
 
 
-def frame_of(database: sqlite3.Connection, image_id: int) -> int:
-    """Return the id of an image's frame; where a project has none mappers give it that of the image."""
+def frame_of(database: Connection, image_id: int) -> int | None:
+    """Return the id of an image's frame, None where it has none."""
     sql = "SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = ?"
     row = database.execute(sql, (image_id, CAMERA_SENSOR)).fetchone() if has_frames(database) else None
-    return int((row or (image_id,))[0])
+    return None if row is None else int(row[0])
 
 
-def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
+def rig_of(database: Connection, camera_id: int) -> int | None:
+    """Return the id of the rig that a camera belongs to, None if there is none."""
+    row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
+    return None if row is None else int(row[0])
+
+
+def own_views(database: Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
     """Return id and source of the existing views of a photograph that blur2view wrote, by role."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'blur2view_views'").fetchone():
         return {}
@@ -80,7 +144,7 @@ def own_views(database: sqlite3.Connection, name: str) -> dict[str, tuple[int, b
     return {role: (image_id, source) for role, image_id, source in database.execute(sql, (name,))}
 
 
-def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collection[int]) -> bool:
+def views_are_whole(database: Connection, image_id: int, views: Collection[int]) -> bool:
     """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
     pairs = [pair_id(one, other) for one, other in combinations([image_id, *views], 2)]
     wanted = {"keypoints WHERE image_id": views}
@@ -97,7 +161,7 @@ def views_are_whole(database: sqlite3.Connection, image_id: int, views: Collecti
 def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], tuple[Array, Array]]:
     """Return what gives matched pixels (M, 2) of two photographs of a database by the indices of their names.
 
-    Verified matches where it has them; none of what it does not know.
+    Verified matches where the database has them; none of photographs that it lacks.
     """
 
     def matched(first: int, second: int) -> tuple[Array, Array]:

@@ -14,8 +14,8 @@ from PIL import Image
 
 from blur2view.cli import commands as cli
 from blur2view.cli.views import document_of, summary
+from blur2view.colmap.link import ProjectImage
 from blur2view.colmap.mapping import mapper_options
-from blur2view.colmap.project import ProjectImage
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.results.to_colmap import ToColmapDocument
 from blur2view.runs.job import Job

@@ -9,8 +9,8 @@ import pytest
 
 from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.connection import open_for_writing
-from blur2view.colmap.link import plan_links, write_links
-from blur2view.colmap.project import ProjectImage, Step, image_names
+from blur2view.colmap.link import ProjectImage, Step, plan_links, write_links
+from blur2view.colmap.project import image_names
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm

@@ -9,9 +9,8 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap.link import plan_links, write_links
+from blur2view.colmap.link import ProjectImage, plan_links, write_links
 from blur2view.colmap.placement import Placement, place_views
-from blur2view.colmap.project import ProjectImage
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews

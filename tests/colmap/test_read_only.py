@@ -16,10 +16,10 @@ import pytest
 from blur2view.cli.commands import main
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import open_for_writing, open_read_only
-from blur2view.colmap.link import plan_links
+from blur2view.colmap.link import ProjectImage, Step, plan_links
 from blur2view.colmap.mapping import triangulate_exposure
 from blur2view.colmap.placement import place_views
-from blur2view.colmap.project import ProjectImage, Step, database_matcher, database_names
+from blur2view.colmap.project import database_matcher, database_names
 from blur2view.errors import Blur2ViewError, DatabaseError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database

@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 
 from blur2view import Configuration, ExposureViews, TimeDirection, TwoViewGeometry
-from blur2view.colmap.schema import MAX_IMAGES
+from blur2view.colmap.project import MAX_IMAGES
 
 SIZE = (96, 64)
 OLD_TABLES = """

@@ -1,6 +1,6 @@
 """COLMAP projects that are not what they should be: another schema, a newer version, rows that contradict."""
 
-from blur2view.colmap.schema import MAX_IMAGES
+from blur2view.colmap.project import MAX_IMAGES
 
 SQL_FAULTS = {
     "newer": "PRAGMA user_version = 4030000",
