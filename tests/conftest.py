@@ -4,7 +4,6 @@ Without torch (``pip install '.[test]'``) the tests that need it are not collect
 """
 
 import os
-from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,9 +20,7 @@ from tests.support.calls import Call, Exit, call_program
 from tests.support.colour_code import colour_code, colour_code_network, forward_motion, write_picture
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
-
-    from tests.support.report_browser import Opener
+    pass
 
 NEEDS_TORCH = ("tools/training/test_*.py", "tools/paper/test_losses.py")
 collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)
@@ -59,32 +56,6 @@ def blurring_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "blurring.onnx"
     onnx.save(colour_code_network(blur=True), path)
     return path
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator["Browser"]:
-    """Headless Chromium; where there is none the test is skipped."""
-    from playwright.sync_api import sync_playwright
-
-    from tools.reports.report_screenshot import find_chromium
-
-    chromium = find_chromium()
-    if chromium is None:
-        pytest.skip("no Chromium here; apt-get install chromium")
-    with sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=chromium)
-        yield running
-        running.close()
-
-
-@pytest.fixture
-def opened(browser: "Browser", tmp_path: Path) -> Iterator["Opener"]:
-    """Return a function that opens a report; at the end no page may have complained or loaded anything."""
-    from tests.support.report_browser import Visits
-
-    visits = Visits(browser=browser, folder=tmp_path)
-    yield visits.open
-    visits.close()
 
 
 @pytest.fixture

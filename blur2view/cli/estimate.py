@@ -19,6 +19,7 @@ from blur2view.networks.smear_network import Detail
 from blur2view.pipeline import FileEstimate
 from blur2view.results.estimate import PER_SECOND, EstimateDocument
 from blur2view.results.overlay import draw_overlay
+from blur2view.results.photograph import Photograph
 from blur2view.runs.job import Job, Outcome
 from blur2view.smears.stored import stored_smears
 
@@ -110,7 +111,8 @@ def estimate_contents(one: FileEstimate, *, full_field: bool = False) -> list[by
         inlier_mask=geometry.inlier_mask,
         swapped=geometry.swapped,
     )
-    picture = draw_overlay(one.image, found.grid, matches, geometry, one.run.exposure_s, found.blur)
+    record = Photograph.of(found, name="", exposure_s=one.exposure_s)
+    picture = draw_overlay(one.image, found, record)
     return [arrays.getvalue(), png(picture)]
 
 

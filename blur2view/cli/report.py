@@ -18,16 +18,16 @@ from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import OutputError
 from blur2view.output_files import below_shared_folder, write_file
-from blur2view.results.report import Entry, report
+from blur2view.results.photograph import Photograph
+from blur2view.results.report import report, section, thumbnail
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
 from blur2view.segmentation.mask import segment
 
 CONTROLS = """
-click or tap: a smear: its ends and, where there is no H, both epipolar lines
-hover: the values of a smear
-pinch, Ctrl and wheel: zoom; also by the keys + and -
-arrow keys: walk from smear to smear
+hover: the values of a smear and, where there is no H, its epipolar line
+Ctrl and wheel: zoom; a drag moves the picture
+click on a head of the index: sort by it
 """
 TERMS = """
 distance from lines: sqrt SErrMin, the root of the squared Sampson distance of a smear's ends from their
@@ -88,10 +88,14 @@ class ReportOptions(PhotographOptions):
         start = time.perf_counter()
         if self.mask:
             mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
-        mask_s = time.perf_counter() - start if self.mask else None
+        found, steps = one.estimate, one.timings_s
+        if steps is not None and mask is not None:
+            steps["mask"] = time.perf_counter() - start
+        record = Photograph.of(found, name=job.target, exposure_s=one.exposure_s, timings_s=steps)
+        entry = record, section(record, found, one.image, mask), thumbnail(found, one.image)
         summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry.config.name)
         summary += f"\n  {one.estimate.geometry.reason}" * self.verbose
-        return outcome_of(one, Entry.of(replace(one, path=Path(job.target)), mask, mask_s), summary)
+        return outcome_of(one, entry, summary)
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page.
@@ -104,11 +108,11 @@ class ReportOptions(PhotographOptions):
             jobs = [replace(job, target=shown[job.path]) for job in jobs_of(self)]
             finished = run_over(self, jobs, None)
             entries = [
-                one.payload or Entry.failed(shown[path], without_folders(one.error, path, shown[path]))
+                one.payload or (failed(shown[path], without_folders(one.error, path, shown[path])), "", "")
                 for path, one in finished.outcomes
                 if not self.inputs.is_folder(path)
             ]
-            if finished.end is not End.BROKEN and any(entry.content for entry in entries):
+            if finished.end is not End.BROKEN and any(content for _, content, _ in entries):
                 content = report(entries, __version__)
                 write_file(page, content)
                 if not self.quiet:
@@ -116,6 +120,11 @@ class ReportOptions(PhotographOptions):
             elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
                 raise OutputError(f"{page}: is not written, as every photograph failed; name others")
         return finished.exit_code
+
+
+def failed(name: str, error: str) -> Photograph:
+    """Return the record of a photograph that failed."""
+    return Photograph(name=name, error=error)
 
 
 def shown_names(images: Sequence[Path]) -> dict[Path, str]:

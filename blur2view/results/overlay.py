@@ -4,13 +4,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.networks.smear_network import photograph_of
+from blur2view.pipeline import Estimate
 from blur2view.results.drawing import FAINT, PAPER, Picture, View, captioned, draw_line, draw_ring, write
-from blur2view.results.verdicts import verdict
-from blur2view.smears.blur import Blur, blur_of
+from blur2view.results.photograph import Photograph
+from blur2view.results.verdict import length_text
 from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -19,39 +20,26 @@ SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
 CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
 SEEN = 0.25  # radius out of focus over the length of the smear, from which on the circle is drawn
+AT_INFINITY = 1e-12  # third coordinate, of a unit vector, of an epipole that is at infinity
 _AIDS_HEIGHT_PX = 132
 
 
-def draw_overlay(
-    image: AnyArray,
-    grid: SmearGrid,
-    matches: SmearMatches,
-    geometry: TwoViewGeometry,
-    exposure_s: float | None = None,
-    blur: Blur | None = None,
-) -> Picture:
+def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = None) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
     Inlier smears are vivid, coloured by orientation; outliers are grey; those no longer than their standard
     deviation are thin, and not drawn where nothing explains the others. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
     the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
-    what blurred the photograph, the configuration, the key of the orientation colours and a map of sigma.
+    the verdict, the configuration, the key of the orientation colours and a map of sigma.
 
     Parameters
     ----------
     image : ndarray of shape (H, W, 3) or (H, W)
         The photograph, as it was estimated.
-    grid : SmearGrid
-        Of the same height and width; its sigma is mapped.
-    matches : SmearMatches
-        The smears that were used, N.
-    geometry : TwoViewGeometry
-        Its ``inlier_mask`` and ``swapped`` have N entries.
-    exposure_s : float, optional
-        Exposure time, with which a rotation is given as an angular velocity.
-    blur : Blur, optional
-        Of the photograph, as it was estimated; by default what the grid alone says.
+    estimate : Estimate
+    one : Photograph, optional
+        Its record, whose verdict the panel has; by default that of the estimate alone.
 
     Returns
     -------
@@ -61,33 +49,25 @@ def draw_overlay(
     Raises
     ------
     ValueError
-        If the grid is not of the image's size or the masks are not of the matches' length.
+        If the estimate is of a photograph of another size.
     """
+    grid, matches = estimate.grid, estimate.matches
     if grid.shape != np.shape(image)[:2]:
-        raise ValueError(f"expected a grid of shape {np.shape(image)[:2]}, got {grid.shape}")
-    if len(geometry.inlier_mask) != len(matches):
-        raise ValueError(f"expected masks of {len(matches)} matches, got {len(geometry.inlier_mask)}")
-    image = photograph_of(image)
-    canvas = draw_smears(image, grid, matches, geometry)
-    words = verdict(blur or blur_of(grid, image), geometry, matches, grid.size, exposure_s)
-    counts = f"{_counts(matches, geometry)} (COLMAP: {geometry.config.name})"
+        raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {grid.shape}")
+    one = one or Photograph.of(estimate, name="")
+    canvas = draw_smears(photograph_of(image), estimate)
+    counts = f"{counts_of(one)} (COLMAP: {one.config})"
     counts += "; circles: out of focus, by their radius" * bool(len(circles(grid)))
     counts += "; thin: no longer than their errors" * bool((certainty_of(matches) < 1).any())
-    return captioned(canvas, words, counts, np.hstack([_orientation_key(), _sigma_inset(grid)]))
+    return captioned(canvas, one.verdict, counts, np.hstack([_orientation_key(), _sigma_inset(grid)]))
 
 
-def draw_smears(
-    image: AnyArray,
-    grid: SmearGrid,
-    matches: SmearMatches,
-    geometry: TwoViewGeometry,
-    longest: int | None = None,
-) -> Picture:
+def draw_smears(image: AnyArray, estimate: Estimate, longest: int | None = None) -> Picture:
     """Return the photograph with smears, circles, epipolar lines and epipoles, without the panel.
 
     As `draw_overlay`; ``longest`` is the longer side of the picture, pixels, by default that of the overlay.
     """
-    view = View.of(image.shape, longest)
+    matches, geometry, view = estimate.matches, estimate.geometry, View.of(image.shape, longest)
     canvas = view.backdrop(image)
     typical = float(np.median(matches.length_px)) * view.scale if len(matches) else 0.0
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
@@ -96,14 +76,36 @@ def draw_smears(
     sure = certainty >= 1
     if geometry.F is None and geometry.H is None:
         shown = shown[sure[shown]]
-    F = None if geometry.H is not None else geometry.F  # beside H its lines would tell what nothing shows
+    F = lines_of(geometry)
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
-    _draw_circles(canvas, view, grid)
+    _draw_circles(canvas, view, estimate.grid)
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown], sure[shown])
     if F is not None:
-        _draw_epipoles(canvas, view, F)
+        for epipole in epipoles_within(F, estimate.grid.size):
+            draw_ring(canvas, view.to_canvas(epipole), 11, (255, 255, 255), thickness=2)
     return canvas
+
+
+def lines_of(geometry: TwoViewGeometry) -> Array | None:
+    """Return the F (3, 3) whose epipolar lines are drawn: beside H they would say what nothing shows."""
+    return geometry.F if geometry.H is None else None
+
+
+def epipoles_within(F: Array, size: tuple[int, int]) -> list[Array]:
+    """Return the epipoles (2,) of F that lie in a picture of this width and height, pixels."""
+    finite = [one[:2] / one[2] for one in epipoles(F) if abs(one[2]) > AT_INFINITY]
+    return [one for one in finite if (one >= -0.5).all() and (one < np.array(size) - 0.5).all()]
+
+
+def epipolar_lines(F: Array, matches: SmearMatches, swapped: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return lines F x1 of matches: the points (N, 2) nearest to their close ends, directions (N, 2)."""
+    index, order = np.arange(len(matches)), swapped.astype(int)
+    lines = homogeneous(matches.ends[index, order]) @ F.T  # (N, 3)
+    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), TINY)[:, None]
+    close_ends = matches.ends[index, 1 - order]
+    away = (lines * homogeneous(close_ends)).sum(axis=1, keepdims=True)
+    return close_ends - away * lines[:, :2], np.column_stack([-lines[:, 1], lines[:, 0]])
 
 
 def certainty_of(matches: SmearMatches) -> Array:
@@ -175,44 +177,30 @@ def _draw_circles(canvas: Picture, view: View, grid: SmearGrid) -> None:
 def _draw_epipolar_lines(
     canvas: Picture, view: View, F: Array, geometry: TwoViewGeometry, matches: SmearMatches
 ) -> None:
-    """Draw lines F x1 beside the close ends of inliers spread over the photograph, half transparent."""
+    """Draw the epipolar lines of inliers spread over the photograph, half transparent."""
     inliers = np.flatnonzero(geometry.inlier_mask)
     points, spacing = view.to_canvas(matches.midpoint[inliers]), np.sqrt(view.width * view.height / SQUARES)
     chosen = inliers[spread_subset(points, matches.length_px[inliers], spacing)]
-    order = geometry.swapped[chosen].astype(int)
-    lines = homogeneous(matches.ends[chosen, order]) @ F.T  # (n, 3)
-    lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), 1e-300)[:, None]
-    close_ends = matches.ends[chosen, 1 - order]
-    away = (lines * homogeneous(close_ends)).sum(axis=1, keepdims=True)
-    feet = view.to_canvas(close_ends - away * lines[:, :2])
-    reach = sum(canvas.shape[:2]) + np.abs(feet).max(axis=1, keepdims=True)
-    across = reach * np.column_stack([-lines[:, 1], lines[:, 0]])
+    feet, along = epipolar_lines(F, matches.subset(chosen), geometry.swapped[chosen])
+    feet = view.to_canvas(feet)
+    reach = (sum(canvas.shape[:2]) + np.abs(feet).max(axis=1, keepdims=True)) * along
     layer = canvas.copy()
-    for ends in np.stack([feet - across, feet + across], axis=1):
+    for ends in np.stack([feet - reach, feet + reach], axis=1):
         draw_line(layer, ends, (255, 255, 255), thickness=1)
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
 
 
-def _draw_epipoles(canvas: Picture, view: View, F: Array) -> None:
-    for epipole in epipoles(F):
-        if abs(epipole[2]) < 1e-12:
-            continue  # at infinity
-        x, y = view.to_canvas(epipole[:2] / epipole[2])
-        if 0 <= x < canvas.shape[1] and 0 <= y < canvas.shape[0]:
-            draw_ring(canvas, (x, y), 11, (255, 255, 255), thickness=2)
-
-
-def _counts(matches: SmearMatches, geometry: TwoViewGeometry) -> str:
-    if len(matches) == 0:
+def counts_of(one: Photograph) -> str:
+    """Return how many smears fit what, and their length."""
+    if not one.num_matches:
         return "no smears used"
-    length = f"median length {np.median(matches.length_px):.1f} px"
-    if geometry.F is None:
-        return f"{len(matches)} smears used, {length}"
-    fit = f"{np.count_nonzero(geometry.inlier_mask)} of {len(matches)} smears fit F"
-    if geometry.H is not None:
-        return f"{fit}, and a homography explains them as well; {length}"
+    if one.F is None:
+        return f"{one.num_matches} smears used; {length_text(one)}"
+    fit = f"{one.num_inliers} of {one.num_matches} smears fit F"
+    if one.H is not None:
+        return f"{fit}, and a homography explains them as well; {length_text(one)}"
     lines = "white: epipolar lines, where F lets the ends of smears lie"
-    return f"{fit}, {length}; {lines}; rings: the epipoles, to or from which the camera moved"
+    return f"{fit}; {length_text(one)}; {lines}; rings: the epipoles, to or from which the camera moved"
 
 
 def _orientation_key() -> Picture:

@@ -1,88 +1,230 @@
-"""The report: one HTML file with everything in it, that shows the results of many photographs."""
+"""The report: one HTML file that holds everything and loads nothing.
+
+A photograph is a section of the page, `section`: its picture under layers of SVG in its own pixels, and what
+its record says. Failed ones have a line of the index with their reason.
+"""
+
+from __future__ import annotations
 
 import base64
 import hashlib
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from html import escape
 from importlib.resources import files
-from pathlib import PurePath
+from io import BytesIO
 from string import Template
+from typing import TYPE_CHECKING
 
-from blur2view.pipeline import FileEstimate
-from blur2view.results.overlay import draw_smears
-from blur2view.results.report_pack import THUMBNAIL_QUALITY, THUMBNAIL_SIDE_PX, photograph, picture
-from blur2view.results.verdicts import VERDICT_ORDER
-from blur2view.segmentation.mask import MotionMask
+import cv2
+import numpy as np
+from PIL import Image
 
-SCRIPTS = ["unpack", "geometry", "lens", "colours", "smears", "layers", "view", "values"]
-SCRIPTS += ["viewer", "gestures", "gallery", "main"]
-STYLES = ("page", "stage")
+from blur2view.arrays import AnyArray
+from blur2view.geometry.sampson import serrmin
+from blur2view.pipeline import Estimate
+from blur2view.results.drawing import View
+from blur2view.results.overlay import (
+    SQUARES,
+    certainty_of,
+    circles,
+    draw_smears,
+    epipolar_lines,
+    epipoles_within,
+    lines_of,
+    orientation_colours,
+    spread_subset,
+)
+from blur2view.results.photograph import Photograph
+from blur2view.results.verdict import length_text
 
+if TYPE_CHECKING:
+    from blur2view.segmentation.mask import MotionMask
 
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One photograph of a report, as text that goes into the page."""
-
-    name: str  # its path without the folders that say where the user keeps it
-    kind: str  # of verdict, see `verdicts.KINDS`, or "failed"
-    verdict: str  # the configuration, or "FAILED"
-    text: str  # one sentence on what the verdict means, or the error
-    median_px: float | None = None  # length of the smears that were used
-    thumbnail: str = ""  # data URI of the photograph with its smears; empty for a failed one
-    content: str = ""  # JSON of `report_pack.photograph`; empty for a failed one
-
-    @classmethod
-    def of(cls, one: FileEstimate, mask: MotionMask | None = None, mask_s: float | None = None) -> "Entry":
-        """Return the entry of a photograph that was estimated; see `report_pack.photograph`."""
-        shown = photograph(one, mask, mask_s)
-        matches, geometry = one.estimate.matches, one.estimate.geometry
-        drawn = draw_smears(one.image, one.estimate.grid, matches, geometry, THUMBNAIL_SIDE_PX)
-        return cls(
-            name=shown["name"],
-            kind=shown["kind"],
-            verdict=geometry.config.name,
-            text=shown["meaning"],
-            median_px=shown["median_px"],
-            thumbnail=picture(drawn, THUMBNAIL_SIDE_PX, THUMBNAIL_QUALITY),
-            content=json.dumps(shown, allow_nan=False),
-        )
-
-    @classmethod
-    def failed(cls, name: str, error: str) -> "Entry":
-        """Return the entry of a photograph that could not be estimated."""
-        return cls(name=name, kind="failed", verdict="FAILED", text=error)
+PICTURE_SIDE_PX, THUMBNAIL_SIDE_PX, MASK_SIDE_PX = 2048, 160, 1024
+PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 160 kB at 90
+MOVING_RGBA, UNSEEN_RGBA = (255, 70, 170, 150), (0, 0, 0, 140)
+MOVING, UNSEEN = 1, 2  # labels of a mask
 
 
-def report(entries: Sequence[Entry], version: str) -> bytes:
-    """Return the page, UTF-8, of entries in the order of the call; equal entries give equal bytes.
+def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
+    """Return the HTML of a photograph, with ``@NUMBER@`` where its number on the page belongs.
 
-    It loads nothing: a Content-Security-Policy forbids it, and scripts other than ours.
+    ``image`` (H, W, 3) is the photograph as it was estimated, ``mask`` what moves in it, if that was asked.
     """
-    style = "\n".join(_part(f"{name}.css") for name in STYLES)
-    script = '"use strict";\n(() => {\n' + "\n".join(_part(f"{name}.js") for name in SCRIPTS) + "})();\n"
-    blocks = [_block(f"photo-data-{k}", one.content) if one.content else "" for k, one in enumerate(entries)]
-    failures = [{"image": one.name, "error": one.text} for one in entries if not one.content]
-    proven, failed = sum(one.kind == "proven" for one in entries), len(failures)
-    counts = f"{len(entries)} photograph{'s' * (len(entries) != 1)}, {proven} with proven parallax"
+    side = min(PICTURE_SIDE_PX, max(image.shape[:2]))
+    picture = View.of(image.shape, side).picture(image)
+    layers = [_uncertainty(estimate), *([] if mask is None else [_mask(mask)]), *_circles(estimate)]
+    return Template(_part("photograph.html")).substitute(
+        number="@NUMBER@",
+        name=escape(one.name),
+        verdict=escape(one.verdict),
+        config=escape(one.config),
+        width=one.width,
+        height=one.height,
+        shown=one.num_matches,
+        picture=_jpeg(picture, PICTURE_QUALITY),
+        layers="\n".join([*layers, *_smears(estimate), *_epipoles(estimate)]),
+        facts="\n".join(_facts(one)),
+        file=escape(one.name.replace("/", "_") + ".json"),
+        json=_uri("application/json", one.to_json().encode("utf-8", "surrogateescape")),
+    )
+
+
+def thumbnail(estimate: Estimate, image: AnyArray) -> str:
+    """Return the data URI of a small picture of a photograph with its smears."""
+    return _jpeg(draw_smears(image, estimate, THUMBNAIL_SIDE_PX), THUMBNAIL_QUALITY)
+
+
+def report(entries: Sequence[tuple[Photograph, str, str]], version: str) -> bytes:
+    """Return the page, UTF-8, of records with their `section` and `thumbnail`, both empty if they failed.
+
+    Equal entries give equal bytes. A Content-Security-Policy forbids the page to load anything, and to run
+    other scripts than its own.
+    """
+    style, script = _part("page.css"), _part("page.js")
+    failed = sum(bool(one.error) for one, _, _ in entries)
+    counts = f"{len(entries)} photograph{'s' * (len(entries) != 1)}" + f", {failed} failed" * bool(failed)
+    sections = [text.replace("@NUMBER@", str(k)) for k, (_, text, _) in enumerate(entries)]
     page = Template(_part("page.html")).substitute(
-        title=escape(entries[0].name if len(entries) == 1 else f"{len(entries)} photographs"),
-        summary=counts + f", {failed} failed" * bool(failed),
+        title=escape(entries[0][0].name if len(entries) == 1 else counts),
+        summary=counts,
         version=escape(version),
         style=style,
         style_hash=_hash(style),
         script=script,
         script_hash=_hash(script),
-        cards="\n".join(_card(index, entry) for index, entry in enumerate(entries)),
-        contents="\n".join(blocks),
-        failures=_block("failures", json.dumps(failures, allow_nan=False)),
+        index="\n".join(_row(k, one, small) for k, (one, _, small) in enumerate(entries)),
+        photographs="\n".join(sections),
     )
     return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
 
 
+def _row(number: int, one: Photograph, small: str) -> str:
+    """Return the line of a photograph in the index."""
+    if one.error:
+        return f'<tr class="failed"><td>{escape(one.name)}</td><td colspan="4">{escape(one.error)}</td></tr>'
+    numbers = ("" if value is None else f"{value:.3g}" for value in (one.smear_px, one.smear_percent))
+    picture = f'<img src="{small}" alt="">' if small else ""
+    link = f'<a href="#photo-{number}">{picture}{escape(one.name)}</a>'
+    return f"<tr>{_cells([link, escape(one.verdict), escape(one.blur), *numbers])}</tr>"
+
+
+def _facts(one: Photograph) -> Iterable[str]:
+    """Yield what the record says beside the picture."""
+    yield f"<h3>Blur</h3><p>{escape(one.blur)}; {escape(length_text(one))}"
+    yield f" (deviation {one.smear_sigma_px:.2g} px)</p>" if one.smear_sigma_px is not None else "</p>"
+    if one.defocus_px is not None:
+        yield f"<p>radius out of focus {one.defocus_px:.1f} px</p>"
+    yield f"<h3>Why</h3><p>{escape(one.reason)}</p>"
+    if one.models:
+        rows = [
+            [row["model"], row["parameters"], f"{row['log_likelihood']:.1f}", f"{row['probability']:.3f}"]
+            for row in one.models
+        ]
+        yield "<h3>Models that competed</h3>" + _table(
+            ["model", "parameters", "log-likelihood", "probability"], rows
+        )
+    if one.num_matches:
+        chance = f"; {one.support_by_chance:.0%} would by chance" if one.support_by_chance else ""
+        yield f"<h3>Smears</h3><p>{one.num_inliers} of {one.num_matches} fit{chance}</p>"
+    for name, matrix in (("F", one.F), ("H", one.H), ("E", one.E)):
+        if matrix is not None:
+            text = "\n".join("  ".join(f"{value: .5e}" for value in row) for row in matrix)
+            yield f"<h3>{name}</h3><pre>{text}</pre>"
+    if one.rate_unit:
+        rates = ", ".join(f"{value or 0.0:.3f}" for value in (one.wx, one.wy, one.wz))
+        yield f"<h3>Rotation</h3><p>({rates}) {one.rate_unit} about x, y, z</p>"
+    if one.timings_s:
+        steps = ", ".join(f"{step} {seconds:.2f}" for step, seconds in one.timings_s.items())
+        yield f"<h3>Seconds</h3><p>{one.elapsed_s:.2f}: {escape(steps)}</p>"
+
+
+def _smears(estimate: Estimate) -> Iterable[str]:
+    """Yield the smears that were used, outliers first, each with its epipolar line and its figures."""
+    matches, geometry, F = estimate.matches, estimate.geometry, lines_of(estimate.geometry)
+    straight = estimate.camera is None or not estimate.camera.distorted  # else lines would be curves
+    lines = None if F is None or not straight else epipolar_lines(F, matches, geometry.swapped)
+    distance = None if lines is None or F is None else np.sqrt(serrmin(F, matches.ends))
+    colours = orientation_colours(matches.displacement)
+    reach = float(np.hypot(*estimate.grid.size))
+    inliers = np.flatnonzero(geometry.inlier_mask)
+    spacing = (np.prod(estimate.grid.size) / SQUARES) ** 0.5
+    some = set(
+        inliers[spread_subset(matches.midpoint[inliers], matches.length_px[inliers], spacing)].tolist()
+    )
+    certain = certainty_of(matches) >= 1
+    for k in sorted(range(len(matches)), key=lambda k: bool(geometry.inlier_mask[k])):
+        if not certain[k] and geometry.F is None and geometry.H is None:
+            continue
+        ends, fits = matches.ends[k], bool(geometry.inlier_mask[k])
+        colour = "" if not fits else f' stroke="rgb{tuple(colours[k].tolist())}"'
+        angle = np.degrees(np.arctan2(*matches.displacement[k][::-1])) % 180
+        words = f"{matches.length_px[k]:.1f} px, deviation {matches.sigma_px[k]:.1f} px, {angle:.0f} degrees"
+        line = ""
+        if lines is not None and distance is not None:
+            words += f"; {distance[k]:.2f} px from its epipolar line"
+            foot, along = lines[0][k], lines[1][k]
+            chosen = " some" if k in some else ""
+            line = _line(np.stack([foot - reach * along, foot + reach * along]), f"line{chosen}")
+        kind = "smear" if fits else "smear outlier"
+        yield f"<g><title>{words}</title>{_line(ends, 'touch')}{line}{_line(ends, kind, colour)}</g>"
+
+
+def _line(ends: AnyArray, kind: str, more: str = "") -> str:
+    (x1, y1), (x2, y2) = ends.round(2).tolist()
+    return f'<line class="{kind}" x1="{x1:g}" y1="{y1:g}" x2="{x2:g}" y2="{y2:g}"{more}/>'
+
+
+def _circles(estimate: Estimate) -> Iterable[str]:
+    for x, y, radius in circles(estimate.grid).tolist():
+        yield f'<circle class="circle" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
+
+
+def _epipoles(estimate: Estimate) -> Iterable[str]:
+    F = lines_of(estimate.geometry)
+    radius = 0.012 * max(estimate.grid.size)
+    for x, y in [] if F is None else epipoles_within(F, estimate.grid.size):
+        yield f'<circle class="epipole" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
+
+
+def _uncertainty(estimate: Estimate) -> str:
+    """Return the map of the smears' deviations, on a logarithmic scale, as a picture of one pixel a cell."""
+    grid = estimate.grid
+    logs = np.log(np.maximum(grid.smears().sigma_px, 1e-3))
+    low, high = np.percentile(logs, [2, 98])
+    levels = np.round(255 * np.clip((logs - low) / max(high - low, 0.1), 0, 1)).astype(np.uint8)
+    colours = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    height, width = grid.stride * np.array(levels.shape)
+    return _image(_png(colours), "uncertainty", width, height)
+
+
+def _mask(mask: MotionMask) -> str:
+    """Return what moves, pink, and where nothing can be told, dark."""
+    height, width = mask.labels.shape
+    scale = min(1.0, MASK_SIDE_PX / max(height, width))
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    labels = cv2.resize(mask.labels, size, interpolation=cv2.INTER_NEAREST)
+    colours = np.zeros((*labels.shape, 4), np.uint8)
+    colours[labels == MOVING], colours[labels == UNSEEN] = MOVING_RGBA, UNSEEN_RGBA
+    return _image(_png(colours), "mask", width, height)
+
+
+def _image(uri: str, kind: str, width: int, height: int) -> str:
+    size = f'x="-0.5" y="-0.5" width="{width}" height="{height}" preserveAspectRatio="none"'
+    return f'<image class="{kind}" href="{uri}" {size}/>'
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    body = "".join(f"<tr>{_cells([escape(str(cell)) for cell in row])}</tr>" for row in rows)
+    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{body}</table>"
+
+
+def _cells(cells: Iterable[str]) -> str:
+    return "".join(f"<td>{cell}</td>" for cell in cells)
+
+
 def _part(name: str) -> str:
-    return (files("blur2view.results") / "report_page" / name).read_text("utf-8")
+    return (files("blur2view.results") / "page" / name).read_text("utf-8")
 
 
 def _hash(text: str) -> str:
@@ -90,27 +232,17 @@ def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
-def _card(index: int, entry: Entry) -> str:
-    """Return the photograph's card in the gallery, readable without any script."""
-    median, done = entry.median_px, bool(entry.content)
-    words = "no smears" if median is None else f"used: median {median:.1f} px"
-    return Template(_part("card.html")).substitute(
-        index=index,
-        kind=escape(entry.kind),
-        name=escape(entry.name),
-        short=escape(PurePath(entry.name).name),
-        text=escape(entry.text),
-        verdict=escape(entry.verdict),
-        order=VERDICT_ORDER.index(entry.verdict) if done else len(VERDICT_ORDER),
-        length="" if median is None else f"{median:.6g}",
-        words=words * done,
-        picture=f'<img src="{escape(entry.thumbnail)}" alt="" decoding="async">' * done,
-        tag=f'a class="card-body" href="#photo-{index}"' if done else 'div class="card-body"',
-        end="a" if done else "div",
-    )
+def _uri(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _block(name: str, text: str) -> str:
-    """Return JSON as a block of data that nothing in it can end: angle brackets are written as escapes."""
-    safe = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-    return f'<script type="application/json" id="{name}">{safe}</script>'
+def _png(picture: AnyArray) -> str:
+    file = BytesIO()
+    Image.fromarray(picture).save(file, "PNG")
+    return _uri("image/png", file.getvalue())
+
+
+def _jpeg(picture: AnyArray, quality: int) -> str:
+    file = BytesIO()
+    Image.fromarray(picture).save(file, "JPEG", quality=quality, subsampling=0)
+    return _uri("image/jpeg", file.getvalue())

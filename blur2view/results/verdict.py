@@ -22,7 +22,8 @@ def verdict(one: Record) -> str:
         case "out of focus":
             return f"Out of focus ({_radius(one)})"
         case "camera at rest":
-            return f"The camera stood still; {one.moving_share or 0:.0%} of the picture moves by itself"
+            percent = f"{100 * (one.moving_share or 0.0):.0f} %"
+            return f"The camera stood still; {percent} of the picture moves by itself"
         case "cannot tell":
             return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
         case "out of focus and moved":

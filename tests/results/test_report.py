@@ -1,157 +1,63 @@
-"""The report's file: whole, small, the same every time, and nothing that a user names becomes markup."""
+"""The report: one page that loads nothing, and says what the records say."""
 
 import base64
-import hashlib
-import json
 import re
-from functools import partial
-from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
-from blur2view.cli.report import shown_names, without_folders
-from blur2view.results.report import Entry, report
-from tests.support.calls import Call
-from tests.support.report_scenes import boxed_mask, made_up, turning_F
+from blur2view.results.photograph import Photograph
+from blur2view.results.report import report, section, thumbnail
+from blur2view.results.verdict import length_text
+from tests.support.report_scenes import HEIGHT, WIDTH, boxed_mask, made_up, turning_F
 
-HOSTILE = '"><script>alert(1)</script><img src=x onerror=alert(2)>&amp;\u2028'
-
-
-class _Markup(HTMLParser):
-    """The elements of a page with their attributes, and its texts with the elements they lie in."""
-
-    def __init__(self, page: bytes) -> None:
-        super().__init__()
-        self.elements: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: list[tuple[str, str]] = []
-        self.inside = ""
-        self.feed(page.decode())
-        scripts = [text for tag, text in self.texts if tag == "script"]
-        # blocks of data: the failures, then the photographs
-        self.blocks: list[Any] = [json.loads(text) for text in scripts if text.startswith(("{", "["))]
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.inside = tag
-        self.elements.append((tag, dict(attributes)))
-
-    def handle_endtag(self, tag: str) -> None:
-        self.inside = ""
-
-    def handle_data(self, data: str) -> None:
-        self.texts.append((self.inside, data))
+NAME = "folder/<b>photo & more.png"
 
 
-@pytest.fixture
-def page(tmp_path: Path) -> Path:
-    """Return where the report is written."""
-    return tmp_path / "page.html"
+def page_of(*, F: bool = True, mask: bool = False, again: int = 1) -> tuple[Photograph, str]:
+    """Return a record, and the page of it."""
+    estimate, image = made_up(F=turning_F() if F else None)
+    one = Photograph.of(estimate, name=NAME, timings_s=None)
+    text = section(one, estimate, image, boxed_mask() if mask else None)
+    return one, report([(one, text, thumbnail(estimate, image))] * again, "1.2").decode()
 
 
-@pytest.fixture
-def make(call: Call, page: Path) -> Call:
-    """Return ``blur2view report`` with the tiny network, writing that page."""
-    return partial(call, "report", "-o", page)
+def test_the_page_loads_nothing_and_runs_its_own_script_alone() -> None:
+    _, page = page_of()
+    assert re.search("default-src 'none'; img-src data:; script-src 'sha256-[^']+'; style-src 'sha256-", page)
+    places = re.findall(r'(?:href|src)="([^"]*)"', page)
+    assert places and all(place.startswith(("data:", "#")) for place in places)
+    assert "<b>photo" not in page and page_of()[1] == page  # names are text; equal records give equal bytes
 
 
-@pytest.mark.slow
-def test_page_holds_what_estimate_prints(call: Call, make: Call, page: Path, moving: Path) -> None:
-    done = make(moving)
-    assert done == 0 and "moving.png: " in done.out and "page.html" in done.out
-    (printed,) = call("estimate", "--json", moving).document["estimates"]
-    _, shown = _Markup(page.read_bytes()).blocks
-    document = json.loads(shown["document"])
-    assert set(shown["seconds"]) == {"read", "predict", "select", "solve", "mask"}
-    assert set(document.pop("timings_s")) == set(printed.pop("timings_s"))
-    assert (document.pop("image"), printed.pop("image")) == ("moving.png", str(moving))
-    assert document == printed
-    assert shown["document"] == json.dumps(json.loads(shown["document"]), indent=2)
-    assert make(moving, "--no-mask") == 0
-    _, shown = _Markup(page.read_bytes()).blocks
-    assert shown["mask"] is None and "mask" not in shown["seconds"]
+def test_it_says_what_the_record_says() -> None:
+    one, page = page_of()
+    assert page.count(one.verdict) == 2  # in the index and above the picture
+    assert length_text(one) in page and f"{one.num_inliers} of {one.num_matches} fit" in page
+    link = re.search(r'download="[^"]+" href="data:application/json;base64,([^"]+)"', page)
+    assert link is not None and Photograph.from_json(base64.b64decode(link[1])) == one
 
 
-@pytest.mark.slow
-def test_same_call_gives_same_bytes(make: Call, page: Path, moving: Path) -> None:
-    pages = []
-    for seed in (0, 0, 5):
-        assert make(moving, "--no-timings", "--overwrite", "--seed", seed) == 0
-        pages.append(page.read_bytes())
-    assert pages[0] == pages[1] != pages[2]
+@pytest.mark.parametrize("F", [True, False])
+def test_every_smear_that_was_used_is_drawn_in_pixels_of_the_photograph(F: bool) -> None:
+    one, page = page_of(F=F)
+    svg = re.search(r"<svg.*?</svg>", page, re.DOTALL)
+    assert svg is not None
+    root = ElementTree.fromstring(svg[0])
+    assert root.get("viewBox") == f"-0.5 -0.5 {WIDTH} {HEIGHT}"
+    classes = [line.get("class", "").split()[0] for line in root.iter("line")]
+    assert classes.count("line") == (one.num_matches if F else 0)
+    inliers = [line for line in root.iter("line") if line.get("class") == "smear"]
+    assert len(inliers) == (one.num_inliers if F else 0)
 
 
-@pytest.mark.slow
-def test_failure_is_a_card_not_the_end(make: Call, page: Path, moving: Path, tmp_path: Path) -> None:
-    (broken := tmp_path / "broken.jpg").write_bytes(b"no picture")
-    done = make(broken, moving, tmp_path / "absent.jpg")
-    assert done == 1 and len(done.lines) == 2
-    markup = _Markup(page.read_bytes())
-    cards = [attributes for tag, attributes in markup.elements if tag == "li" and "data-index" in attributes]
-    assert ["card-failed" in str(card["class"]) for card in cards] == [True, False, True]
-    text = "".join(data for _, data in markup.texts)
-    assert "is not a readable image" in text and "no such file" in text
-    failures, photo = markup.blocks
-    assert [Path(failure["image"]).name for failure in failures] == ["broken.jpg", "absent.jpg"]
-    assert photo["name"] == "moving.png"
-    assert str(tmp_path) not in page.read_text()
+def test_what_was_not_asked_is_no_layer() -> None:
+    assert 'class="mask"' in page_of(mask=True)[1] and 'class="mask"' not in page_of()[1]
 
 
-def test_names_in_a_report_hold_no_folders_of_the_user(tmp_path: Path) -> None:
-    for name in ("a/x.jpg", "b/x.jpg"):
-        (tmp_path / name).parent.mkdir()
-        (tmp_path / name).touch()
-    images = [tmp_path / "a/x.jpg", tmp_path / "b/x.jpg", Path("/secret/y.jpg")]
-    assert list(shown_names(images).values()) == ["a/x.jpg", "b/x.jpg", "y.jpg"]
-    assert shown_names(images[:1]) == {images[0]: "x.jpg"}
-    line = f"{images[0]}: is of 9x9 pixels, in /home/me/project.db of 8x8; see /tmp or a/b"
-    shown = without_folders(line, images[0], "x.jpg")
-    assert shown == "x.jpg: is of 9x9 pixels, in project.db of 8x8; see /tmp or a/b"
-
-
-@pytest.mark.slow
-def test_nothing_is_written_if_every_photograph_fails(
-    make: Call, page: Path, moving: Path, tmp_path: Path
-) -> None:
-    absent = tmp_path / "absent.jpg"
-    assert make(absent) == 1 and not page.exists()
-    assert make(absent, "-o", tmp_path / "new" / "page.html") == 1 and not (tmp_path / "new").exists()
-    assert make(moving) == 0
-    good = page.read_bytes()
-    assert make(absent).line and page.read_bytes() == good
-    done = make(absent, tmp_path / "none.jpg")
-    assert done == 1 and page.read_bytes() == good
-    assert "page.html: is not written" in done.lines[-1] and "wrote" not in done.out
-    assert make(absent, moving) == 1 and page.read_bytes() != good
-
-
-@pytest.mark.parametrize("name", [HOSTILE, "</script><script>alert(3)</script>", "\udcff.png", "$title"])
-def test_names_and_errors_never_become_markup(name: str) -> None:
-    entries = [Entry.of(made_up(name, F=turning_F())), Entry.failed(name, f"{name}: no such file")]
-    markup = _Markup(report(entries, "1.0"))
-    plain = _Markup(report([Entry.of(made_up(F=turning_F())), Entry.failed("a", "a: no such file")], "1.0"))
-    assert [tag for tag, _ in markup.elements] == [tag for tag, _ in plain.elements]
-    assert not any(key.startswith("on") for _, attributes in markup.elements for key in attributes)
-    failures, photo = markup.blocks
-    assert photo["name"] == str(Path(name)) and failures[0]["image"] == name
-    text = "".join(data for _, data in markup.texts)
-    readable = name.encode("utf-8", "backslashreplace").decode()
-    assert f"{readable}: no such file" in text
-
-
-def test_page_forbids_loading_and_foreign_scripts() -> None:
-    page = report([Entry.of(made_up(F=turning_F()), boxed_mask())], "1.0")
-    markup = _Markup(page)
-    (policy,) = (
-        str(a["content"]) for tag, a in markup.elements if a.get("http-equiv") == "Content-Security-Policy"
-    )
-    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
-    assert rules["default-src"] == "'none'" and rules["img-src"] == "data:"
-    for tag, rule in (("script", "script-src"), ("style", "style-src")):
-        text = [text for of, text in markup.texts if of == tag and not text.startswith(("{", "["))][-1]
-        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-        assert rules[rule] == f"'sha256-{digest}'"
-    addresses = [
-        value for _, a in markup.elements for key, value in a.items() if key in ("src", "href", "srcset")
-    ]
-    assert addresses and all(re.match("data:|#", str(address)) for address in addresses)
+def test_several_photographs_have_an_index_and_failed_ones_their_reason() -> None:
+    one, page = page_of(again=2)
+    assert 'id="photo-0"' in page and 'href="#photo-1"' in page
+    failed = Photograph(name="b.jpg", error="b.jpg: is no <picture>")
+    page = report([(one, "", ""), (failed, "", "")], "1.2").decode()
+    assert "2 photographs, 1 failed" in page and "b.jpg: is no &lt;picture&gt;" in page

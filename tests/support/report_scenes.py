@@ -1,14 +1,11 @@
 """Made-up estimates for the tests of the report: every value on the page is known from here."""
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view import (
     Camera,
     Configuration,
-    EstimatorOptions,
     MotionLabel,
     MotionMask,
     MotionModel,
@@ -20,7 +17,7 @@ from blur2view import (
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin, swapped_order
-from blur2view.pipeline import Estimate, FileEstimate, Run, Timings
+from blur2view.pipeline import Estimate, Timings
 from tests.support.grids import grid_of
 
 WIDTH, HEIGHT = 640, 360
@@ -36,7 +33,6 @@ def turning_F(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float64]:
 
 
 def made_up(
-    name: str = "folder/photo.png",
     *,
     config: Configuration = Configuration.UNCALIBRATED,
     F: NDArray[np.float64] | None = None,
@@ -44,8 +40,8 @@ def made_up(
     size: tuple[int, int] = (WIDTH, HEIGHT),
     camera: Camera | None = None,
     scale: float = 1.0,
-) -> FileEstimate:
-    """Return a made-up estimate of a photograph that is black but for two white pixels.
+) -> tuple[Estimate, NDArray[np.float32]]:
+    """Return a made-up estimate of a photograph that is black but for two white pixels, and it.
 
     Smears, in cells of 32 pixels, differ from their neighbours in every value; ``scale`` stretches them. The
     half that fits F better are inliers, none without F.
@@ -55,8 +51,7 @@ def made_up(
     displacement = scale * np.stack([18 + 6 * np.sin(x / 50), 9 * np.cos(y / 40 + x / 90)], axis=-1)
     sigma_px, sigma_rad = 0.5 + 4 * x / width, 0.05 + 0.3 * y / height
     grid = grid_of(displacement, sigma_px, sigma_rad, stride=32, shape=(height, width))
-    select = SelectOptions(max_matches=300)
-    used = select_matches(grid, select)
+    used = select_matches(grid, SelectOptions(max_matches=300))
     errors = np.zeros(len(used)) if F is None else serrmin(F, used.ends)
     geometry = TwoViewGeometry(
         F=F,
@@ -81,8 +76,7 @@ def made_up(
     image = np.zeros((height, width, 3), np.float32)
     for column, row in DOTS:
         image[row % height, column % width] = 1
-    run = Run(select=select, options=EstimatorOptions(), seed=0)
-    return FileEstimate(path=Path(name), image=image, estimate=estimate, run=run, read_s=0.04)
+    return estimate, image
 
 
 def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:

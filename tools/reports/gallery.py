@@ -32,10 +32,7 @@ def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, masks: bool, 
     image = blur2view.read_image(path)
     found = blur2view.estimate(image, network=network)
     backdrop = np.full_like(image, GREY) if plain else image
-    if masks:
-        overlay = draw_motion(backdrop, segment(found, image))
-    else:
-        overlay = draw_overlay(backdrop, found.grid, found.matches, found.geometry, blur=found.blur)
+    overlay = draw_motion(backdrop, segment(found, image)) if masks else draw_overlay(backdrop, found)
     height = round(overlay.shape[0] * width / overlay.shape[1])
     small = np.asarray(cv2.resize(overlay, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     title = np.full((24, width, 3), PAPER, np.uint8)

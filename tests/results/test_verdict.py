@@ -1,0 +1,112 @@
+"""Verdicts and uses: short, right about what is known, and without contradiction."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.results.photograph import Photograph
+from blur2view.results.triage_class import Limits, classified, use_of
+
+F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+PAN = [[1.0, 0.0, 32.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+ROLL = [[1.0, -0.05, 12.0], [0.05, 1.0, -16.0], [0.0, 0.0, 1.0]]  # about the middle
+MOVED = Photograph(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
+SMEARS = "; smears of 9.0 px, 1.4 % of the width"
+
+
+def moved(config: str, parallax: str = "absent", **more: Any) -> Photograph:
+    return replace(MOVED, config=config, parallax=parallax, **more)
+
+
+def posed(config: str, translation: list[float], **more: Any) -> Photograph:
+    pose = {"rotation": rotation_matrix(np.array([0.0, 0.0837758, 0.0])).tolist(), "translation": translation}
+    matrix = [[(0.3 / 57.2958) ** 2 * (i == j) for j in range(5)] for i in range(5)]
+    covariance = {"matrix": matrix, "translation_sigma_deg": 12.0}
+    return moved(config, cam2_from_cam1=pose, pose_covariance=covariance, **more)
+
+
+CASES = {
+    "Sharp": replace(MOVED, blur="sharp"),
+    "Out of focus (radius 4.1 px)": replace(MOVED, blur="out of focus", defocus_px=4.1),
+    "The camera stood still; 14 % of the picture moves by itself": replace(
+        MOVED, blur="camera at rest", moving_share=0.14
+    ),
+    "Too dark: cannot tell": replace(MOVED, blur="cannot tell", nothing_seen="too dark"),
+    "Smooth: cannot tell": replace(MOVED, blur="cannot tell"),
+    f"Camera turned or moved, with the same blur everywhere{SMEARS}": moved("DEGENERATE"),
+    f"Camera moved, and too little of the picture shows how{SMEARS}": moved("DEGENERATE", "undecided"),
+    f"Camera moved, and no one motion explains the blur{SMEARS}": moved("UNDEFINED", "undecided"),
+    f"Camera turned sideways{SMEARS}": moved("PANORAMIC", H=PAN),
+    f"Camera rolled, parallax undecided{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=ROLL),
+    "Camera turned sideways by 4.8 +/- 0.3 degrees": posed("PANORAMIC", [0.0, 0, 0], H=PAN),
+    "Camera turned sideways at 2.1 +/- 0.1 rad/s": posed("PANORAMIC", [0.0, 0, 0], H=PAN, exposure_s=0.04),
+    f"Camera moved past something flat{SMEARS}": moved("PLANAR", H=H),
+    f"Camera turned or moved past something flat{SMEARS}": moved("PLANAR_OR_PANORAMIC", H=H),
+    f"Camera moved past near and far things{SMEARS}": moved("UNCALIBRATED", "proven", F=F),
+    "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees": posed(
+        "CALIBRATED", [0.0, 0.0, 1.0], F=F
+    ),
+    f"Camera moved past near and far things{SMEARS}; out of focus, too (radius 3.0 px)": replace(
+        moved("UNCALIBRATED", "proven", F=F), blur="out of focus and moved", defocus_px=3.0
+    ),
+}
+
+
+@pytest.mark.parametrize("expected", CASES)
+def test_the_sentence_says_what_is_known_and_no_more(expected: str) -> None:
+    assert CASES[expected].verdict == expected
+
+
+USES = {
+    "sharp": [
+        replace(MOVED, blur="sharp", smear_px=8.9, smear_sigma_px=19.0),  # a sharp kind is never unusable
+        replace(MOVED, blur="camera at rest", moving_share=0.1),
+        moved("UNDEFINED", smear_px=2.9),
+        moved("DEGENERATE", smear_px=4.0, smear_sigma_px=6.0),  # below its own deviation
+    ],
+    "blurred": [moved("UNCALIBRATED", F=F), moved("PANORAMIC", H=H)],
+    "unusable": [moved("DEGENERATE"), moved("UNDEFINED")],
+    "out of focus": [
+        replace(MOVED, blur="out of focus", defocus_px=1.5),
+        replace(MOVED, blur="sharp", defocus_px=2.5),
+    ],
+    "unclear": [replace(MOVED, blur="cannot tell"), replace(MOVED, smear_px=None)],
+    "": [Photograph(name="a.jpg", error="a.jpg: is no picture")],
+}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> None:
+    for one in USES[use]:
+        assert use_of(one, Limits())[0] == use
+
+
+def test_limits_are_in_pixels_in_per_cent_of_the_width_or_on_the_ground() -> None:
+    one = moved("UNCALIBRATED", F=F)  # 9 px, 1.4 %
+    for limits, use in (
+        (Limits(max_smear=10.0), "sharp"),
+        (Limits(max_smear=1.5, unit="%"), "sharp"),
+        (Limits(max_smear=1.3, unit="%"), "blurred"),
+        (Limits(max_smear=0.2, unit="m", gsd_m=0.02), "sharp"),
+        (Limits(max_smear=0.1, unit="m", gsd_m=0.02), "blurred"),
+    ):
+        (row,) = classified([one], limits)
+        assert row.use == use and (limits.unit != "m" or row.smear_ground_m == pytest.approx(0.18))
+
+
+def test_near_the_limit_a_frame_is_as_sharp_as_the_one_before() -> None:
+    lengths = (2.0, 3.2, 3.4, 2.9, 2.6)
+    frames = [moved("UNCALIBRATED", F=F, smear_px=px, frame=k) for k, px in enumerate(lengths)]
+    assert [row.use for row in classified(frames, Limits())] == [
+        "sharp",
+        "sharp",
+        "blurred",
+        "blurred",
+        "sharp",
+    ]
+    alone = [replace(one, frame=None) for one in frames]
+    expected = ["sharp", "blurred", "blurred", "sharp", "sharp"]
+    assert [row.use for row in classified(alone, Limits())] == expected
