@@ -78,7 +78,7 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
         "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
         "the same call with --resume goes on\n"
     )
-    assert "3 photographs, " in (tmp_path / "page.html").read_text()
+    assert "3 photographs" in (tmp_path / "page.html").read_text()
     done = call("estimate", folder, "-o", tmp_path / "out", "--resume")
     assert done == 0 and "2 done, 3 done before" in done.out
 
