@@ -7,7 +7,7 @@ from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_vector
-from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.sampson import sampson, serrmin
 
 CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
 EVERY = slice(0, 5)
@@ -117,8 +117,8 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
     ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``, ``ends`` (N, 2, 2) observed matches for
     the test of cheirality; their order is not used.
     """
-    swapped = swapped_order(F, ends)[:, None, None]
-    ordered = np.where(swapped, ends[:, ::-1], ends)
+    back = sampson(F, ends[:, 1], ends[:, 0]) < sampson(F, ends[:, 0], ends[:, 1])
+    ordered = np.where(back[:, None, None], ends[:, ::-1], ends)
     errors = []
     for G, points in ((F, ordered), (F.T, ordered[:, ::-1])):
         pose = pose_of(G, K, points)

@@ -43,8 +43,8 @@ FILES = """
     and of its direction (radians). blur_grid (h, w, 6), float16: the radius out of focus, pixels, and the
     probabilities of sharp, out of focus, smeared, both, cannot tell. blur2view.load_smears(FILE).at_pixels()
     has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so has the file with
-    --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, swapped (N): the smears that were used, their
-    sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
+    --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, second_end_is_open (N): the smears that were
+    used, their sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
 <stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
     uncertainty (sigma)
@@ -109,7 +109,7 @@ def estimate_contents(one: FileEstimate, *, full_field: bool = False) -> list[by
         ends=matches.ends,
         match_sigma_px=matches.sampson_px,
         inlier_mask=geometry.inlier_mask,
-        swapped=geometry.swapped,
+        second_end_is_open=geometry.second_end_is_open,
     )
     record = Photograph.of(found, name="", exposure_s=one.exposure_s)
     picture = draw_overlay(one.image, found, record)
@@ -150,7 +150,7 @@ def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
 
 
 def _details(document: EstimateDocument) -> list[str]:
-    """Return F, H, E, the pose, the intrinsics and the costs of the families, as far as there are such."""
+    """Return F, H, E, the pose and the intrinsics, as far as there are such."""
     lines = []
     for name in ("F", "H", "E"):
         rows = ["  ".join(f"{value: .6e}" for value in row) for row in getattr(document, name) or ()]
@@ -168,9 +168,6 @@ def _details(document: EstimateDocument) -> list[str]:
     if document.camera is not None:
         hint = "" if document.camera["known"] else ", a hint"
         lines.append(f"intrinsics: {document.camera['source']}{hint}")
-    if document.scores:
-        costs = ", ".join(f"{name} {cost:.1f}" for name, cost in document.scores.items())
-        lines.append(f"penalised costs: {costs}; {document.iterations} samples")
     return lines
 
 

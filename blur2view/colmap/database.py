@@ -17,10 +17,10 @@ from blur2view.camera.colmap_camera import colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
 from blur2view.colmap.project import MAX_IMAGES, VIEWS_TABLE, storable
 from blur2view.errors import DatabaseError
-from blur2view.exposure.end_order import GUESSED_FOCAL
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
 from blur2view.output_files import remove_half_written, write_files
+from blur2view.two_view.constants import GUESSED_FOCAL
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
 NO_VIEWS = f"""

@@ -24,13 +24,11 @@ def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[
     """
     whole = geometry.cam2_from_cam1
     pose = None if whole is None else half_pose(whole)
-    F, E = None if geometry.F is None else half_fundamental(geometry.F, size), None
-    if pose is not None and pose.translation.any():
-        E = pose.essential
-        if camera is not None and geometry.F is not None:
-            F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
+    F = None if geometry.F is None else half_fundamental(geometry.F, size)
+    if pose is not None and pose.translation.any() and camera is not None and F is not None:
+        F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
     H = None if geometry.H is None else half_homography(geometry.H)
-    return replace(geometry, F=F, E=E, H=H, cam2_from_cam1=pose, covariance=None)
+    return replace(geometry, F=F, H=H, cam2_from_cam1=pose, covariance=None)
 
 
 def half_pose(pose: RigidTransform) -> RigidTransform:

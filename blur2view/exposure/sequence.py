@@ -12,7 +12,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.exposure.features import NO_FEATURES, Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
-from blur2view.exposure.views import views_of
+from blur2view.exposure.views import ordered_views
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.video import read_video
 from blur2view.networks.smear_network import SmearNetwork, photograph_of, rgb_of
@@ -26,10 +26,8 @@ def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate
 
     Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
     """
-    if estimated.shutter is None:
-        views, candidates = views_of("frame", estimated), None
-    else:  # another motion in the other order in time, or none
-        views = views_of("frame", estimated, estimated.geometry.swapped)
+    views, candidates = ordered_views("frame", estimated), None
+    if estimated.shutter is not None:  # another motion in the other order in time, or none
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motions, candidates)
     return replace(estimated, geometry=views.geometry, time=views.time)

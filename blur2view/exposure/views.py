@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.exposure.end_order import MotionOrder, motion_order, open_and_close
 from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
@@ -17,6 +16,7 @@ from blur2view.smears.field import smear_ends
 from blur2view.smears.noise import across_px, sampson_px
 from blur2view.smears.selection import LEAST_SIGMA_PX
 from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.order import end_order, open_and_close
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name
 # Of the smear's length: its direction is known. A limit in pixels as well (8) left 3 to 15 features of
@@ -94,7 +94,7 @@ class ExposureViews:
         )
 
 
-def views_of(name: str, estimate: Estimate, swapped: NDArray[np.bool_] | None = None) -> ExposureViews:
+def views_of(name: str, estimate: Estimate) -> ExposureViews:
     """Return both virtual images of an estimate, in the time direction that the estimator happened to choose.
 
     Parameters
@@ -102,38 +102,33 @@ def views_of(name: str, estimate: Estimate, swapped: NDArray[np.bool_] | None = 
     name : str
         Of the photograph, as the database is to name it.
     estimate : Estimate
-        Also one without F: then the order of the ends is arbitrary; else it is that of `end_order`.
-    swapped : ndarray of bool, shape (N,), optional
-        Smears whose ends[:, 1] are open, where that is known.
+        Also one without F: then the order of the ends is arbitrary.
 
     Raises
     ------
     ValueError
-        If the estimate has a rolling shutter and no order is given: its F is not that of the ends as
-        recorded, and no camera of one time saw the points of all rows where they are.
+        If the estimate has a rolling shutter: its F is not that of the ends as recorded, and no camera of
+        one time saw the points of all rows where they are.
     """
-    matches = estimate.matches
-    if swapped is None:
-        if estimate.shutter is not None:
-            raise ValueError("views are of the ends as recorded: estimate without a shutter")
-        swapped = _order_of(estimate).swapped(matches.ends, matches.sampson_px)
-    points_open, points_close = open_and_close(matches.ends, swapped)
+    if estimate.shutter is not None:
+        raise ValueError("views are of the ends as recorded: estimate without a shutter")
+    return ordered_views(name, estimate)
+
+
+def ordered_views(name: str, estimate: Estimate) -> ExposureViews:
+    """Return both ends of the smears of an estimate in the order of its geometry, as virtual images."""
+    matches, geometry = estimate.matches, estimate.geometry
+    points_open, points_close = open_and_close(matches.ends, geometry.second_end_is_open)
     return ExposureViews(
         name=name,
         size=estimate.grid.size,
         points_open=points_open,
         points_close=points_close,
         sampson_px=matches.sampson_px,
-        geometry=replace(estimate.geometry, swapped=swapped),
+        geometry=geometry,
         camera=estimate.camera,
         time=estimate.time,
     )
-
-
-def _order_of(estimate: Estimate) -> MotionOrder:
-    """Return the motion of an estimate, by which smears are ordered."""
-    matches, size = estimate.matches, estimate.grid.size
-    return motion_order(estimate.geometry, matches.ends, matches.sampson_px, estimate.camera, size)
 
 
 def keypoint_views(
@@ -159,9 +154,11 @@ def keypoint_views(
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
     ends = smear_ends(points, smears.displacement)
     across = across_px(length, smears.sigma_rad.astype(float))
-    sampson, order = sampson_px(length, across, estimate.matches.shared), _order_of(estimate)
-    swapped = order.swapped(ends, sampson)
-    first, last = open_and_close(ends, swapped)
+    sampson = sampson_px(length, across, estimate.matches.shared)
+    used = estimate.matches
+    order = end_order(geometry, used.ends, used.sampson_px, estimate.camera, grid.size)
+    second_end_is_open = order.second_end_is_open(ends, sampson)
+    first, last = open_and_close(ends, second_end_is_open)
     certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
     usable = inside & certain & (geometry.F is not None or geometry.H is not None)
     if excluded is not None:
@@ -178,7 +175,7 @@ def keypoint_views(
         points_open=np.where(moved, first, still),
         points_close=np.where(moved, last, still),
         sampson_px=sampson,
-        geometry=replace(geometry, inlier_mask=fits, swapped=swapped),
+        geometry=replace(geometry, inlier_mask=fits, second_end_is_open=second_end_is_open),
         camera=estimate.camera,
         time=estimate.time,
         usable=usable,
@@ -203,18 +200,17 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
     if geometry.F is None:
         return None
     ends = np.stack([views.points_open, views.points_close], axis=1)
-    order = motion_order(geometry, ends, views.sampson_px, views.camera, views.size)
+    order = end_order(geometry, ends, views.sampson_px, views.camera, views.size)
     if order.pose is None or not order.pose.translation.any():
         return None
     pose = RigidTransform(rotation=order.pose.rotation, translation=-order.pose.translation)
-    swapped = replace(order, pose=pose).swapped(ends, views.sampson_px)
-    points_open, points_close = open_and_close(ends, swapped)
+    exchanged = replace(order, pose=pose).second_end_is_open(ends, views.sampson_px)
+    points_open, points_close = open_and_close(ends, exchanged)
     covariance = geometry.covariance
     other = replace(
         geometry,
-        E=None if geometry.E is None else -geometry.E,
         cam2_from_cam1=None if geometry.cam2_from_cam1 is None else pose,
         covariance=covariance and replace(covariance, tangents=-covariance.tangents),
-        swapped=geometry.swapped ^ swapped,
+        second_end_is_open=geometry.second_end_is_open ^ exchanged,
     )
     return replace(views, points_open=points_open, points_close=points_close, geometry=other)

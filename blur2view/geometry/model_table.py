@@ -51,10 +51,15 @@ class ModelRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelTable:
-    """All models that were compared, on as many smears as if each erred for itself."""
+    """All models that were compared, likeliest first, on so many smears as if each erred for itself."""
 
     rows: tuple[ModelRow, ...] = ()
     effective_count: float = 0.0
+
+    @property
+    def winner(self) -> ModelRow | None:
+        """The likeliest model, with its probability; None where none were compared."""
+        return self.rows[0] if self.rows else None
 
     def probability(self, *models: MotionModel) -> float | None:
         """Return the probability that it is one of the models; None where none were compared."""
@@ -66,12 +71,11 @@ class ModelTable:
         """Return the table as text, likeliest first."""
         if not self.rows:
             return []
-        rows = sorted(self.rows, key=lambda row: -row.probability)
         smears = f"{self.effective_count:.0f} independent smears"
         return [
             f"model, parameters, log-likelihood of {smears}, probability",
             *(
                 f"  {row.model:<26} {row.parameters:>2} {row.log_likelihood:>9.1f} {row.probability:6.3f}"
-                for row in rows
+                for row in self.rows
             ),
         ]

@@ -17,7 +17,6 @@ from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.geometry.rotation import rotation_vector
 
 QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-DOUBT = 0.2  # probability with which noise puts a point behind a camera that is before it
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,45 +137,6 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
     depth1 = (np.cross(pose.translation, y) * normal).sum(axis=1) / scale
     depth2 = (np.cross(pose.translation, x) * normal).sum(axis=1) / scale
     return np.asarray((depth1 > 0) & (depth2 > 0))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OrientedPose:
-    """A pose with every match's order under it."""
-
-    pose: RigidTransform
-    swapped: NDArray[np.bool_]  # (N,) where ends[:, 1] is the open end
-    in_front: float  # share of the matches, by weight, that lie before both cameras in that order
-
-
-def oriented_pose(E: Array, ends: Array, forward: Array, weights: Array | None = None) -> OrientedPose:
-    """Return the pose of E (3, 3) with every match's order, of rays (N, 2, 2) x/z, y/z, by positive depth.
-
-    An order counts by its probability under E's residuals (``forward`` (N,): that ends[:, 0] is the open end)
-    and by whether the point then lies before both cameras; where E leaves the order open (a pure
-    translation), depth decides it. Of the four poses that with the most matches before both cameras, by
-    ``weights`` (N,), is taken, among equals the smaller rotation. Reversing time inverts the pose and swaps
-    every order without changing any count, so one of both flips is given.
-    """
-    weights = np.ones(len(ends)) if weights is None else weights
-    candidates: list[OrientedPose] = []
-    for pose in decompose_essential(E):
-        swapped, front = order_before_both(pose, ends, forward)
-        share = float(weights @ front / max(float(weights.sum()), TINY))
-        candidates.append(OrientedPose(pose=pose, swapped=swapped, in_front=share))
-    return max(candidates, key=lambda pose: round(pose.in_front, 9))  # of equals the first: least rotation
-
-
-def order_before_both(
-    pose: RigidTransform, ends: Array, forward: Array
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the order of the rays (N, 2, 2) of matches, by probability and positive depth under a pose.
-
-    Where (N,) ends[:, 1] is the open end; where the match, in the order chosen, lies before both cameras.
-    """
-    front, back = before_both(pose, ends[:, 0], ends[:, 1]), before_both(pose, ends[:, 1], ends[:, 0])
-    swapped = (1 - forward) * np.where(back, 1.0, DOUBT) > forward * np.where(front, 1.0, DOUBT)
-    return swapped, np.where(swapped, back, front)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

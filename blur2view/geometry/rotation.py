@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix
@@ -46,12 +45,6 @@ def step_on_sphere(unit: Array, delta: Array) -> Array:
     """Return a unit vector (3,) moved by delta (2,) in its tangent plane (`plane_basis`)."""
     moved: Array = unit + delta @ plane_basis(unit)
     return moved / math.sqrt(moved @ moved)
-
-
-def against_rotation(vector: Array, rays: Array) -> NDArray[np.bool_]:
-    """Return which smears (N,), from rays (N, 2, 2) x/z, y/z, run against a rotation's motion of points."""
-    flow = np.tensordot(vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
-    return np.asarray((flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) < 0)
 
 
 def rotation_flow(middle: Array) -> Array:

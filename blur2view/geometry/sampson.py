@@ -42,15 +42,6 @@ def serrmin(F: Array, ends: Array) -> Array:
     return np.minimum(sampson(F, one, other), sampson(F, other, one))
 
 
-def swapped_order(F: Array, ends: Array) -> NDArray[np.bool_]:
-    """Return the order (N,) of smears (N, 2, 2): True where ``ends[:, 1]`` is the open (first) point under F.
-
-    Ties (a pure translation decides nothing) are False. F^T gives the complement except at ties.
-    """
-    one, other = ends[:, 0], ends[:, 1]
-    return sampson(F, other, one) < sampson(F, one, other)
-
-
 class BatchSampson:
     """SErrMin of M models on N smears, with q, l and the gradients' even and odd parts as products.
 

@@ -76,58 +76,57 @@ class TwoViewGeometry:
     ----------
     F : ndarray of shape (3, 3) or None
         ``points2^T F points1 = 0``, pixels, unit norm; F or its transpose, which is which cannot be known.
-        None where no F can be trusted.
+        None where no F can be trusted. Of a distorted camera that of its undistorted pixels, as H is.
     config : Configuration
     reason : str
         One sentence with the figures that decided.
     inlier_mask : ndarray of bool, shape (N,)
-    swapped : ndarray of bool, shape (N,)
-        Where ``ends[:, 1]`` is the open end, under the pose or, without one, under F or H.
-    iterations : int
-        Samples drawn.
-    model : MotionModel
-        Of F; without F, of H. A calibrated F was started from one of ``scores``.
-    scores : tuple of (MotionModel, float)
-        Penalised cost of every model of F that was fitted, best first.
+        Smears that follow F or, without F, H.
+    second_end_is_open : ndarray of bool, shape (N,)
+        Where ``ends[:, 1]`` of a smear is its open end (`two_view.order`); nowhere without F and H.
     H : ndarray of shape (3, 3) or None
         ``points2 ~ H points1``, pixels, unit norm; H or its inverse, which is which cannot be known. Given
         where a homography explains the smears; beside an F parallax is undecided.
-    E : ndarray of shape (3, 3) or None
-        Essential matrix ``[t]x R``, t of unit length, of known intrinsics; F is that of their undistorted
-        pixels.
     cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with all of ``swapped`` negated: time has no arrow. Where the
+        Pose of known intrinsics, or its inverse with every order exchanged: time has no arrow. Where the
         direction of the translation is not known it is zero, and the rotation that which explains the smears
-        alone, or the mean over all directions: E, of F, has another rotation.
+        alone, or the mean over all directions.
     covariance : PoseCovariance or None
         Of the pose; without a translation it allows for one that is not seen, unless a rotation
         explains the smears as well as any homography.
+    table : ModelTable
+        All models that were compared, likeliest first; empty where none were.
+    support_by_chance : float
+        Share of the smears that would be inliers of the same F or H if their directions were random.
     insufficient_data : bool
         Whether too little is seen for any conclusion, also on parallax.
     backward : TwoViewGeometry or None
         The other order in time, where a rolling shutter makes it another motion than the inverse.
-    table : ModelTable
-        All models that were compared, with their probabilities; empty where none were.
-    support_by_chance : float
-        Share of the smears that would be inliers of the same F or H if their directions were random.
     """
 
     F: Array | None
     config: Configuration
     reason: str
     inlier_mask: NDArray[np.bool_]
-    swapped: NDArray[np.bool_]
-    iterations: int = 0
-    model: MotionModel = MotionModel.NONE
-    scores: tuple[tuple[MotionModel, float], ...] = ()
+    second_end_is_open: NDArray[np.bool_]
     H: Array | None = None
-    E: Array | None = None
     cam2_from_cam1: RigidTransform | None = None
     covariance: PoseCovariance | None = None
-    insufficient_data: bool = False
-    backward: TwoViewGeometry | None = None
     table: ModelTable = field(default_factory=ModelTable)
     support_by_chance: float = 0.0
+    insufficient_data: bool = False
+    backward: TwoViewGeometry | None = None
+
+    @property
+    def E(self) -> Array | None:
+        """Essential matrix [t]x R (3, 3) of the pose; None without a pose or without its translation."""
+        pose = self.cam2_from_cam1
+        return None if pose is None or not pose.translation.any() else pose.essential
+
+    @property
+    def model(self) -> MotionModel:
+        """Likeliest model of the motion; NONE where no models were compared."""
+        return MotionModel.NONE if self.table.winner is None else self.table.winner.model
 
     @property
     def parallax_probability(self) -> float | None:
@@ -165,11 +164,10 @@ class TwoViewGeometry:
         return replace(
             self,
             F=None if self.F is None else self.F.T.copy(),
-            E=None if self.E is None else self.E.T.copy(),
             H=None if self.H is None else unit_norm(np.asarray(np.linalg.inv(self.H), float)),
             cam2_from_cam1=None if pose is None else pose.inverse(),
             covariance=None if pose is None or covariance is None else covariance.inverse(pose),
-            swapped=~self.swapped,
+            second_end_is_open=~self.second_end_is_open,
         )
 
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
@@ -186,15 +184,14 @@ class TwoViewGeometry:
 
         Of an open and a close image whose keypoints are both ends of the smears in their order
         (`views.ExposureViews`): match (i, i) is smear i. Of a distorted camera F and H are those of
-        undistorted pixels, as everywhere here. E is left out where the pose, which shares its row in COLMAP,
-        is a rotation alone, of another motion.
+        undistorted pixels, as everywhere here.
         """
         pose = self.cam2_from_cam1
         return colmap_two_view_geometry(
             self.config.name,
             np.flatnonzero(self.inlier_mask),
             F=self.F,
-            E=self.E if pose is None or pose.translation.any() else None,
+            E=self.E,
             H=self.H,
             pose=None if pose is None else (pose.rotation, pose.translation),
         )

@@ -69,10 +69,7 @@ class EstimateDocument(Document):
     reason: str
     """One sentence with the figures that decided."""
     motion_model: str
-    """The family of motions that F is from (translation, camera, general, calibrated), without F that of H
-    (rotation, plane, rotation or plane), else none."""
-    scores: dict[str, float]
-    """The penalised cost of every family that was fitted; the lowest explains the smears best."""
+    """The likeliest of these models, none where none were compared."""
     support: float
     """Share of the smears that are inliers of F, without F of H: num_inliers over num_matches."""
     support_by_chance: float
@@ -123,8 +120,6 @@ class EstimateDocument(Document):
     """Smears that were used."""
     num_inliers: int
     """Smears that fit, see --max-error."""
-    iterations: int
-    """Random samples that were drawn."""
     beta: float
     max_error_px: float
     seed: int
@@ -152,10 +147,9 @@ class EstimateDocument(Document):
             "models": {str(row.model): {name: getattr(row, name) for name in figures} for row in table.rows},
             "independent_smears": table.effective_count,
             "motion_model": geometry.model,
-            "scores": {str(name): cost for name, cost in geometry.scores},
             "K": None if camera is None else camera.K,
             "camera": part(camera, "model", "params", "source", "known"),
-            "E": None if geometry.cam2_from_cam1 is None else geometry.E,
+            "E": geometry.E,
             "time_known": estimate.time.known,
             "time_confidence": estimate.time.confidence,
             "backward": backward_of(geometry.backward, one),

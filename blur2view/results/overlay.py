@@ -98,9 +98,11 @@ def epipoles_within(F: Array, size: tuple[int, int]) -> list[Array]:
     return [one for one in finite if (one >= -0.5).all() and (one < np.array(size) - 0.5).all()]
 
 
-def epipolar_lines(F: Array, matches: SmearMatches, swapped: NDArray[np.bool_]) -> tuple[Array, Array]:
+def epipolar_lines(
+    F: Array, matches: SmearMatches, second_end_is_open: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """Return lines F x1 of matches: the points (N, 2) nearest to their close ends, directions (N, 2)."""
-    index, order = np.arange(len(matches)), swapped.astype(int)
+    index, order = np.arange(len(matches)), second_end_is_open.astype(int)
     lines = homogeneous(matches.ends[index, order]) @ F.T  # (N, 3)
     lines /= np.maximum(np.hypot(lines[:, 0], lines[:, 1]), TINY)[:, None]
     close_ends = matches.ends[index, 1 - order]
@@ -181,7 +183,7 @@ def _draw_epipolar_lines(
     inliers = np.flatnonzero(geometry.inlier_mask)
     points, spacing = view.to_canvas(matches.midpoint[inliers]), np.sqrt(view.width * view.height / SQUARES)
     chosen = inliers[spread_subset(points, matches.length_px[inliers], spacing)]
-    feet, along = epipolar_lines(F, matches.subset(chosen), geometry.swapped[chosen])
+    feet, along = epipolar_lines(F, matches.subset(chosen), geometry.second_end_is_open[chosen])
     feet = view.to_canvas(feet)
     reach = (sum(canvas.shape[:2]) + np.abs(feet).max(axis=1, keepdims=True)) * along
     layer = canvas.copy()

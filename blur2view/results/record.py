@@ -102,20 +102,13 @@ class Record:
         parallax is undecided."""
     )
     motion_model: str = explained(
-        """The family of motions that F is from (translation, camera, general, calibrated), without F that of
-        H (rotation, plane, rotation or plane), else none.""",
-        "",
-    )
-    scores: dict[str, float] = explained(
-        "The penalised cost of every family of F that was fitted; the lowest explains the smears best.",
-        factory=dict,
+        "The likeliest model of the motion (the first of ``models``); none where none were compared.", ""
     )
     num_matches: int | None = explained("Smears that were used.")
     num_inliers: int | None = explained("Smears that fit, see --max-error.")
     support_by_chance: float | None = explained(
         "Share of the smears that would fit if their directions were random."
     )
-    iterations: int | None = explained("Random samples that were drawn.")
 
     K: Matrix | None = explained(
         """Calibration matrix of the intrinsics that were used, in pixels with (0, 0) at the centre of the

@@ -143,7 +143,7 @@ def _smears(estimate: Estimate) -> Iterable[str]:
     """Yield the smears that were used, outliers first, each with its epipolar line and its figures."""
     matches, geometry, F = estimate.matches, estimate.geometry, lines_of(estimate.geometry)
     straight = estimate.camera is None or not estimate.camera.distorted  # else lines would be curves
-    lines = None if F is None or not straight else epipolar_lines(F, matches, geometry.swapped)
+    lines = None if F is None or not straight else epipolar_lines(F, matches, geometry.second_end_is_open)
     distance = None if lines is None or F is None else np.sqrt(serrmin(F, matches.ends))
     colours = orientation_colours(matches.displacement)
     reach = float(np.hypot(*estimate.grid.size))

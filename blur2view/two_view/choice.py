@@ -24,11 +24,6 @@ from blur2view.two_view.homography import HomographyFlow, rotation_of
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.search import find_plane
 
-HOMOGRAPHIES = {
-    Configuration.PANORAMIC: MotionModel.ROTATION,
-    Configuration.PLANAR: MotionModel.PLANE,
-    Configuration.PLANAR_OR_PANORAMIC: MotionModel.ROTATION_OR_PLANE,
-}
 ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
 
 
@@ -46,11 +41,6 @@ class Choice:
     reports_F: bool = False
     homography: HomographyFit | None = None
     table: ModelTable = field(default_factory=ModelTable)
-
-    @property
-    def model(self) -> MotionModel:
-        """Model of F or, without F, of the homography."""
-        return self.fit.model if self.reports_F else HOMOGRAPHIES.get(self.config, MotionModel.NONE)
 
 
 def choose(
@@ -100,11 +90,12 @@ def table_of(fields: dict[MotionModel, HomographyFit], gain: float | None) -> Mo
         log_likelihood[MotionModel.PARALLAX] = log_likelihood[MotionModel.PLANE] + gain
     likelihood = plane.likelihood
     odds = probabilities(log_likelihood, likelihood)
-    rows = tuple(
+    rows = [
         ModelRow(model=model, parameters=c.MODELS[model][0], log_likelihood=value, probability=odds[model])
         for model, value in log_likelihood.items()
-    )
-    return ModelTable(rows=rows, effective_count=likelihood.effective_count)
+    ]
+    rows.sort(key=lambda row: -row.probability)
+    return ModelTable(rows=tuple(rows), effective_count=likelihood.effective_count)
 
 
 def probabilities(

@@ -98,6 +98,11 @@ class Inliers:
         return f"{share}% of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
 
 
+def no_inliers(count: int) -> Inliers:
+    """Return that none of so many smears follow a model, as there is none."""
+    return Inliers(mask=np.zeros(count, bool), by_chance=0.0)
+
+
 def inliers_of(model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
     """Return the inliers of F (3, 3), of the matches' pixels, or of a displacement field.
 

@@ -7,22 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import require
+from blur2view.arrays import Array, require
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.rolling_shutter import LEAST, RollingShutter, shortened
-from blur2view.geometry.sampson import swapped_order
+from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
-from blur2view.two_view.consensus import inliers_of, insufficient_data, still
+from blur2view.two_view.consensus import inliers_of, insufficient_data, no_inliers, still
 from blur2view.two_view.constants import MIN_AGREEMENT
-from blur2view.two_view.fit_fundamental import Fit
 from blur2view.two_view.homography import pixel_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.pose import with_pose
+from blur2view.two_view.order import end_order, open_and_close
+from blur2view.two_view.pose import EstimatedPose, estimate_pose
 from blur2view.two_view.search import search_and_fit
 
 AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
@@ -77,10 +77,14 @@ def estimate_two_view(
         return geometry
     flips = []
     for flip in (geometry, geometry.reversed()):
-        there = to_global_shutter(matches, flip.swapped, shutter, (camera.width, camera.height))
+        there = to_global_shutter(matches, flip.second_end_is_open, shutter, (camera.width, camera.height))
         if there is not None:
             other = as_recorded(there, options, rng, camera)
-            flips.append(other if (other.swapped == flip.swapped).mean() >= 0.5 else other.reversed())
+            flips.append(
+                other
+                if (other.second_end_is_open == flip.second_end_is_open).mean() >= 0.5
+                else other.reversed()
+            )
     if len(flips) == 1:
         reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
         return replace(flips[0], reason=reason)
@@ -104,21 +108,24 @@ def no_geometry(matches: SmearMatches, reason: str, *, insufficient_data: bool) 
         config=Configuration.DEGENERATE,
         reason=reason,
         inlier_mask=np.zeros(len(matches), bool),
-        swapped=np.zeros(len(matches), bool),
+        second_end_is_open=np.zeros(len(matches), bool),
         insufficient_data=insufficient_data,
     )
 
 
 def to_global_shutter(
-    matches: SmearMatches, swapped: NDArray[np.bool_], shutter: RollingShutter, image_size: tuple[int, int]
+    matches: SmearMatches,
+    second_end_is_open: NDArray[np.bool_],
+    shutter: RollingShutter,
+    image_size: tuple[int, int],
 ) -> SmearMatches | None:
-    """Return the matches as an exposure of all rows at once leaves them, if ends[:, 1] is open where swapped.
+    """Return the matches as an exposure of all rows at once leaves them, in a given order of the ends (N,).
 
     None where no motion leaves them in this order in time. Every smear is ordered as those around it.
     """
     from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
 
-    directed = np.where(swapped, -1.0, 1.0)[:, None] * matches.displacement
+    directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement
     around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]
     backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
     exposures = shutter.exposures(np.where(backward, -1.0, 1.0) * matches.displacement, image_size)
@@ -149,31 +156,68 @@ def as_recorded(
     refusal = nothing_moved or insufficient_data(matches)
     if refusal is not None:
         return no_geometry(matches, refusal, insufficient_data=nothing_moved is None)
-    if camera is not None:
-        matches = undistorted(matches, camera)
-    likelihood, fits, iterations = search_and_fit(Likelihood.of(matches, camera), options, rng)
+    straight = matches if camera is None else undistorted(matches, camera)
+    likelihood, fits = search_and_fit(Likelihood.of(straight, camera), options, rng)
     best = min(fits, key=lambda fit: fit.score)
     found = inliers_of(likelihood.pixels(best.point.matrix()), likelihood, options)
     has_consensus = found.beyond_chance >= MIN_AGREEMENT
     choice = choose(likelihood, best, rng, has_consensus=has_consensus, rolling=rolling)
-    geometry = geometry_of(choice, likelihood, fits, options)
-    geometry = replace(geometry, reason=f"{geometry.reason}: {found.figures}", iterations=iterations)
-    if likelihood.intrinsics_known:
-        field = None if choice.homography is None else choice.homography.family
-        geometry = with_pose(geometry, field, likelihood, fits, options)
-    return in_one_order(geometry, matches)
+    pose = None
+    if likelihood.intrinsics_known and (choice.reports_F or choice.homography is not None):
+        pose = estimate_pose(likelihood, choice, fits)
+    geometry = geometry_of(choice, pose, likelihood, options)
+    reasons = choice.sentence, found.figures if pose is None else f"{found.figures}{pose.sentence}"
+    return in_order(replace(geometry, reason=": ".join(reasons)), matches, camera)
 
 
-def in_one_order(geometry: TwoViewGeometry, matches: SmearMatches) -> TwoViewGeometry:
-    """Return a geometry whose H maps the open ends, as F or the pose orders them, to the closed ones."""
-    if geometry.H is None or not geometry.inlier_mask.any():
+def geometry_of(
+    choice: Choice, pose: EstimatedPose | None, likelihood: Likelihood, options: EstimatorOptions
+) -> TwoViewGeometry:
+    """Return the geometry of a choice and a pose with its inliers, without the order of the ends."""
+    F, H, inliers = None, None, no_inliers(len(likelihood))
+    if choice.homography is not None:
+        H = pixel_homography(choice.homography.family.generator(), likelihood.T)
+        inliers = inliers_of(choice.homography, likelihood, options)
+    if choice.reports_F:
+        E = None if pose is None else pose.E
+        F = likelihood.pixels(choice.fit.point.matrix() if E is None else E)
+        inliers = inliers_of(F, likelihood, options)
+    proven = pose is not None and choice.config is Configuration.UNCALIBRATED
+    return TwoViewGeometry(
+        F=F,
+        H=H,
+        config=Configuration.CALIBRATED if proven else choice.config,
+        reason=choice.sentence,
+        inlier_mask=inliers.mask,
+        second_end_is_open=np.zeros(len(likelihood), bool),
+        cam2_from_cam1=None if pose is None else pose.cam2_from_cam1,
+        covariance=None if pose is None else pose.covariance,
+        table=choice.table,
+        support_by_chance=inliers.by_chance,
+    )
+
+
+def in_order(geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None) -> TwoViewGeometry:
+    """Return the geometry with the order of the ends; H, and F beside a rotation alone, run the same way."""
+    F, H, pose = geometry.F, geometry.H, geometry.cam2_from_cam1
+    if F is None and H is None:
         return geometry
-    ends = matches.ends[geometry.inlier_mask]
-    first = np.where(geometry.swapped[geometry.inlier_mask, None], ends[:, 1], ends[:, 0])
-    last = ends.sum(axis=1) - first
-    if (transfer(geometry.H, first, last) <= transfer(geometry.H, last, first)).mean() >= 0.5:
-        return geometry
-    return replace(geometry, H=unit_norm(np.asarray(np.linalg.inv(geometry.H), float)))
+    size = matches.image_size or tuple(np.ptp(matches.ends, axis=(0, 1)).astype(int) + 1)
+    order = end_order(geometry, matches.ends, matches.sampson_px, camera, size)
+    second = order.second_end_is_open(matches.ends, matches.sampson_px)
+    fits = geometry.inlier_mask
+    first, last = open_and_close(order.camera.undistorted(matches.ends[fits]), second[fits])
+    if H is not None and _runs_back(transfer(H, first, last), transfer(H, last, first)):
+        H = unit_norm(np.asarray(np.linalg.inv(H), float))
+    rotates = pose is not None and not pose.translation.any()
+    if F is not None and rotates and _runs_back(sampson(F, first, last), sampson(F, last, first)):
+        F = F.T.copy()
+    return replace(geometry, F=F, H=H, second_end_is_open=second)
+
+
+def _runs_back(ahead: Array, behind: Array) -> bool:
+    """Return whether most errors (N,) are less in the opposite order."""
+    return len(ahead) > 0 and float((behind < ahead).mean()) > 0.5
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
@@ -190,31 +234,3 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
     straight = camera.undistorted(matches.ends)
     seen = np.isfinite(straight).all(axis=(1, 2), keepdims=True)
     return replace(matches, ends=np.where(seen, straight, matches.ends))
-
-
-def geometry_of(
-    choice: Choice, likelihood: Likelihood, fits: list[Fit], options: EstimatorOptions
-) -> TwoViewGeometry:
-    """Return the geometry of a choice, with its inliers and their orders."""
-    costs = {fit.model: fit.score for fit in [*fits, choice.fit]}
-    homography, nothing = choice.homography, np.zeros(len(likelihood), bool)
-    geometry = TwoViewGeometry(
-        F=likelihood.pixels(choice.fit.point.matrix()) if choice.reports_F else None,
-        H=None if homography is None else pixel_homography(homography.family.generator(), likelihood.T),
-        config=choice.config,
-        reason=choice.sentence,
-        inlier_mask=nothing,
-        swapped=nothing,
-        model=choice.model,
-        scores=tuple(sorted(costs.items(), key=lambda score: score[1])),
-        table=choice.table,
-    )
-    if geometry.F is not None:
-        found = inliers_of(geometry.F, likelihood, options)
-        swapped = swapped_order(geometry.F, likelihood.matches.ends)
-    elif homography is not None:
-        found = inliers_of(homography, likelihood, options)
-        swapped = homography.orders(likelihood).swapped
-    else:
-        return geometry
-    return replace(geometry, inlier_mask=found.mask, support_by_chance=found.by_chance, swapped=swapped)

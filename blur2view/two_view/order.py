@@ -10,29 +10,33 @@ frames rightly, the F beside it 0.977.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import transfer
+from blur2view.geometry.epipolar import fundamental_from_pose, transfer
 from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_flow
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.sampson import sampson, serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.constants import BEHIND, GUESSED_FOCAL
+
+NORMAL_MEDIAN = 0.455  # of a squared standard normal variable
+NOISE_SCALES = 0.01, 16.0  # squared: the range in which residuals may scale the stated deviations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EndOrder:
-    """A geometry by which any smear of its photograph can be ordered."""
+    """A motion by which any smear of its photograph can be ordered."""
 
-    geometry: TwoViewGeometry  # its F and H
     camera: Camera  # known, approximate (EXIF) or guessed
-    pose: RigidTransform | None  # of that camera; None leaves the order to F or H alone
+    F: Array | None = None  # (3, 3), of undistorted pixels, as H is
+    H: Array | None = None
+    pose: RigidTransform | None = None  # of the camera
+    noise: float = 1.0  # scale of the smears' stated deviations, as F leaves them
 
     def second_end_is_open(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
         """Return where ends[:, 1] is the open end, (N,); nowhere if neither F, H nor a pose is known.
@@ -46,48 +50,66 @@ class EndOrder:
         """
         if self.pose is not None and not self.pose.translation.any():
             return against_rotation(self.pose.rotation_vector, self.camera.rays(ends))
-        forward = forward_probability(self.geometry, self.camera.undistorted(ends), sampson_px)
-        if self.pose is None or self.geometry.F is None:
+        forward = self.forward_probability(self.camera.undistorted(ends), sampson_px)
+        if self.pose is None:
             return forward < 0.5
         return order_before_both(self.pose, self.camera.rays(ends), forward)[0]
 
+    def forward_probability(self, ends: Array, sampson_px: Array) -> Array:
+        """Return the probability (N,) that ends[:, 0] is open, by F or else by H; one half without both.
 
-def end_order(geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None = None) -> EndOrder:
-    """Return the order of ends under a geometry estimated from ``matches``, of the camera's distorted pixels.
+        ``ends`` (N, 2, 2) are undistorted pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
+        """
+        sides = ends, ends[:, ::-1]
+        if self.F is not None:
+            ahead, behind = (sampson(self.F, side[:, 0], side[:, 1]) for side in sides)
+        elif self.H is not None:
+            ahead, behind = (transfer(self.H, side[:, 0], side[:, 1]) for side in sides)
+        else:
+            return np.full(len(ends), 0.5)
+        return 0.5 * (1 + np.tanh((behind - ahead) / (2 * self.noise * sampson_px) ** 2))
 
-    Where the pose is not known it is that of F and of the camera; without one the focal length is guessed as
-    COLMAP does.
+
+def end_order(
+    geometry: TwoViewGeometry, ends: Array, sampson_px: Array, camera: Camera | None, size: tuple[int, int]
+) -> EndOrder:
+    """Return the order of ends under a geometry, given the smears that it was estimated from.
+
+    A pose that is not known is that of F and of the camera; an F that is not known that of the pose.
+
+    Parameters
+    ----------
+    geometry : TwoViewGeometry
+    ends : ndarray of shape (N, 2, 2)
+        Both ends of these smears, pixels as the camera distorts them.
+    sampson_px : ndarray of shape (N,)
+        Standard deviations of their Sampson distances, pixels.
+    camera : Camera or None
+        None: the focal length is guessed as COLMAP does.
+    size : (int, int)
+        Width and height of the photograph, pixels.
     """
-    if camera is None:
-        size = matches.image_size or tuple(np.ptp(matches.ends, axis=(0, 1)).astype(int) + 1)
-        camera = Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
-    pose = geometry.cam2_from_cam1
-    if pose is None and geometry.F is not None and len(matches):
-        E, inliers = camera.K.T @ geometry.F @ camera.K, geometry.inlier_mask.astype(float)
-        forward = forward_probability(geometry, camera.undistorted(matches.ends), matches.sampson_px)
-        pose = pose_before_both(E, camera.rays(matches.ends), forward, inliers)
-    return EndOrder(geometry=geometry, camera=camera, pose=pose)
+    camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
+    F, pose, inliers = geometry.F, geometry.cam2_from_cam1, geometry.inlier_mask
+    if F is None and pose is not None and pose.translation.any():
+        F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
+    order = EndOrder(camera=camera, F=F, H=geometry.H, pose=pose)
+    if F is None or not inliers.any():
+        return order
+    straight = camera.undistorted(ends)
+    squared = serrmin(F, straight[inliers]) / sampson_px[inliers] ** 2
+    order = replace(order, noise=float(np.sqrt(np.clip(np.median(squared) / NORMAL_MEDIAN, *NOISE_SCALES))))
+    if pose is None:
+        forward = order.forward_probability(straight, sampson_px)
+        E = camera.K.T @ F @ camera.K
+        pose = pose_before_both(E, camera.rays(ends), forward, inliers.astype(float))
+    return replace(order, pose=pose)
 
 
 def open_and_close(ends: Array, second_end_is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return open and close ends, (N, 2) each, of smears (N, 2, 2) in the given order (N,)."""
     first, second, other = ends[:, 0], ends[:, 1], second_end_is_open[:, None]
     return np.where(other, second, first), np.where(other, first, second)
-
-
-def forward_probability(geometry: TwoViewGeometry, ends: Array, sampson_px: Array) -> Array:
-    """Return the probability (N,) that ends[:, 0] is open, by F or H alone; one half without either.
-
-    ``ends`` (N, 2, 2) are undistorted pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
-    """
-    sides = ends, ends[:, ::-1]
-    if geometry.F is not None:
-        ahead, behind = (sampson(geometry.F, side[:, 0], side[:, 1]) for side in sides)
-    elif geometry.H is not None:
-        ahead, behind = (transfer(geometry.H, side[:, 0], side[:, 1]) for side in sides)
-    else:
-        return np.full(len(ends), 0.5)
-    return 0.5 * (1 + np.tanh((behind - ahead) / (2 * sampson_px) ** 2))
 
 
 def against_rotation(vector: Array, rays: Array) -> NDArray[np.bool_]:
@@ -113,11 +135,11 @@ def order_before_both(
 
 
 def pose_before_both(E: Array, rays: Array, forward: Array, weights: Array) -> RigidTransform:
-    """Return the pose of E (3, 3) that puts most of the smears (N, 2, 2), by ``weights`` (N,), before both
-    cameras; among equal ones that of the smaller rotation.
+    """Return the pose of E (3, 3) that puts most of the smears, by weights (N,), before both cameras.
 
-    ``rays`` and ``forward`` are as in `order_before_both`. Reversing time inverts the pose and every order
-    and changes no count: one of the two is given.
+    Among equal ones it is that of the smaller rotation. ``rays`` and ``forward`` are as in
+    `order_before_both`. Reversing time inverts the pose and every order and changes no count: one of the two
+    is given.
 
     References
     ----------

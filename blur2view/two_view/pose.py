@@ -1,49 +1,125 @@
 """The pose of a camera with known intrinsics: E, the rotation, and the translation where it is known.
 
-E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction of
-translation. How sure the pose is comes from the likelihood over all directions (`translation`), or, where
-that is narrower than its grid, from the curvature at E.
+Given a direction of translation every smear's epipolar line and order follow (a point before the camera moves
+away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly.
+So the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave
+it flat, which no covariance about one optimum shows. The region counts all correlation of neighbouring smears
+(`Likelihood.fully_correlated`).
+
+E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction.
+How sure the pose is comes from the grid or, where the region is narrower than that, from the curvature at E.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import cast
 
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.pose import OrientedPose, PoseCovariance, RigidTransform, oriented_pose
-from blur2view.geometry.rotation import against_rotation, plane_basis, rotation_matrix
-from blur2view.geometry.sampson import swapped_order
-from blur2view.geometry.two_view_geometry import Configuration, MotionModel, Parallax, TwoViewGeometry
-from blur2view.two_view.consensus import inliers_of
-from blur2view.two_view.constants import LEAST_INDEPENDENT, LEAST_VARIANCE, SCALE_STEPS
+from blur2view.geometry.epipolar import cross_matrix, unit_lines
+from blur2view.geometry.model_table import MotionModel
+from blur2view.geometry.pose import PoseCovariance, RigidTransform
+from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow, rotation_matrix
+from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.two_view import constants as c
+from blur2view.two_view.choice import Choice
 from blur2view.two_view.fit_fundamental import Fit, FundamentalFit, fit_best
 from blur2view.two_view.fit_homography import fit_homography
-from blur2view.two_view.homography import HomographyFlow, cayley
+from blur2view.two_view.homography import cayley
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF
-from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.translation import KNOWN_DEG, DirectionLikelihood
+from blur2view.two_view.order import pose_before_both
+from blur2view.two_view.reweighted import reweighted_motion
 
-# The squared distances of the truth are larger by this than their distribution says: with 1, the regions of
-# four kinds of independent smears of `tools.evaluation.pose_coverage` hold it in 71 to 80 %, not 90. Chosen
-# on the first half of its seeds.
-MISSED = 2.0
-CURVATURE_STEP = 0.3  # standard deviations over which the gradient is differenced
-NARROW_DEG = 8.0  # deviation from which the grid of directions describes the region
-ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
-# Deviation, in lengths of smears, of a rotation beside a translation that may account for any part of them:
-# past things at one depth, or on a slope.
-UNSEEN = 0.5
 POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
+ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EstimatedPose:
+    """The pose that is given, how sure it is, and why it is that."""
+
+    cam2_from_cam1: RigidTransform
+    covariance: PoseCovariance
+    sentence: str
+    E: Array | None  # (3, 3) of the intrinsics, which F becomes that of; None where a rotation explains all
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirectionLikelihood:
+    """Smears of a known camera under any direction of translation."""
+
+    likelihood: Likelihood  # thinned, all correlation counted, in coordinates of the camera (K = identity)
+    across: Array  # (N,) standard deviations of the error across each smear over its length
+    count: float  # how many of the smears are independent
+
+    @classmethod
+    def of(cls, likelihood: Likelihood) -> DirectionLikelihood:
+        """Return the smears of a likelihood, thinned; all correlation of neighbours is counted."""
+        claimed = likelihood.fully_correlated
+        part = claimed.subset(slice(None, None, max(1, len(claimed) // c.GRID_SMEARS)))
+        _, across_px = part.matches.inlier_sigma_px
+        share = likelihood.sigma_scale * across_px / np.maximum(part.length_px, TINY)
+        return cls(
+            likelihood=part, across=np.hypot(share, part.matches.shared.least), count=claimed.effective_count
+        )
+
+    def at(self, directions: Array) -> tuple[Array, Array, Array]:
+        """Return rotation vectors (G, 3) of directions (G, 3), their costs (G,), and orders of smears (G, N).
+
+        Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
+        """
+        middle, displacement = self.likelihood.middle, self.likelihood.displacement
+        length = np.maximum(np.hypot(*displacement.T), TINY)
+        along, across = unit_lines(directions, middle)  # (G, 2, N)
+        flow = rotation_flow(middle) / length
+        rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
+        unit = displacement.T / length
+        outwards = np.where((along * unit).sum(axis=1) >= 0, 1.0, -1.0)
+        wanted = outwards * (across * unit).sum(axis=1)  # (G, N)
+        rotations, missed = reweighted_motion(
+            rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: self.across
+        )
+        data = (c.FREEDOM + 1) * np.log1p((missed / self.across) ** 2 / c.FREEDOM).mean(axis=1)
+        spread = c.GRID_ROTATION_SPREAD * float(np.median(length))
+        return rotations, self.count * data + ((rotations / spread) ** 2).sum(axis=1), outwards
+
+    @cached_property
+    def grid(self) -> tuple[Array, Array, Array, Array]:
+        """Directions (G, 3), their rotations (G, 3), costs (G,) and orders of smears (G, N)."""
+        directions = half_sphere(c.GRID)
+        return (directions, *self.at(directions))
+
+    @cached_property
+    def best(self) -> tuple[Array, Array]:
+        """Rotation vector and translation (3,) of the greatest likelihood on the grid."""
+        directions, rotations, costs, _ = self.grid
+        best = int(np.argmin(costs))
+        return rotations[best], directions[best]
+
+    def region(self, pose: RigidTransform) -> tuple[Array, PoseCovariance]:
+        """Return the mean rotation vector (3,) over all directions, and the covariance about a pose."""
+        directions, rotations, costs, orders = self.grid
+        weight = np.exp(-0.5 * (costs - costs.min()))
+        weight /= weight.sum()
+        *_, (order,) = self.at(pose.translation[None])
+        sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
+        tangents = plane_basis(pose.translation)
+        offset = sign * directions @ tangents.T
+        angle = np.arccos(np.clip(sign[:, 0] * (directions @ pose.translation), -1.0, 1.0))
+        offset *= (angle / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
+        both = np.concatenate([sign * rotations - pose.rotation_vector, offset], axis=1)
+        matrix = (both * weight[:, None]).T @ both
+        matrix[3:, 3:] += np.radians(c.GRID_STEP_DEG) ** 2 / 12 * np.eye(2)
+        return weight @ (sign * rotations), PoseCovariance(matrix=matrix, tangents=tangents)
 
 
 def fit_calibrated(
     likelihood: Likelihood, start: CameraF, directions: DirectionLikelihood
-) -> tuple[CameraF, OrientedPose]:
+) -> tuple[CameraF, RigidTransform]:
     """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
     rotation, t = directions.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=likelihood.prior)]
@@ -51,7 +127,7 @@ def fit_calibrated(
     point = cast(CameraF, min(fits, key=lambda fit: fit.score).point)
     residuals = likelihood.residuals(point.matrix())
     inliers = likelihood.order_weights(residuals).sum(axis=0)
-    return point, oriented_pose(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
+    return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
 
 
 def curvature(likelihood: Likelihood, point: CameraF) -> Array:
@@ -61,7 +137,7 @@ def curvature(likelihood: Likelihood, point: CameraF) -> Array:
     """
     state = FundamentalFit.likelier(point, likelihood)
     normal, _ = state.normal_equations()
-    steps = CURVATURE_STEP / np.sqrt(np.diag(normal) + TINY) * np.eye(len(normal))
+    steps = c.CURVATURE_STEP / np.sqrt(np.diag(normal) + TINY) * np.eye(len(normal))
     ahead, behind = ([state.moved(s * steps[k]).normal_equations()[1][POSE] for k in POSE] for s in (1, -1))
     rows = (np.array(ahead) - np.array(behind)) / (2 * np.diag(steps)[POSE, None])
     matrix: Array = 0.5 * (rows + rows.T)
@@ -74,11 +150,11 @@ def with_scale_of(likelihood: Likelihood, point: CameraF) -> Likelihood:
     Those of the better order alone, of which F was fitted, are by a twentieth smaller, with 30 % outliers by
     a tenth.
     """
-    for _ in range(SCALE_STEPS):
+    for _ in range(c.SCALE_STEPS):
         residuals = FundamentalFit.likelier(point, likelihood).residuals
         weight = likelihood.order_weights(residuals)
         variance = float((weight * residuals.both**2).sum() / max(weight.sum(), TINY))
-        likelihood = likelihood.rescaled(float(np.sqrt(max(variance, LEAST_VARIANCE))))
+        likelihood = likelihood.rescaled(float(np.sqrt(max(variance, c.LEAST_VARIANCE))))
     return likelihood
 
 
@@ -88,107 +164,57 @@ def covariance_of(
     """Return the covariance of the pose of E at a point; ``region`` is that over all directions."""
     likelihood = with_scale_of(likelihood, point)
     precision = curvature(likelihood.fully_correlated, point)
-    matrix = np.asarray(MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
+    matrix = np.asarray(c.MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
     sign = np.copysign(1.0, pose.translation @ point.t)
     local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(point.t))
     # orders of the grid are outwards whatever the rotation: among many smears curvature misses less
     wide = (
         0.0
-        if likelihood.fully_correlated.effective_count >= LEAST_INDEPENDENT
+        if likelihood.fully_correlated.effective_count >= c.LEAST_INDEPENDENT
         else region.translation_sigma_deg
     )
-    if max(wide, local.translation_sigma_deg) < NARROW_DEG:
+    if max(wide, local.translation_sigma_deg) < c.NARROW_DEG:
         return local
     own = np.zeros((5, 5))  # of the rotation, whatever the direction: the grid has one rotation for each
     own[:3, :3] = np.linalg.pinv(precision[:3, :3], hermitian=True)
     return replace(region, matrix=region.matrix + own)
 
 
-def with_pose(
-    geometry: TwoViewGeometry,
-    field: HomographyFlow | None,
-    likelihood: Likelihood,
-    fits: list[Fit],
-    options: EstimatorOptions,
-) -> TwoViewGeometry:
-    """Return a geometry of known intrinsics with E and the pose; unchanged where there is neither F nor H.
+def estimate_pose(likelihood: Likelihood, choice: Choice, fits: list[Fit]) -> EstimatedPose:
+    """Return the pose of known intrinsics for a choice with F or H.
 
-    ``field`` is the homography's. The translation is given where parallax is proven, or its direction known
-    to KNOWN_DEG and no rotation explains the smears alone; else the pose is the rotation, whatever the
-    translation.
+    The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
+    explains the smears alone; else the pose is the rotation, whatever the translation.
     """
-    if geometry.F is None and geometry.H is None:
-        return geometry
-    if geometry.config is Configuration.PANORAMIC and field is not None:
-        fit, why = (
-            fit_homography(field, likelihood.fully_correlated),
-            "the rotation that explains the smears alone",
-        )
+    if choice.config is Configuration.PANORAMIC and choice.homography is not None:
+        fit = fit_homography(choice.homography.family, likelihood.fully_correlated)
         vector, spread = fit.family.parameters[:3], fit.covariance()[:3, :3]
-        return with_rotation_alone(geometry, likelihood, vector, spread, why)
+        return rotation_alone(vector, spread, "the rotation that explains the smears alone")
     start = cast(CameraF, next(fit.point for fit in fits if fit.model is MotionModel.CAMERA))
     directions = DirectionLikelihood.of(likelihood)
-    point, oriented = fit_calibrated(likelihood, start, directions)
-    mean, region = directions.region(oriented.pose)
-    covariance = covariance_of(oriented.pose, point, likelihood, region)
-    given = geometry.parallax is Parallax.PROVEN or covariance.translation_sigma_deg < KNOWN_DEG
-    if given or geometry.F is not None:
-        geometry = with_essential(geometry, likelihood, oriented, covariance, options)
-    if given:
-        return geometry
-    off = mean - oriented.pose.rotation_vector
-    unseen = UNSEEN * float(np.median(likelihood.length_px)) / likelihood.unit_px
+    point, pose = fit_calibrated(likelihood, start, directions)
+    mean, region = directions.region(pose)
+    covariance = covariance_of(pose, point, likelihood, region)
+    fitted = "; E was then fitted to the known intrinsics"
+    proven = choice.config is Configuration.UNCALIBRATED
+    if proven or covariance.translation_sigma_deg < c.KNOWN_DEG:
+        return EstimatedPose(cam2_from_cam1=pose, covariance=covariance, sentence=fitted, E=pose.essential)
+    off = mean - pose.rotation_vector
+    unseen = c.UNSEEN * float(np.median(likelihood.length_px)) / likelihood.unit_px
     spread = region.matrix[:3, :3] - np.outer(off, off) + unseen**2 * np.eye(3)
-    why = "the mean rotation over all directions of translation"
-    return with_rotation_alone(geometry, likelihood, mean, spread, why)
+    alone = rotation_alone(mean, spread, "the mean rotation over all directions of translation")
+    if not choice.reports_F:
+        return alone
+    return replace(alone, E=pose.essential, sentence=f"{fitted}{alone.sentence}")
 
 
-def with_rotation_alone(
-    geometry: TwoViewGeometry, likelihood: Likelihood, vector: Array, covariance: Array, why: str
-) -> TwoViewGeometry:
-    """Return a geometry whose pose is a rotation alone with smears, F and E in the order of that rotation.
-
-    F beside it is undecided and orders such smears no better than by chance; as E its transpose is equal.
-    """
-    F, E, swapped = geometry.F, geometry.E, against_rotation(vector, likelihood.ends)
-    if F is not None and (swapped_order(F, likelihood.matches.ends) == swapped).mean() < 0.5:
-        F, E = F.T.copy(), None if E is None else E.T.copy()
+def rotation_alone(vector: Array, covariance: Array, why: str) -> EstimatedPose:
+    """Return the pose of a rotation vector (3,), in radians, of covariance (3, 3), without a translation."""
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
     matrix[:3, :3] = covariance
-    return replace(
-        geometry,
-        F=F,
-        E=E,
-        swapped=swapped,
+    return EstimatedPose(
         cam2_from_cam1=RigidTransform(rotation=cayley(cross_matrix(vector)), translation=np.zeros(3)),
         covariance=PoseCovariance(matrix=matrix, tangents=np.eye(3)[:2]),
-        reason=f"{geometry.reason}; the pose is {why}",
-    )
-
-
-def with_essential(
-    geometry: TwoViewGeometry,
-    likelihood: Likelihood,
-    oriented: OrientedPose,
-    covariance: PoseCovariance,
-    options: EstimatorOptions,
-) -> TwoViewGeometry:
-    """Return a geometry with E, its pose, and F, where there is one, refitted to the known intrinsics."""
-    E = oriented.pose.essential
-    proven = geometry.parallax is Parallax.PROVEN
-    geometry = replace(
-        geometry,
-        E=E,
-        cam2_from_cam1=oriented.pose,
-        covariance=covariance,
-        reason=f"{geometry.reason}; E was then fitted to the known intrinsics",
-        config=Configuration.CALIBRATED if proven else geometry.config,
-        swapped=oriented.swapped,
-    )
-    if geometry.F is None:
-        return geometry
-    F = likelihood.pixels(E)
-    found = inliers_of(F, likelihood, options)
-    return replace(
-        geometry, F=F, inlier_mask=found.mask, support_by_chance=found.by_chance, model=MotionModel.CALIBRATED
+        sentence=f"; the pose is {why}",
+        E=None,
     )

@@ -35,14 +35,14 @@ class OrderedResiduals:
     root: Array | float = 1.0
 
     @cached_property
-    def swapped(self) -> NDArray[np.bool_]:
+    def backward(self) -> NDArray[np.bool_]:
         """Whether ends[:, 1] first is the better order, (N,)."""
         return np.asarray(np.abs(self.both[1]) < np.abs(self.both[0]))
 
     @cached_property
     def least(self) -> Array:
         """Residuals (N,) of the better order, signed."""
-        return np.asarray(np.where(self.swapped, self.both[1], self.both[0]))
+        return np.asarray(np.where(self.backward, self.both[1], self.both[0]))
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -58,7 +58,7 @@ class OrderedResiduals:
 
     def decided(self) -> OrderedResiduals:
         """Return them with each smear's better order taken for granted, as SErrMin does."""
-        return replace(self, prior=np.stack([~self.swapped, self.swapped]).astype(float))
+        return replace(self, prior=np.stack([~self.backward, self.backward]).astype(float))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -257,8 +257,8 @@ def find_plane(likelihood: Likelihood, rng: np.random.Generator) -> HomographyFi
 
 def search_and_fit(
     likelihood: Likelihood, options: EstimatorOptions, rng: np.random.Generator
-) -> tuple[Likelihood, list[Fit], int]:
-    """Return the likelihood with measured sigmas, every model fitted after a robust search, samples drawn.
+) -> tuple[Likelihood, list[Fit]]:
+    """Return the likelihood with measured sigmas, and every model fitted after a robust search.
 
     Fitted are the two-parameter F, a camera's and, from there, the general F: the odds of the orders that the
     essential matrix nearest to it gives leave it in other minima (7 of 60 exact scenes without image size).
@@ -281,7 +281,7 @@ def search_and_fit(
     if not few:
         generals = [GeneralF.from_matrix(F) for F in (camera.point.matrix(), *starts)]
         fits.append(fit_best(MotionModel.GENERAL, generals, measured))
-    return measured, fits, searched.iterations
+    return measured, fits
 
 
 def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> FundamentalModel:

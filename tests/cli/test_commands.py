@@ -41,7 +41,11 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
         assert arrays["stride"] == 32 and arrays["shape"].tolist() == [HEIGHT, WIDTH]
         assert arrays["ends"].shape == (document["num_matches"], 2, 2)
         assert arrays["inlier_mask"].sum() == document["num_inliers"]
-        assert arrays["swapped"].shape == arrays["match_sigma_px"].shape == arrays["inlier_mask"].shape
+        assert (
+            arrays["second_end_is_open"].shape
+            == arrays["match_sigma_px"].shape
+            == arrays["inlier_mask"].shape
+        )
 
     assert read_image(out / "moving.png").shape[1] == 640
     y, x = np.mgrid[2:HEIGHT:7, 2:WIDTH:7]

@@ -82,7 +82,9 @@ def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None
             float(row["time_confidence"]) > 0
         )
         with np.load(path.with_suffix("").with_suffix(".smear.npz")) as arrays:
-            ends = np.where(arrays["swapped"][:, None, None], arrays["ends"][:, ::-1], arrays["ends"])
+            ends = np.where(
+                arrays["second_end_is_open"][:, None, None], arrays["ends"][:, ::-1], arrays["ends"]
+            )
             ends = ends[arrays["inlier_mask"]]
         rays = camera.rays(ends)
         flow = np.tensordot(vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T

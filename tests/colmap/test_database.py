@@ -33,9 +33,7 @@ POSE = RigidTransform(
 def make_views(name: str = "a.jpg", camera: Camera | None = CAMERA) -> ExposureViews:
     """Return views with a geometry that has all of its parts."""
     plain = some_views(name, COUNT)
-    geometry = replace(
-        plain.geometry, E=POSE.essential, H=np.eye(3), cam2_from_cam1=POSE, config=Configuration.CALIBRATED
-    )
+    geometry = replace(plain.geometry, H=np.eye(3), cam2_from_cam1=POSE, config=Configuration.CALIBRATED)
     return replace(plain, size=SIZE, camera=camera, geometry=geometry)
 
 
@@ -68,7 +66,7 @@ def test_pycolmap_reads_what_was_written(tmp_path: Path) -> None:
 
 def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
     path, views = tmp_path / "new.db", make_views()
-    none: dict[str, Any] = dict.fromkeys(("F", "E", "H", "cam2_from_cam1"))
+    none: dict[str, Any] = dict.fromkeys(("F", "H", "cam2_from_cam1"))
     without = replace(views.geometry, config=Configuration.DEGENERATE, **none)
     write_database(path, [replace(views, geometry=without)])
     assert check_database(path) == []
@@ -83,7 +81,7 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
 def test_of_a_turn_alone_nothing_becomes_points(tmp_path: Path) -> None:
     path, views = tmp_path / "new.db", make_views()
     still = replace(POSE, translation=np.zeros(3))
-    turn = replace(views.geometry, F=None, E=None, cam2_from_cam1=still, config=Configuration.PANORAMIC)
+    turn = replace(views.geometry, F=None, cam2_from_cam1=still, config=Configuration.PANORAMIC)
     write_database(path, [replace(views, geometry=turn)])
     with pycolmap.Database.open(path) as database:
         assert len(database.read_matches(1, 2)) == COUNT

@@ -44,8 +44,8 @@ def test_known_intrinsics_halve_exactly() -> None:
     scene, pose, middle, close = middle_and_close(7)
     none = np.zeros(0, bool)
     geometry = TwoViewGeometry(
-        F=scene.F, E=pose.essential, cam2_from_cam1=pose, config=Configuration.CALIBRATED, reason="",
-        inlier_mask=none, swapped=none,
+        F=scene.F, cam2_from_cam1=pose, config=Configuration.CALIBRATED, reason="",
+        inlier_mask=none, second_end_is_open=none,
     )  # fmt: skip
     half = half_geometry(geometry, scene.camera, IMAGE_SIZE)
     back = half_geometry(geometry.reversed(), scene.camera, IMAGE_SIZE)

@@ -63,7 +63,7 @@ def test_pose_and_every_smear_are_of_the_order_that_neighbours_show(shutter: Rol
         velocity = one.angular_velocity(1.0)
         assert velocity is not None and one.time.known
         assert velocity.mean @ TURN * sign > 0
-        ends, swapped = one.matches.ends, one.geometry.swapped[:, None]
+        ends, swapped = one.matches.ends, one.geometry.second_end_is_open[:, None]
         moved = np.where(swapped, ends[:, 0] - ends[:, 1], ends[:, 1] - ends[:, 0])
         flow = np.tensordot(sign * TURN, rotation_flow(CAMERA.rays(ends.mean(axis=1))), (0, 1)).T
         assert ((moved * flow).sum(axis=1) > 0).mean() > 0.99

@@ -22,7 +22,7 @@ from blur2view.exposure.time_direction import (
     with_time_direction,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
-from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
@@ -74,12 +74,11 @@ def views(scene: Clip, sign: int = 1) -> ExposureViews:
     t /= np.linalg.norm(t)
     geometry = TwoViewGeometry(
         F=fundamental_from_pose(CAMERA.K, R, t),
-        E=cross_matrix(t) @ R,
         cam2_from_cam1=RigidTransform(rotation=R, translation=t),
         config=Configuration.CALIBRATED,
         reason="exact",
         inlier_mask=np.ones(len(first), bool),
-        swapped=np.zeros(len(first), bool),
+        second_end_is_open=np.zeros(len(first), bool),
     )
     found = ExposureViews(
         name="a.jpg",

@@ -22,7 +22,7 @@ def solved(seed: int = 0) -> tuple[Scene, TwoViewGeometry]:
 
 def ordered(scene: Scene, geometry: TwoViewGeometry) -> tuple[np.ndarray, np.ndarray]:
     """COLMAP's pixels of the open and of the close ends, as the geometry orders them."""
-    index, swapped = np.arange(COUNT), geometry.swapped.astype(int)
+    index, swapped = np.arange(COUNT), geometry.second_end_is_open.astype(int)
     return to_colmap(scene.ends[index, swapped]), to_colmap(scene.ends[index, 1 - swapped])
 
 
@@ -77,7 +77,7 @@ def test_half_a_pixel_moves_f_and_h_as_it_moves_points() -> None:
 @pytest.mark.parametrize("config", Configuration)
 def test_every_configuration_has_its_namesake(config: Configuration) -> None:
     none = np.zeros(5, bool)
-    geometry = TwoViewGeometry(F=None, config=config, reason="", inlier_mask=none, swapped=none)
+    geometry = TwoViewGeometry(F=None, config=config, reason="", inlier_mask=none, second_end_is_open=none)
     theirs = geometry.to_pycolmap()
     assert pycolmap.TwoViewGeometryConfiguration(theirs.config).name == config.name
     assert theirs.F is None and theirs.E is None and theirs.cam2_from_cam1 is None

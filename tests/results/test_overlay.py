@@ -27,7 +27,7 @@ def estimate_of(ends: NDArray[np.float64], inliers: list[bool], F: NDArray[np.fl
         config=Configuration.DEGENERATE if F is None else Configuration.UNCALIBRATED,
         reason="the figures that decided",
         inlier_mask=np.array(inliers, bool),
-        swapped=np.zeros(len(ends), bool),
+        second_end_is_open=np.zeros(len(ends), bool),
     )
     return Estimate(
         grid=grid,
@@ -68,7 +68,7 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
     line = F @ [*open_end, 1.0]  # rolled against the lines F^T x2 by 17 degrees
     ends = np.stack([close_end, open_end] if swapped else [open_end, close_end])[None]
     estimate = estimate_of(ends, [True], F)
-    geometry = replace(estimate.geometry, swapped=np.array([swapped]))
+    geometry = replace(estimate.geometry, second_end_is_open=np.array([swapped]))
     picture = draw_overlay(PHOTO, replace(estimate, geometry=geometry))
     columns = np.array([20, 60, 580, 620])
     rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)

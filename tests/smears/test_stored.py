@@ -35,7 +35,7 @@ def grid(shape: tuple[int, int], stride: int = 32) -> SmearGrid:
 
 def written(path: Path, smears: SmearGrid, *, full_field: bool = False) -> Path:
     """Write a file as the command does, with what was used of a photograph."""
-    used = {"ends": np.zeros((3, 2, 2)), "swapped": np.zeros(3, bool)}
+    used = {"ends": np.zeros((3, 2, 2)), "second_end_is_open": np.zeros(3, bool)}
     with path.open("wb") as file:
         np.savez(file, **stored_smears(smears, full_field=full_field), **used)  # type: ignore[arg-type]
     return path

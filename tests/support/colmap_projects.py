@@ -154,7 +154,7 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
         config=Configuration.UNCALIBRATED,
         reason="drawn at random",
         inlier_mask=rng.random(count) < 0.8,
-        swapped=np.zeros(count, bool),
+        second_end_is_open=np.zeros(count, bool),
     )
     last, time = first + rng.normal(0, 3, (count, 2)), TimeDirection(known=True, confidence=0.9)
     return ExposureViews(

@@ -57,7 +57,12 @@ def estimate_of(
     grid = grid_of(here, sigma_px, sigma_rad, stride=STRIDE, shape=(height, width))
     none = np.zeros(0, bool)
     geometry = TwoViewGeometry(
-        F=F, H=None, config=Configuration.UNDEFINED, reason="told by the test", inlier_mask=none, swapped=none
+        F=F,
+        H=None,
+        config=Configuration.UNDEFINED,
+        reason="told by the test",
+        inlier_mask=none,
+        second_end_is_open=none,
     )
     return Estimate(
         grid=grid,

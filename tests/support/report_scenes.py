@@ -8,7 +8,6 @@ from blur2view import (
     Configuration,
     MotionLabel,
     MotionMask,
-    MotionModel,
     SelectOptions,
     TwoViewGeometry,
     blur_of,
@@ -16,14 +15,13 @@ from blur2view import (
 )
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.sampson import serrmin, swapped_order
+from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate, Timings
 from tests.support.grids import grid_of
 
 WIDTH, HEIGHT = 640, 360
 DOTS = ((401, 201), (417, 209))  # the white pixels of the photograph, the first a node of the grid
 MOVING_BOX = (100, 60, 200, 160)  # left, top, right, bottom of what moves
-SCORES = (MotionModel.CAMERA, 812.4), (MotionModel.TRANSLATION, 830.0), (MotionModel.GENERAL, 871.5)
 
 
 def turning_F(width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.float64]:
@@ -59,9 +57,7 @@ def made_up(
         config=config,
         reason="the figures <that> decided & more",
         inlier_mask=errors < np.median(errors),
-        swapped=np.zeros(len(used), bool) if F is None else swapped_order(F, used.ends),
-        model=MotionModel.NONE if F is None else MotionModel.CAMERA,
-        scores=() if F is None else SCORES,
+        second_end_is_open=np.zeros(len(used), bool),
     )
     timings = Timings(predict_s=0.3, select_s=0.01, solve_s=0.2)
     estimate = Estimate(

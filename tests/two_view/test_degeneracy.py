@@ -78,7 +78,7 @@ def test_orders_are_those_of_the_homography() -> None:
     mapped = first @ geometry.H.T
     near = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - scene.matches.ends[:, 1], axis=1) < 4
     inlier = geometry.inlier_mask
-    assert (near[inlier] == ~geometry.swapped[inlier]).mean() > 0.95
+    assert (near[inlier] == ~geometry.second_end_is_open[inlier]).mean() > 0.95
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_fields_without_geometry_get_no_F_but_a_smooth_one_in_six(correlation_px
         confident += geometry.config is Configuration.UNCALIBRATED
         if not smooth:
             assert geometry.config is Configuration.UNDEFINED and geometry.F is None
-            assert not geometry.inlier_mask.any() and not geometry.swapped.any()
+            assert not geometry.inlier_mask.any() and not geometry.second_end_is_open.any()
             assert "no consensus" in geometry.reason and "half" not in geometry.reason  # chance refuses it
     assert confident <= smooth
 
@@ -199,7 +199,7 @@ def test_what_shows_too_little_is_degenerate_and_says_why(field: str, words: str
     assert geometry.config is Configuration.DEGENERATE and geometry.parallax is parallax
     assert geometry.F is None and geometry.H is None and geometry.model == "none"
     assert words in geometry.reason
-    assert geometry.support == 0 and not geometry.swapped.any()
+    assert geometry.support == 0 and not geometry.second_end_is_open.any()
 
 
 def test_a_field_is_constant_or_on_a_line_whatever_its_orders() -> None:

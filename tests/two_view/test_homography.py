@@ -124,7 +124,7 @@ def test_distances_have_the_standard_deviation_of_a_sampson_distance() -> None:
     fit = fit_homography(HomographyFlow.plane(scene.A.ravel()[:8], SOFT), scene.likelihood)
     distance = fit.orders(scene.likelihood).least
     assert np.isclose(np.sqrt((distance**2).mean() / 2), 1.0, rtol=0.05)
-    assert (fit.orders(scene.likelihood).swapped == scene.swapped).mean() > 0.97
+    assert (fit.orders(scene.likelihood).backward == scene.swapped).mean() > 0.97
 
 
 def test_a_rolling_rotation_is_a_rotation_whose_change_is_zero() -> None:

@@ -6,12 +6,9 @@ names 600 synthetic scenes (`degenerate_scenes`), prints a table of the confusio
 ``tools/results/degeneracy.md``; then the same scenes with errors that neighbours share, as a network's, and,
 through the network, the photographs of the rendered test split and those of `motion_kinds`.
 
-Rules: a scene with an F is a pure translation if the model is, or if F's rotation is insignificant: smears of
-that rotation alone, for the true camera, are in the median shorter than a tenth of the smears, or Schwarz's
-criterion does not grant it three parameters (the translation's penalised cost, Akaike's, is above the
-model's by less than 3 (ln N - 2)). Else it is general. "open" is PLANAR_OR_PANORAMIC with F and H: parallax
-is neither proven nor excluded. That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and
-PLANAR count by name, whether an F stands beside them, which leaves parallax undecided, or not.
+Rules: UNCALIBRATED is parallax. "open" is PLANAR_OR_PANORAMIC with F and H: parallax is neither proven nor
+excluded. That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and PLANAR count by name,
+whether an F stands beside them, which leaves parallax undecided, or not.
 """
 
 from collections import Counter
@@ -22,10 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import blur2view
-from blur2view import Configuration, MotionModel, Parallax, TwoViewGeometry, estimate_two_view
-from blur2view.arrays import Array
-from blur2view.geometry.epipolar import homogeneous
-from blur2view.geometry.pose import essential_motions
+from blur2view import Configuration, Parallax, TwoViewGeometry, estimate_two_view
 from blur2view.smears.noise import NoiseModel
 from tools.arguments import Existing, Target, run
 from tools.datasets import motion_kinds
@@ -35,16 +29,15 @@ from tools.datasets.testset import TestScene, read_test_set
 from tools.pages import joined, publish, table
 from tools.processes import mapped
 
-INSIGNIFICANT = 0.1  # smears of the rotation alone over the smears
 OUTCOMES = (
-    "no motion", "rotation", "plane", "rotation or plane", "open", "translation", "general", "undefined",
+    "no motion", "rotation", "plane", "rotation or plane", "open", "parallax", "undefined",
 )  # fmt: skip
 RIGHT: dict[Kind, tuple[str, ...]] = {
     "no motion": ("no motion",),
     "pure rotation": ("rotation",),
     "plane": ("plane",),
-    "pure translation": ("translation",),
-    "general": ("general",),
+    "pure translation": ("parallax",),
+    "general": ("parallax",),
     "no geometry": ("undefined",),
 }
 STRUCTURES = {"one plane": 0.01, "parallax under 5 %": 0.05, "parallax over 5 %": np.inf}  # of the smears
@@ -70,25 +63,13 @@ Named = tuple[str, str]
 """What a scene was and what it was taken for."""
 
 
-def turns(geometry: TwoViewGeometry, F: Array, scene: KnownMatches) -> bool:
-    """Whether F has a significant rotation, by the rules above."""
-    costs, points, K = dict(geometry.scores), scene.matches.midpoint, scene.K
-    if costs[MotionModel.TRANSLATION] - costs[geometry.model] < 3 * (np.log(len(points)) - 2):
-        return False
-    (R, _), _ = essential_motions(K.T @ F @ K)
-    turned = homogeneous(points) @ (K @ R @ np.linalg.inv(K)).T
-    smears = np.linalg.norm(turned[:, :2] / turned[:, 2:] - points, axis=1)
-    return bool(np.median(smears) > INSIGNIFICANT * np.median(scene.matches.length_px))
-
-
-def outcome(geometry: TwoViewGeometry, scene: KnownMatches) -> str:
+def outcome(geometry: TwoViewGeometry) -> str:
     """Return the name of what was found, by the rules above."""
     if geometry.config in NAMES:
         return NAMES[geometry.config]
     if geometry.config is Configuration.PLANAR_OR_PANORAMIC:
         return "rotation or plane" if geometry.F is None else "open"
-    assert geometry.F is not None
-    return "general" if turns(geometry, geometry.F, scene) else "translation"
+    return "parallax"
 
 
 def erring(scene: KnownMatches, seed: int, direction_deg: float) -> KnownMatches:
@@ -107,7 +88,7 @@ def name_scene(task: tuple[Kind, int], direction_deg: float = 0.0) -> Named:
     scene = draw_scene(kind, seed)
     if direction_deg > 0:
         scene = erring(scene, seed, direction_deg)
-    return kind, outcome(estimate_two_view(scene.matches), scene)
+    return kind, outcome(estimate_two_view(scene.matches))
 
 
 def confusions(rows: list[Named]) -> list[str]:
@@ -148,7 +129,7 @@ def photograph_table(groups: dict[str, list[TestScene]], network: blur2view.Smea
 def report(independent: list[Named], shared: list[Named], photographs: dict[str, list[str]]) -> str:
     """Return the whole page; ``photographs`` are tables by what stands over them."""
     off = [found for true, found in independent if true in ("pure rotation", "plane")]
-    confident = sum(found in ("translation", "general") for found in off)
+    confident = off.count("parallax")
     return joined(
         "Written by `python -m tools.evaluation.degeneracy`.",
         f"{len(independent)} synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to "
