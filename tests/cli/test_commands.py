@@ -55,12 +55,12 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert np.median(rho) < 0.01
 
 
-def test_verbose_summary_has_reason_matrix_costs_and_timings(run: Call, moving: Path, tmp_path: Path) -> None:
+def test_verbose_summary_has_reason_matrix_and_timings(run: Call, moving: Path, tmp_path: Path) -> None:
     done = run(moving, "-v", "-o", tmp_path / "out")
     assert done == 0
     text = done.out
     document = json.loads((tmp_path / "out" / "moving.json").read_text())
-    for words in ("PLANAR", document["reason"], "F =", "penalised costs: ", "solve "):
+    for words in ("PLANAR", document["reason"], "F =", "solve "):
         assert words in text
 
 
