@@ -17,6 +17,7 @@ from blur2view.arrays import AnyArray
 from blur2view.smears.blur_kinds import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SMEARED
 from blur2view.smears.field import to_double_angle
 from blur2view.smears.grid import SmearGrid
+from blur2view.smears.noise import SHORT_PX
 
 Floats = NDArray[np.float32]
 
@@ -37,8 +38,10 @@ DARK, BRIGHT = 0.02, 0.98
 """Values below, or above, which a whole photograph is too dark, or overexposed."""
 UNSEEN_PX = 500.0
 """Standard deviation of what shows no texture at all, which a network gives 1000, or borders on it."""
-ALONG_SMEAR = 3**0.5
-"""Length of the smear that spreads as widely, along itself, as a disc of radius 1 does."""
+KNOWN_BEST = 0.2
+"""Relative deviation of a length below which it counts no more: bound."""
+COMMON_DIRECTION = 0.5
+"""Length of the mean smear, in double angle, over the mean length, from which on there is one direction."""
 
 
 class BlurKind(StrEnum):
@@ -66,16 +69,18 @@ class Blur:
     ----------
     kind : BlurKind
     smear_px, smear_sigma_px : float or None
-        Median length of the smears of all that shows texture, pixels, and the median of their standard
-        deviations; None if hardly any of it does.
+        Length of the photograph's smear and its standard deviation, pixels: `length_of`; None where hardly
+        anything shows texture.
     direction_deg : float or None
         Of the mean smear (in double angle, where opposite smears are one), 0 to 180 degrees, from the x axis
-        towards y, which points down.
+        towards y, which points down; None where smears run in many directions.
     defocus_px, defocus_sigma_px : float or None
         Radius of the disc which spreads as widely as the lens does, out of focus or not: of what is in focus,
         if anything is; and the deviation between cells. None where no cell tells it.
     moving_share : float
         Share of the picture that moves before a camera at rest; else 0.
+    nothing_seen : str
+        Why nothing can be told, of a photograph of which that is known: too dark, overexposed, one colour.
     """
 
     kind: BlurKind
@@ -86,7 +91,6 @@ class Blur:
     defocus_sigma_px: float | None = None
     moving_share: float = 0.0
     nothing_seen: str = ""
-    """Why nothing can be told, of a photograph of which that is known: too dark, overexposed, one colour."""
 
     @property
     def reason(self) -> str:
@@ -106,7 +110,7 @@ class Blur:
         """Width of all of the blur as the length of a smear, pixels; None where nothing is told."""
         if self.smear_px is None:
             return None
-        return float(np.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0)))
+        return float(np.hypot(self.smear_px, 3**0.5 * (self.defocus_px or 0.0)))
 
     @property
     def sharpness(self) -> float | None:
@@ -120,30 +124,28 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
     (h, w) is the share of each cell that moves by itself, if the camera is at rest; by default 0.
     """
-    length, sigma, direction = median_smear(grid)
+    length, sigma, direction = length_of(grid)
+    smear = {"smear_px": length, "smear_sigma_px": sigma, "direction_deg": direction}
     if grid.kinds is None or grid.radius_px is None:
-        kind = BlurKind.CANNOT_TELL if length is None else BlurKind.CAMERA_MOVED
-        return Blur(kind=kind, smear_px=length, smear_sigma_px=sigma, direction_deg=direction)
+        return Blur(kind=BlurKind.CANNOT_TELL if length is None else BlurKind.CAMERA_MOVED, **smear)
     kinds = np.asarray(grid.kinds, float)
     told = 1 - kinds[..., CANNOT_TELL]
     share = np.zeros(told.shape) if moving is None else np.asarray(moving)
-    kind = BlurKind.CANNOT_TELL
-    if told.mean() >= LEAST_TOLD:
-        kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
+    if told.mean() < LEAST_TOLD:
+        nothing = "" if image is None else nothing_seen(image)
+        return Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=nothing, **smear)
+    kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
+    if kind.of_camera and length is not None and sigma is not None and length <= sigma:  # that is no blur
+        kind = BlurKind.OUT_OF_FOCUS if kind is BlurKind.OUT_OF_FOCUS_AND_MOVED else BlurKind.SHARP
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
-    radius = spread = None
-    if told.mean() >= LEAST_TOLD and weight.sum() > 0:
-        radius, spread = weighted_median(grid.radius_px, weight)
+    radius, spread = weighted_median(grid.radius_px, weight)
     return Blur(
         kind=kind,
-        smear_px=length,
-        smear_sigma_px=sigma,
-        direction_deg=direction,
         defocus_px=radius,
         defocus_sigma_px=spread,
         moving_share=float(share.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
-        nothing_seen=nothing_seen(image) if image is not None and kind is BlurKind.CANNOT_TELL else "",
+        **smear,
     )
 
 
@@ -190,20 +192,24 @@ def near_border(shape: tuple[int, int]) -> NDArray[np.float64]:
     return np.where(near[0][:, None] | near[1], BORDER_WEIGHT, 1.0)[..., None]
 
 
-def median_smear(grid: SmearGrid) -> tuple[float | None, float | None, float | None]:
+def length_of(grid: SmearGrid) -> tuple[float | None, float | None, float | None]:
     """Return length, standard deviation (pixels) and direction (degrees) of a photograph's smear; or None.
 
-    The plain median over all that shows texture, the truest to the name: its rank correlation with that of
-    the true smears is 0.91 on the test split (``python -m tools.benchmarks.triage``).
+    Length and deviation are medians over the cells, each weighed by how well it knows its length, so that
+    plain surfaces, which know nothing, do not pull them: ``1 / (c^2 + (sigma / (length + 2 px))^2)``.
     """
-    smears = grid.smears()
-    seen = smears.sigma_px < UNSEEN_PX
+    smears, sigma = grid.smears(), grid.sigma_px
+    seen = sigma < UNSEEN_PX
     if seen.mean() < LEAST_TOLD:
         return None, None, None
-    x, y = to_double_angle(smears.displacement[seen]).mean(axis=0)
-    lengths, sigmas = smears.length_px[seen], smears.sigma_px[seen]
-    direction = float(np.degrees(np.arctan2(y, x)) / 2 % 180)
-    return float(np.median(lengths)), float(np.median(sigmas)), direction
+    weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORT_PX)) ** 2).astype(float)
+    if grid.kinds is not None:
+        weight = weight * (1 - grid.kinds[..., CANNOT_TELL])
+    length, _ = weighted_median(smears.length_px, weight)
+    deviation, _ = weighted_median(sigma, weight)
+    x, y = (to_double_angle(smears.displacement) * weight[..., None]).sum((0, 1)) / weight.sum()
+    common = np.hypot(x, y) > COMMON_DIRECTION * (smears.length_px * weight).sum() / weight.sum()
+    return length, deviation, float(np.degrees(np.arctan2(y, x)) / 2 % 180) if common else None
 
 
 def weighted_median(values: Floats, weight: NDArray[np.float64]) -> tuple[float, float]:

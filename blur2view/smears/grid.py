@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.smears.blur_kinds import KINDS
+from blur2view.smears.blur_kinds import KINDS, OUT_OF_FOCUS, SHARP
 from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
-from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel
+from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel, of_kinds
 
 # Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
 _STRIP_CELLS = 8
@@ -72,6 +72,14 @@ class SmearGrid:
     def shared_errors(self, spacing_px: float) -> NoiseModel:
         """Return what the errors of cells have in common, one every ``spacing_px`` pixels."""
         return INDEPENDENT if self.window_px is None else NoiseModel.of_cells(spacing_px, self.window_px)
+
+    @property
+    def sigma_px(self) -> NDArray[np.float32]:
+        """Standard deviations of the cells' smears, (h, w), pixels: `noise.of_kinds`."""
+        smears = self.smears()
+        if self.kinds is None:
+            return smears.sigma_px
+        return of_kinds(smears.length_px, smears.sigma_px, self.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1))
 
     def points(self) -> Array:
         """Return the centres of the cells, (h, w, 2), pixels (x, y); the last may lie beyond the border."""

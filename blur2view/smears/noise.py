@@ -18,8 +18,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
+
+Floats = NDArray[np.float32]
 
 LEAST_PX = 0.1
 LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01
@@ -30,6 +33,10 @@ WINDOW_PX = 96
 """Side of the window that a cell is read from, pixels."""
 CORRELATED_CELLS = 46.0 / 9.0
 """How many times fewer cells are independent than their overlap says: the correlation reaches beyond it."""
+SURE = 0.68
+"""Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear."""
+SHORT_PX, STILL_PX = 2.0, 0.4
+"""Length below which a network knows no length, and what stands for it: `blur2view.smears.likelihood`."""
 SAMPSON_SHARE = 0.5**0.5
 """Of the error across a smear, that of the Sampson distance of its two ends, which share it."""
 
@@ -108,6 +115,18 @@ class NoiseModel:
 
 INDEPENDENT = NoiseModel()
 """Every smear errs for itself: matches from elsewhere."""
+
+
+def of_kinds(length_px: Floats, sigma_px: Floats, still: Floats) -> Floats:
+    """Return standard deviations of cells' smears, given the probability that a cell is not smeared.
+
+    The stated ones are root mean squares over whole likelihoods: of a sharp cell, one smear in twenty of
+    16 px makes 3.6 px. What is surely not smeared, and reads short, errs by that length. The median deviation
+    of 46 sharp photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears
+    of 6 to 16 px does not change.
+    """
+    short = (still >= SURE) & (length_px < SHORT_PX)
+    return np.where(short, np.minimum(sigma_px, np.hypot(length_px, np.float32(STILL_PX))), sigma_px)
 
 
 def across_px(length_px: Array, sigma_rad: Array) -> Array:

@@ -74,4 +74,4 @@ def test_folder_without_photographs_is_one_line_and_no_photograph(
     assert done == 1 and "empty: holds no photograph" in done.line
     assert [row["name"] for row in table(here / "t.csv")] == [f"{n:03d}.png" for n in range(5)]
     if name == "report":
-        assert (here / "a.html").read_text().count('<article ') == 5
+        assert (here / "a.html").read_text().count("<article ") == 5

@@ -93,6 +93,23 @@ def test_smears_have_one_direction_whatever_their_signs_and_smooth_cells_no_say(
     assert blur_of(grid_of(displacement, sigma)).smear_px == pytest.approx(9)
 
 
+def test_plain_surfaces_do_not_pull_the_length_down() -> None:
+    letters = within(2, 4, 0.4)  # smeared by 9 px, before a plain wall that reads 0.3 px, and knows nothing
+    one = grid(letters)
+    one.cells[..., 2] = np.where(letters == 2, 0.5, 12.0)
+    assert blur_of(one).smear_px == pytest.approx(9, rel=0.01)
+
+
+def test_cells_that_are_surely_sharp_know_it_and_a_length_below_its_deviation_is_no_blur() -> None:
+    sharp, smeared = grid(within(0, 0)), grid(within(2, 2))
+    for one in (sharp, smeared):
+        one.cells[..., 2] = 5.0
+    assert sharp.sigma_px.max() < 0.6 and smeared.sigma_px.min() == 5
+    assert blur_of(smeared).kind == "camera moved"
+    smeared.cells[..., 2] = 19.0  # of 9 px
+    assert blur_of(smeared).kind == "sharp"
+
+
 def test_logits_are_read_as_probabilities_and_radii() -> None:
     assert softmax(np.zeros((2, 3, 5), np.float32)).sum(-1) == pytest.approx(1)
     logits = np.full((1, 1, 24), -30, np.float32)
