@@ -7,7 +7,7 @@ at rest something moves within the picture, and a camera that follows something 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -125,27 +125,28 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     (h, w) is the share of each cell that moves by itself, if the camera is at rest; by default 0.
     """
     length, sigma, direction = length_of(grid)
-    smear = {"smear_px": length, "smear_sigma_px": sigma, "direction_deg": direction}
+    kind = BlurKind.CANNOT_TELL if length is None else BlurKind.CAMERA_MOVED
+    smeared = Blur(kind=kind, smear_px=length, smear_sigma_px=sigma, direction_deg=direction)
     if grid.kinds is None or grid.radius_px is None:
-        return Blur(kind=BlurKind.CANNOT_TELL if length is None else BlurKind.CAMERA_MOVED, **smear)
+        return smeared
     kinds = np.asarray(grid.kinds, float)
     told = 1 - kinds[..., CANNOT_TELL]
     share = np.zeros(told.shape) if moving is None else np.asarray(moving)
     if told.mean() < LEAST_TOLD:
         nothing = "" if image is None else nothing_seen(image)
-        return Blur(kind=BlurKind.CANNOT_TELL, nothing_seen=nothing, **smear)
+        return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
     kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
     if kind.of_camera and length is not None and sigma is not None and length <= sigma:  # that is no blur
         kind = BlurKind.OUT_OF_FOCUS if kind is BlurKind.OUT_OF_FOCUS_AND_MOVED else BlurKind.SHARP
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius, spread = weighted_median(grid.radius_px, weight)
-    return Blur(
+    return replace(
+        smeared,
         kind=kind,
         defocus_px=radius,
         defocus_sigma_px=spread,
         moving_share=float(share.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
-        **smear,
     )
 
 
