@@ -3,37 +3,34 @@
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from tests.support.many_photographs import SAMPLE, command, environment
-from tools.robustness.corpus import set_traps
+from tools.evaluation.fuzz import POSTSCRIPT, TRAPS
 
-POSTSCRIPT = """%!PS-Adobe-3.0 EPSF-3.0
-%%BoundingBox: 0 0 80 64
-%%EndComments
-0 0 80 64 rectfill
-showpage
-"""
+NAMES = ("a.jpg", "b.eps", "c.avi", "d.dng", "e.pdf")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="programs are found by their names on PATH")
 def test_a_photograph_that_is_a_program_starts_none(tmp_path: Path) -> None:
-    set_traps(tmp_path / "bin")
-    names = ("a.jpg", "b.eps", "c.avi", "d.dng", "e.pdf")
-    for name in names:
-        (tmp_path / name).write_text(POSTSCRIPT)
+    for name in NAMES:
+        (tmp_path / name).write_bytes(POSTSCRIPT)
+    for name in TRAPS:
+        (tmp_path / name).write_text(f"#!{sys.executable}\nopen({str(tmp_path / 'ran')!r}, 'a')\n")
+        (tmp_path / name).chmod(0o755)
     call = subprocess.run(
-        command("estimate", "--jobs", "1", *names),
+        command("estimate", "--jobs", "1", *NAMES),
         cwd=tmp_path,
-        env=environment() | {"PATH": f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"},
+        env=environment() | {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"},
         capture_output=True,
         text=True,
     )
-    assert call.returncode == 1 and len(call.stderr.splitlines()) == len(names), call.stderr
+    assert call.returncode == 1 and len(call.stderr.splitlines()) == len(NAMES), call.stderr
     assert "a.jpg: is not a readable image; convert it to JPEG, PNG or TIFF" in call.stderr
-    assert not (tmp_path / "bin/ran").exists()
+    assert not (tmp_path / "ran").exists()
 
 
 @pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")

@@ -14,7 +14,7 @@ from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
 from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
 from tests.support.malformed_projects import SQL_FAULTS
 from tests.support.sql import run_sql
-from tools.robustness.mutations import mutated
+from tools.evaluation.fuzz import mutated
 
 
 @ROLLBACK

@@ -1,1 +1,0 @@
-"""Damage done to inputs, databases and our own code, to see what notices it."""
