@@ -26,7 +26,7 @@ First calls
 - ``for result in estimate_frames("a.mp4", camera=camera)``: the frames of a video, or those that
   ``read_video("a.mp4")`` yields, each in the right direction of time, with ``timestamps_s`` if wanted, as of
   ``timestamps_of(paths)``. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which
-  threads may share.
+  threads may share; every object with the members of ``SmearReader`` is one, too.
 - ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
   ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
 - ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written, as ``predict``

@@ -30,7 +30,8 @@ from blur2view.images.image import read_image as read_image
 from blur2view.images.timestamps import timestamps_of as timestamps_of
 from blur2view.images.video import read_video as read_video
 from blur2view.networks.model_file import ModelInfo as ModelInfo
-from blur2view.networks.smear_network import Detail as Detail
+from blur2view.networks.protocol import Detail as Detail
+from blur2view.networks.protocol import SmearReader as SmearReader
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
 from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import Timings as Timings

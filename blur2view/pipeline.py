@@ -24,7 +24,8 @@ from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.movers.parts import THRESHOLD
 from blur2view.movers.probability import Moving, moving_probability
 from blur2view.networks.model_file import Execution
-from blur2view.networks.smear_network import Detail, SmearNetwork, photograph_of
+from blur2view.networks.protocol import Detail, SmearReader
+from blur2view.networks.smear_network import SmearNetwork, photograph_of
 from blur2view.networks.threads import one_thread
 from blur2view.smears.blur import Blur, blur_of, is_mixed
 from blur2view.smears.grid import SmearGrid
@@ -139,7 +140,7 @@ class Estimate:
 def estimate(
     image: "AnyArray | Image.Image | str | os.PathLike[str]",
     *,
-    network: SmearNetwork | str | os.PathLike[str] | None = None,
+    network: SmearReader | str | os.PathLike[str] | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
     rng: np.random.Generator | int | None = None,
@@ -155,8 +156,8 @@ def estimate(
         The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
         :func:`blur2view.read_image`; one of Pillow is not turned upright. Of a path the file is read, and
         without ``camera`` the focal length of its EXIF is a hint, as for ``blur2view estimate``.
-    network : SmearNetwork or path, optional
-        The shipped one by default; load it once for many photographs.
+    network : SmearReader or path, optional
+        The shipped `SmearNetwork` by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
         Which smears become matches; the robust estimator.
     rng : numpy.random.Generator or int, optional
@@ -204,7 +205,7 @@ def estimate(
         blur=blur,
         matches=matches,
         geometry=geometry,
-        model_id=network.info.model_id,
+        model_id=network.model_id,
         timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
         camera=camera,
         shutter=shutter if shutter is not None and shutter.readout_s else None,
@@ -213,7 +214,7 @@ def estimate(
     )
 
 
-def _seen(image: AnyArray, network: SmearNetwork, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:
+def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:
     """Return a photograph's smears, what blurred it, and what moves by itself, where that was asked.
 
     Seen from a camera at rest, what moves must not pass for the camera's motion.
@@ -247,7 +248,7 @@ class FileEstimate:
 
 def estimate_file(
     path: Path,
-    network: SmearNetwork,
+    network: SmearReader,
     run: Run,
     content: bytes | None = None,
     *,

@@ -15,7 +15,7 @@ from blur2view.cli.terminal import seconds_lines, verdict_line
 from blur2view.cli.work import estimated
 from blur2view.geometry.epipolar import epipoles
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.networks.smear_network import Detail
+from blur2view.networks.protocol import Detail
 from blur2view.pipeline import FileEstimate
 from blur2view.results.estimate import PER_SECOND, EstimateDocument
 from blur2view.results.overlay import draw_overlay

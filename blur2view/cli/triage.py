@@ -25,7 +25,7 @@ from blur2view.images.selection import (
     sharpest_of_each,
     thumbnail,
 )
-from blur2view.networks.smear_network import Detail
+from blur2view.networks.protocol import Detail
 from blur2view.output_files import write_file
 from blur2view.results.table import Row
 from blur2view.results.verdicts import verdict_of

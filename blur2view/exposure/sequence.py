@@ -15,6 +15,7 @@ from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbo
 from blur2view.exposure.views import ordered_views
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.video import read_video
+from blur2view.networks.protocol import SmearReader
 from blur2view.networks.smear_network import SmearNetwork, photograph_of, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.selection import SelectOptions
@@ -38,7 +39,7 @@ def estimate_frames(
     *,
     timestamps_s: Iterable[float] | None = None,
     ordered: bool = True,
-    network: SmearNetwork | None = None,
+    network: SmearReader | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
     camera: Camera | None = None,

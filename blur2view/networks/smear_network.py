@@ -6,7 +6,6 @@ octaves that its smears need; or all windows, in overlapping tiles.
 
 import os
 from collections.abc import Sequence
-from enum import StrEnum
 from itertools import product
 
 import cv2
@@ -18,6 +17,7 @@ from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count, octaves
+from blur2view.networks.protocol import Detail
 from blur2view.networks.spectra import STEP
 from blur2view.networks.threads import one_thread
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
@@ -25,17 +25,6 @@ from blur2view.smears.grid import SmearGrid
 from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]
-
-
-class Detail(StrEnum):
-    """What a photograph is read for."""
-
-    PIXELS = "pixels"
-    """Smears of every pixel: every window is read."""
-    GEOMETRY = "geometry"
-    """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
-    RANKING = "ranking"
-    """The order of photographs by their blur: some fifty to two hundred windows."""
 
 
 LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
@@ -84,8 +73,13 @@ class SmearNetwork:
         self.info = read_info(network)
         self._reader = OctaveReader(network, self.info.features)
 
+    @property
+    def model_id(self) -> str:
+        """Name of the weights."""
+        return self.info.model_id
+
     def __repr__(self) -> str:
-        return f"<SmearNetwork {self.info.model_id} of {self.path.name}, a cell every {STEP} px>"
+        return f"<SmearNetwork {self.model_id} of {self.path.name}, a cell every {STEP} px>"
 
     def predict(self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.

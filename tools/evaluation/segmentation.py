@@ -154,7 +154,7 @@ def main(
     command = f"python -m tools.evaluation.segmentation {shlex.join(sys.argv[1:])}"
     blocks: list[str | list[str]] = [
         "# Motion masks",
-        f"`{command}`; network `{network.info.model_id}`.",
+        f"`{command}`; network `{network.model_id}`.",
         WORDS,
         table(HEADS, rows),
         "Calibration, all pixels of all scenes:",

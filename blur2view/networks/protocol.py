@@ -1,0 +1,41 @@
+"""What the pipeline asks of a network that reads smears, so that another architecture is one file.
+
+`SmearNetwork` is one; ``blur2view.estimate(image, network=other)`` takes every object that has these members.
+"""
+
+from enum import StrEnum
+from typing import Protocol
+
+from blur2view.arrays import AnyArray
+from blur2view.networks.model_file import Execution
+from blur2view.smears.grid import SmearGrid
+
+
+class Detail(StrEnum):
+    """What a photograph is read for."""
+
+    PIXELS = "pixels"
+    """Smears of every pixel: every window is read."""
+    GEOMETRY = "geometry"
+    """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
+    RANKING = "ranking"
+    """The order of photographs by their blur: some fifty to two hundred windows."""
+
+
+class SmearReader(Protocol):
+    """A network that reads the smears of a photograph: picture in, grid out."""
+
+    @property
+    def model_id(self) -> str:
+        """Name of the weights, which results state."""
+
+    @property
+    def execution(self) -> Execution:
+        """What runs it: threads and providers, which the network that finds movers then uses, too."""
+
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
+        """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1].
+
+        `SmearGrid` states shapes and units of the cells. One without radii and kinds of blur will do: the
+        photograph then counts as smeared by the camera.
+        """

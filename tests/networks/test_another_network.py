@@ -1,0 +1,31 @@
+"""A network of another architecture is one class: the pipeline asks it for no more than the protocol says."""
+
+import numpy as np
+
+from blur2view import SmearGrid, estimate
+from blur2view.arrays import AnyArray
+from blur2view.networks.model_file import Execution
+from blur2view.networks.protocol import Detail
+from blur2view.smears.field import to_double_angle
+
+
+class Oracle:
+    """A network that knows the smears of a forward motion, whatever the picture."""
+
+    model_id, execution = "oracle", Execution(threads=1)
+
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
+        """Return smears that point away from the centre, a cell every 16 pixels, sure to 0.2 px."""
+        height, width = image.shape[0] // 16, image.shape[1] // 16
+        x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2)
+        double = to_double_angle(np.stack([x, y], axis=-1))
+        sigmas = np.full((height, width, 2), (0.2, 0.05))
+        cells = np.concatenate([double, sigmas], axis=-1).astype(np.float32)
+        return SmearGrid(cells=cells, stride=16, shape=image.shape[:2])
+
+
+def test_an_estimate_takes_every_network_of_the_protocol() -> None:
+    found = estimate(np.full((480, 640, 3), 0.5, np.float32), network=Oracle())
+    assert found.model_id == "oracle" and found.geometry.F is not None
+    epipole = np.linalg.svd(found.geometry.F)[2][-1]
+    np.testing.assert_allclose(epipole[:2] / epipole[2], (319.5, 239.5), atol=3)
