@@ -198,6 +198,8 @@ def estimate(
         geometry = estimate_two_view(matches, options, rng, camera, shutter)
     else:
         geometry = without_motion(matches, blur)
+    if geometry.stood_still:
+        blur = blur.at_rest()
     clock.append(time.perf_counter())
     predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(

@@ -98,6 +98,8 @@ class TwoViewGeometry:
         All models that were compared, likeliest first; empty where none were.
     support_by_chance : float
         Share of the smears that would be inliers of the same F or H if their directions were random.
+    stood_still : bool
+        Whether no motion explains the smears best.
     insufficient_data : bool
         Whether too little is seen for any conclusion, also on parallax.
     backward : TwoViewGeometry or None
@@ -114,6 +116,7 @@ class TwoViewGeometry:
     covariance: PoseCovariance | None = None
     table: ModelTable = field(default_factory=ModelTable)
     support_by_chance: float = 0.0
+    stood_still: bool = False
     insufficient_data: bool = False
     backward: TwoViewGeometry | None = None
 

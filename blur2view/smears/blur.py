@@ -105,6 +105,13 @@ class Blur:
             case _:
                 return str(self.kind)
 
+    def at_rest(self) -> Blur:
+        """Return the blur of the same photograph of which it is known that the camera did not move."""
+        if not self.kind.of_camera:
+            return self
+        is_both = self.kind is BlurKind.OUT_OF_FOCUS_AND_MOVED
+        return replace(self, kind=BlurKind.OUT_OF_FOCUS if is_both else BlurKind.SHARP)
+
     @property
     def width_px(self) -> float | None:
         """Width of all of the blur as the length of a smear, pixels; None where nothing is told."""
@@ -136,8 +143,8 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
     kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
-    if kind.of_camera and length is not None and sigma is not None and length <= sigma:  # that is no blur
-        kind = BlurKind.OUT_OF_FOCUS if kind is BlurKind.OUT_OF_FOCUS_AND_MOVED else BlurKind.SHARP
+    if length is not None and sigma is not None and length <= sigma:  # that is no blur
+        kind = replace(smeared, kind=kind).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius, spread = weighted_median(grid.radius_px, weight)

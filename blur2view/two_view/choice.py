@@ -125,6 +125,10 @@ def named(
         return Choice(
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
         )
+    first = table.rows[0]
+    if first.model is MotionModel.STILL:
+        sentence = f"no motion: probability {first.probability:.2f}"
+        return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit, table=table)
     on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual) < c.ON_PLANE).mean())
     count = fields[MotionModel.PLANE].likelihood.fully_correlated.effective_count
     enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
@@ -143,10 +147,11 @@ def named(
         is_turn = of_turn >= of_plane
         config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
         model = max(turns, key=lambda m: table.probability(m) or 0.0) if is_turn else model
+    likeliest = f"{first.model}, probability {first.probability:.2f}"
     prefix = "there is no parallax" if absent else "parallax is undecided"
     return Choice(
         config=config,
-        sentence=f"{prefix}: {figures_of(table)}; {comparison}",
+        sentence=f"{likeliest}; {prefix}: {figures_of(table)}; {comparison}",
         fit=fit,
         reports_F=not absent,
         homography=fields[model],

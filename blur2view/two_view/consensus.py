@@ -20,17 +20,19 @@ GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next
 
 
 def still(matches: SmearMatches) -> str | None:
-    """Return the reason why nothing moved, or moved as one, so that there is no parallax; or None."""
-    if len(matches) < MIN_MATCHES:
+    """Return the reason why nothing moved, or None."""
+    median = float(np.median(matches.length_px)) if len(matches) >= MIN_MATCHES else np.inf
+    if median >= MIN_LENGTH_PX:
+        return None
+    return f"no motion: the median smear is {median:.2f} px long, below {MIN_LENGTH_PX:.2f} px"
+
+
+def moved_as_one(matches: SmearMatches) -> str | None:
+    """Return the reason why all moved as one, so that there is no parallax, or None."""
+    if len(matches) < MIN_MATCHES or not constant_field(matches):
         return None
     median = float(np.median(matches.length_px))
-    if median < MIN_LENGTH_PX:
-        return f"no motion: the median smear is {median:.2f} px long, below {MIN_LENGTH_PX:.2f} px"
-    if constant_field(matches):
-        return (
-            f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
-        )
-    return None
+    return f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
 
 
 def insufficient_data(matches: SmearMatches) -> str | None:

@@ -16,7 +16,7 @@ from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoVie
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
-from blur2view.two_view.consensus import inliers_of, insufficient_data, no_inliers, still
+from blur2view.two_view.consensus import inliers_of, insufficient_data, moved_as_one, no_inliers, still
 from blur2view.two_view.constants import MIN_AGREEMENT
 from blur2view.two_view.homography import pixel_homography
 from blur2view.two_view.likelihood import Likelihood
@@ -94,14 +94,15 @@ def estimate_two_view(
 
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
     """Return the geometry of a photograph whose camera did not move, or does not show whether it did."""
-    return no_geometry(
-        matches,
-        f"no motion of the camera: {blur.reason}",
-        insufficient_data=blur.kind in (BlurKind.OUT_OF_FOCUS, BlurKind.CANNOT_TELL),
-    )
+    reason = f"no motion of the camera: {blur.reason}"
+    if blur.kind in (BlurKind.OUT_OF_FOCUS, BlurKind.CANNOT_TELL):
+        return no_geometry(matches, reason, insufficient_data=True)
+    return no_geometry(matches, reason, stood_still=True)
 
 
-def no_geometry(matches: SmearMatches, reason: str, *, insufficient_data: bool) -> TwoViewGeometry:
+def no_geometry(
+    matches: SmearMatches, reason: str, *, stood_still: bool = False, insufficient_data: bool = False
+) -> TwoViewGeometry:
     """Return a degenerate geometry."""
     return TwoViewGeometry(
         F=None,
@@ -109,6 +110,7 @@ def no_geometry(matches: SmearMatches, reason: str, *, insufficient_data: bool) 
         reason=reason,
         inlier_mask=np.zeros(len(matches), bool),
         second_end_is_open=np.zeros(len(matches), bool),
+        stood_still=stood_still,
         insufficient_data=insufficient_data,
     )
 
@@ -152,10 +154,12 @@ def as_recorded(
 
     With ``rolling`` a rolling shutter is one of the models.
     """
-    nothing_moved = still(matches)
-    refusal = nothing_moved or insufficient_data(matches)
-    if refusal is not None:
-        return no_geometry(matches, refusal, insufficient_data=nothing_moved is None)
+    if (reason := still(matches)) is not None:
+        return no_geometry(matches, reason, stood_still=True)
+    if (reason := moved_as_one(matches)) is not None:
+        return no_geometry(matches, reason)
+    if (reason := insufficient_data(matches)) is not None:
+        return no_geometry(matches, reason, insufficient_data=True)
     straight = matches if camera is None else undistorted(matches, camera)
     likelihood, fits = search_and_fit(Likelihood.of(straight, camera), options, rng)
     best = min(fits, key=lambda fit: fit.score)
@@ -192,6 +196,7 @@ def geometry_of(
         second_end_is_open=np.zeros(len(likelihood), bool),
         cam2_from_cam1=None if pose is None else pose.cam2_from_cam1,
         covariance=None if pose is None else pose.covariance,
+        stood_still=choice.config is Configuration.DEGENERATE,
         table=choice.table,
         support_by_chance=inliers.by_chance,
     )

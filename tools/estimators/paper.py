@@ -12,7 +12,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import denormalise, unit_norm
 from blur2view.geometry.sampson import serrmin
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.consensus import insufficient_data, still
+from blur2view.two_view.consensus import insufficient_data, moved_as_one, still
 from blur2view.two_view.ransac import weighted_samples
 from tools.estimators.seven_smears import SAMPLE_SIZE, apply_similarity, constraint_rows, shared_normalisation
 
@@ -34,7 +34,7 @@ def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array
     Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
     arXiv 2605.01552.
     """
-    if still(matches) or insufficient_data(matches):
+    if still(matches) or moved_as_one(matches) or insufficient_data(matches):
         return None
     ends, rng, found = matches.ends, np.random.default_rng(0), list[Array]()
     for _ in range(max_iterations):
