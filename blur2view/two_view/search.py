@@ -3,7 +3,7 @@
 A photograph's camera is roughly known (`constants.ASSUMED_FOCAL`) and rotates little during an exposure:
 F = [t]x (I + [w]x) to first order, and for every direction t of a grid three smears fix w linearly. These
 starts are approximate; local optimisation makes them exact. (Seven smears fix any F exactly, but one wrong
-smear in seven spoils them, and noise does too: `tools.estimators.seven_smears`.)
+smear in seven spoils it, and so does noise.)
 """
 
 from __future__ import annotations

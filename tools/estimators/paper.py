@@ -8,14 +8,14 @@ zeros that are not the true F.
 
 import numpy as np
 
-from blur2view.arrays import Array
-from blur2view.geometry.epipolar import denormalise, unit_norm
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import denormalise, homogeneous, unit_norm
 from blur2view.geometry.sampson import serrmin
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.consensus import insufficient_data, moved_as_one, still
 from blur2view.two_view.ransac import weighted_samples
-from tools.estimators.seven_smears import SAMPLE_SIZE, apply_similarity, constraint_rows, shared_normalisation
 
+SAMPLE_SIZE = 7  # smears that fix F, up to a finite number of solutions
 STEPS = 100  # of SLSQP, SciPy's default
 PRECISION = 1e-12  # of SLSQP on the cost; at SciPy's 1e-6 it stops beside the zeros
 
@@ -73,7 +73,7 @@ def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
     from scipy.optimize import minimize
 
     T = shared_normalisation(ends)
-    rows = constraint_rows(apply_similarity(T, ends.reshape(-1, 2)).reshape(ends.shape))
+    rows = constraint_rows(ends * T[0, 0] + T[:2, 2])
     constraints = [
         {"type": "eq", "fun": lambda f: f @ f - 1, "jac": lambda f: 2 * f},
         {"type": "eq", "fun": determinant, "jac": cofactors},
@@ -90,6 +90,27 @@ def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
     if not (np.isfinite(found.x).all() and found.x.any()):
         return None
     return denormalise(nearest_rank_two(found.x.reshape(3, 3)), T)
+
+
+def shared_normalisation(ends: Array) -> Array:
+    """Return one similarity T (3, 3) of ends (N, 2, 2): centroid to 0, mean distance to sqrt(2).
+
+    Two different ones, as for ordered matches, would break the symmetry of swapping the ends of a smear.
+    """
+    points = ends.reshape(-1, 2)
+    spread = np.linalg.norm(points - points.mean(axis=0), axis=1).mean()
+    scale = np.sqrt(2.0) / max(spread, TINY)
+    return np.array([*np.c_[scale * np.eye(2), -scale * points.mean(axis=0)], [0, 0, 1.0]])
+
+
+def constraint_rows(ends: Array) -> tuple[Array, Array]:
+    """Return the coefficients (N, 9) of F's entries, row by row, in ``points2^T F points1``.
+
+    Of ends (N, 2, 2), for their order and for the opposite one.
+    """
+    x, y = homogeneous(ends[:, 0]), homogeneous(ends[:, 1])
+    forward, backward = (np.einsum("ni,nj->nij", *pair).reshape(-1, 9) for pair in ((y, x), (x, y)))
+    return forward, backward
 
 
 def ambiguous_cost(f: Array, forward: Array, backward: Array) -> tuple[float, Array]:

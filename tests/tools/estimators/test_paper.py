@@ -6,8 +6,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.smears.matches import SmearMatches
 from tests.support.scenes import IMAGE_SIZE, make_scene
-from tools.estimators.paper import ambiguous_cost, paper_of_matches
-from tools.estimators.seven_smears import constraint_rows
+from tools.estimators.paper import ambiguous_cost, constraint_rows, paper_of_matches
 
 
 def matches_of(ends: Array) -> SmearMatches:

@@ -9,7 +9,6 @@ import pytest
 from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene
 from tools.evaluation import benchmark
-from tools.evaluation.benchmark import checkout, in_turn
 from tools.evaluation.gyroscope import measured_smears
 from tools.evaluation.smear_figures import evaluate_smears
 from tools.metrics import pose_error_deg, pose_of
@@ -46,25 +45,16 @@ def test_true_F_and_its_transpose_of_any_sign_have_no_error(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_every_stage_runs_and_leaves_its_files(tmp_path: Path) -> None:
-    photo, out = tmp_path / "photo.png", tmp_path / "out"
+def test_steps_and_streams_are_timed_and_a_process_that_fails_ends_the_benchmark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo, names = tmp_path / "photo.png", {"FRAMES": 2, "WARM": 1, "STREAMS": ((160, 120),), "THREADS": (1,)}
     texture = np.random.default_rng(0).integers(0, 256, (120, 160, 3), dtype=np.uint8)
     assert cv2.imwrite(str(photo), cv2.GaussianBlur(texture, (0, 0), 2.0))
-    out.mkdir()
-    times = benchmark.stages(photo, out, repeats=1)
-    assert {"decode", "network", "matches", "solve", "draw and write", "decode to F"} < set(times)
-    assert {path.name for path in out.glob("*.json")} == {"photo.json"} and (out / "stages.png").exists()
-
-
-def test_processes_of_two_trees_take_turns_and_a_failure_ends_the_benchmark(tmp_path: Path) -> None:
-    said = tmp_path / "said"
-    code = f"import os; open({str(said)!r}, 'a').write(os.environ['PYTHONPATH'][-1])"
-    trees = [tmp_path / name for name in "ab"]
-    for tree in trees:
-        tree.mkdir()
-    runs = in_turn(trees, ["-c", code], repeats=2)
-    assert said.read_text() == "abab" and len(runs) == 2 and runs[0][2] > 1
-    with pytest.raises(SystemExit, match="ends with 3"):
-        in_turn(trees, ["-c", "raise SystemExit(3)"], repeats=1)
-    with pytest.raises(SystemExit, match="no-commit: is no commit"):
-        checkout("no-commit", tmp_path / "c")
+    for name, value in names.items():
+        monkeypatch.setattr(benchmark, name, value)
+    steps = benchmark.step_rows(photo, [photo, photo], repeats=1)
+    assert steps[-1][2] == "1.00" and all(float(seconds) >= 0 for _, seconds, _ in steps)
+    assert len(list(benchmark.stream_rows(texture.astype(np.float32) / 255))) == 2
+    with pytest.raises(SystemExit, match="ends with 1"):
+        benchmark.measured(["estimate", tmp_path / "missing.jpg"], repeats=1)
