@@ -1,29 +1,26 @@
 """``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
 
 import math
-import os
-import tempfile
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.arguments.values import share
 from blur2view.cli.terminal import plural, printable
-from blur2view.colmap.models import PROJECT_FILE, FoundModel, find_model, is_ours, project_text
+from blur2view.colmap.models import FoundModel, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.inputs import list_photographs
-from blur2view.output_files import check_file, writable_folders, write_file
 
 if TYPE_CHECKING:
     from blur2view.colmap.placement import Placement
 
+SHOWN = 3  # frames of each reason without -v
 ALL_FRAMES = "link all frames of the video (blur2view to-colmap --link)"
-FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 WRITTEN = """
 DIR: the model with the views, in COLMAP's binary format, and project.ini, which names the database and the
-    folder of the frames. What an earlier call wrote is replaced; a model of another's is not
+    folder of the frames. What an earlier call wrote is replaced; a model of another program is not, nor
+    one that was refined since
 """
 
 
@@ -62,16 +59,15 @@ class PlaceOptions(Options):
 
         names = frame_names(self.photographs)
         model = find_model(self.model)
-        refuse_foreign(self.output)
+        refuse_other_model(self.output)
         placement = place_views(self.database, model.folder, names, self.fraction)
-        count = plural(len(placement.placed) + len(placement.left), "frame")
-        about = f"{self.database}: of {count} with views in {self.model}"
+        about = f"{self.database}: of {plural(placement.linked, 'frame')} with views"
         if not math.isfinite(placement.fraction):
             why = "no two follow one another and show how long an exposure is"
             raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
         if not placement.placed:
             raise DatabaseError(f"{about} none has another frame next to it; {ALL_FRAMES}")
-        write_model(placement.model, self.output, project_text(self.photographs, self.database))
+        write_model(placement.model, self.output, self.photographs, self.database)
         if not self.quiet:
             print(summary(self, model, placement, names))
         return 0
@@ -87,43 +83,23 @@ def frame_names(folder: Path) -> list[str]:
     return [path.relative_to(folder).as_posix() for path in inputs.paths]
 
 
-def refuse_foreign(folder: Path) -> None:
-    """Raise OutputError where a model that is not of an earlier call would be replaced."""
-    for name in () if is_ours(folder) else (*FILES, PROJECT_FILE):
-        check_file(folder / name, "model")
-
-
-def write_model(model: Any, folder: Path, text: str) -> None:
-    """Write a pycolmap.Reconstruction and the text of `project_text`; each file whole or not at all."""
-    with writable_folders(folder):
-        write_file(folder / PROJECT_FILE, os.fsencode(text))
-        with tempfile.TemporaryDirectory(dir=folder) as beside:
-            model.write(beside)
-            for name in FILES:
-                Path(beside, name).replace(folder / name)
-
-
 def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", names: list[str]) -> str:
-    """Return a line about the model if it was chosen, one about what was placed, one about what is lacking.
+    """Return a line about the model if it was chosen, one for each reason of refusal, one that counts all.
 
-    With -v also what was not placed.
+    With -v every refused frame is named.
     """
     lines = []
     if model.others:
         size = f"{plural(model.registered, 'photograph')}, {plural(len(names), 'frame')} in the folder"
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
-    placed = f"placed the views of {plural(len(placement.placed), 'frame')}"
-    line = f"{printable(str(options.output))}: {placed}, exposure over frame interval "
-    line += f"{placement.fraction:.2f}"
+    for reason in sorted(set(placement.refused.values())):
+        refused = [printable(name) for name, why in placement.refused.items() if why == reason]
+        shown = refused if options.verbose else refused[:SHOWN]
+        more = f" and {len(refused) - len(shown)} more (-v)" if len(refused) > len(shown) else ""
+        lines.append(f"not placed, {reason}: {', '.join(shown)}{more}")
+    line = f"{printable(str(options.output))}: of {plural(placement.linked, 'linked frame')} "
+    line += f"{len(placement.placed)} placed, {len(placement.refused)} refused"
+    line += f"; exposure over frame interval {placement.fraction:.2f}"
     if not placement.measured:
         line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
-    if placement.left:
-        line += f", {len(placement.left)} left out, as no frame of the model is next to them by number"
-    lines.append(line)
-    if options.verbose:
-        lines += [f"  {printable(name)} left out" for name in placement.left]
-    posed = {image.name for image in placement.model.images.values() if image.has_pose}
-    if missing := len({name for name in posed if not name.endswith((OPEN, CLOSE))}.difference(names)):
-        frames = printable(str(options.photographs))
-        lines.append(f"{frames}: lacks {missing} photographs of the model, which have no views; {ALL_FRAMES}")
-    return "\n".join(lines)
+    return "\n".join([*lines, line])

@@ -12,11 +12,10 @@ from blur2view import __version__
 from blur2view.cli.arguments import values
 from blur2view.cli.arguments.option import INPUT, Options, Rows, option
 from blur2view.cli.outputs import png
-from blur2view.cli.place import refuse_foreign, write_model
 from blur2view.cli.segment import SegmentOptions
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap import DIALECTS, GSPLAT
-from blur2view.colmap.models import pictures_of, project_text, read_model
+from blur2view.colmap.models import pictures_of, read_model, refuse_other_model, write_model
 from blur2view.colmap.transforms import (
     MODEL,
     PHOTOGRAPHS,
@@ -195,10 +194,10 @@ def _write_model(options: ToTransformsOptions) -> str:
     kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
     names = set(_present({(images or link) / name: name for name in kept}).values())
     keep_photographs(model, options.model, names)
-    refuse_foreign(folder)
+    refuse_other_model(folder)
     if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")
-    write_model(model, folder, project_text(images or link))
+    write_model(model, folder, images or link)
     if images is not None and not os.path.lexists(link):
         try:
             link.symlink_to(os.path.abspath(images), target_is_directory=True)

@@ -1,7 +1,9 @@
-"""COLMAP's models in folders: the largest of a mapper's, and the pictures that one is of."""
+"""COLMAP's models in folders: read by pycolmap, found, written whole, and the pictures that one is of."""
 
+import hashlib
 import mmap
 import os
+import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,15 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.errors import DatabaseError
+from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.input_files import open_regular, read_regular
+from blur2view.output_files import writable_folders
 
+FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
 IMAGE_PATH, DATABASE_PATH = "image_path", "database_path"
-SIGN = "# by blur2view place\n"  # or to-transforms
+SIGN = "# by blur2view, SHA-256 of the model: "  # of its files, in the order of FILES
 BEYOND = 1e30  # of any number in a model
 MAX_PROJECT = 1 << 20  # bytes
+NO_MODEL = "name the folder with cameras.bin, images.bin and points3D.bin"
 
 
 class FoundModel(NamedTuple):
@@ -35,6 +40,10 @@ def read_model(folder: Path) -> Any:
     """
     import pycolmap
 
+    if not folder.is_dir():
+        raise DatabaseError(f"{folder}: no such folder; {NO_MODEL}")
+    if not holds_model(folder):
+        raise DatabaseError(f"{folder}: holds no model of COLMAP's; {NO_MODEL}")
     try:
         for path in folder.iterdir():
             if path.suffix in (".bin", ".txt"):
@@ -42,16 +51,15 @@ def read_model(folder: Path) -> Any:
         model = pycolmap.Reconstruction(folder)
         _check_model(folder, model)
         return model
-    except (OSError, ValueError, RuntimeError, LookupError):  # of files that do not go together
-        reason = "holds no model that can be read" if folder.is_dir() else "no such folder"
-        remedy = "name the one with cameras.bin, images.bin and points3D.bin"
-        raise DatabaseError(f"{folder}: {reason}; {remedy}") from None
+    except (OSError, ValueError, RuntimeError, LookupError, MemoryError) as error:
+        why = " ".join(str(error).split()).rpartition("] ")[2] or type(error).__name__
+        raise DatabaseError(f"{folder}: its model is damaged ({why}); let COLMAP write it again") from None
 
 
 def _check_model(folder: Path, model: Any) -> None:
     """Raise a DatabaseError where a model contradicts itself; pycolmap's own errors of what it holds pass."""
     faults = [
-        f"camera {camera.camera_id} has parameters that none has"
+        f"camera {camera.camera_id} has parameters that no camera has"
         for camera in model.cameras.values()
         if not _possible(camera.params)
     ]
@@ -86,7 +94,10 @@ def seen_points(model: Any, image: Any, places: Iterable[int]) -> Array:
 
 
 def _check_file(path: Path) -> None:
-    """Raise OSError of what is no regular file, ValueError of a count that pycolmap would take memory for."""
+    """Raise OSError of what is no regular file, ValueError of one that ends within a record.
+
+    pycolmap does not look where a file ends: of a points3D.bin that lacks its last byte it takes all memory.
+    """
     with open_regular(path) as file:
         if path.name not in RECORDS:
             return
@@ -99,13 +110,11 @@ def _check_file(path: Path) -> None:
                     at = content.find(b"\0", at) + 1 or len(content)  # behind the name
                 at += number + part * int.from_bytes(content[at : at + number], "little")
                 if at > len(content):
-                    raise ValueError(f"{path}: ends within a record")
+                    raise ValueError(f"{path.name} ends within a record")
 
 
 RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": (64, 4, 16)}
-"""Of a record: bytes before the number of its parts, but for a name; those of that number; of a part.
-
-What cameras.bin and rigs.bin announce pycolmap checks itself."""
+"""Of a record: bytes before the number of its parts, but for a name; those of that number; of a part."""
 
 
 def find_model(folder: Path) -> FoundModel:
@@ -125,29 +134,90 @@ def holds_model(folder: Path) -> bool:
     return any((folder / f"cameras.{suffix}").is_file() for suffix in ("bin", "txt"))
 
 
-def is_ours(folder: Path) -> bool:
-    """Return whether the model in a folder is one that `project_text` stands beside."""
-    return _project(folder).startswith(SIGN)
-
-
 def _photographs(model: Any) -> int:
     """Return how many photographs are registered, views not counted."""
     posed = (image.name for image in model.images.values() if image.has_pose)
     return sum(not name.endswith((OPEN, CLOSE)) for name in posed)
 
 
-def project_text(photographs: Path, database: Path | None = None) -> str:
-    """Return COLMAP's project.ini of a model of ours."""
+def refuse_other_model(folder: Path) -> None:
+    """Raise OutputError where a model would be replaced that `write_model` did not write just so.
+
+    That of another program, and one that was refined since it was written.
+    """
+    present = [name for name in (*FILES, PROJECT_FILE) if os.path.lexists(folder / name)]
+    if not present:
+        return
+    first = _project(folder).partition("\n")[0]
+    if not first.startswith(SIGN):
+        raise OutputError(f"{folder / present[0]}: is not of an earlier call; name another folder with -o")
+    if first != SIGN + _digest(folder):
+        raise OutputError(
+            f"{folder}: its model was changed since it was written; name another folder with -o"
+        )
+
+
+def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:
+    """Write a pycolmap.Reconstruction and COLMAP's project.ini, in place of an earlier one when all is there.
+
+    pycolmap does not say that a disk is full: what it wrote is read back first. OutputError if that differs.
+    """
     paths = {} if database is None else {DATABASE_PATH: database}
     paths[IMAGE_PATH] = photographs
-    return SIGN + "".join(f"{key}={os.path.abspath(path)}\n" for key, path in paths.items())
+    with writable_folders(folder), tempfile.TemporaryDirectory(dir=folder) as name:
+        beside = Path(name)
+        try:
+            model.write(beside)
+            if not _same_model(read_model(beside), model):
+                raise OSError("other counts than written")
+            lines = [SIGN + _digest(beside), *(f"{key}={path.absolute()}" for key, path in paths.items())]
+            (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
+            for file in (*FILES, PROJECT_FILE):
+                (beside / file).replace(folder / file)
+        except (OSError, ValueError, RuntimeError, DatabaseError) as error:
+            why = getattr(error, "strerror", None) or "it cannot be read back whole"
+            raise OutputError(
+                f"{folder}: the model cannot be written there ({why}); make room or name another folder"
+            ) from None
+
+
+def _same_model(one: Any, other: Any) -> bool:
+    """Return whether two models have the same cameras and the same counts of all else."""
+    counts = ("num_rigs", "num_frames", "num_images", "num_reg_images", "num_points3D")
+    counts += ("compute_num_observations",)
+    same = all(getattr(one, count)() == getattr(other, count)() for count in counts)
+    return same and dict(one.cameras) == dict(other.cameras)
+
+
+def _digest(folder: Path) -> str:
+    """Return the SHA-256 of a model's files, of those that are there."""
+    digest = hashlib.sha256()
+    for name in FILES:
+        try:
+            with open_regular(folder / name) as file:
+                while block := file.read(1 << 24):
+                    digest.update(block)
+        except OSError:
+            digest.update(name.encode())
+    return digest.hexdigest()
 
 
 def pictures_of(folder: Path) -> Path | None:
     """Return the folder of the photographs that a model's project.ini names, None if there is none."""
-    settings = dict(line.split("=", 1) for line in _project(folder).splitlines() if "=" in line)
-    named = settings.get(IMAGE_PATH, "").strip()
+    named = _settings(folder).get(IMAGE_PATH, "")
     return Path(named) if named and os.path.isdir(named) else None
+
+
+def database_of(folder: Path) -> Path | None:
+    """Return the database that a model's project.ini names, None if there is none."""
+    named = _settings(folder).get(DATABASE_PATH, "")
+    return Path(named) if named and os.path.isfile(named) else None
+
+
+def _settings(folder: Path) -> dict[str, str]:
+    """Return the values of a model's project.ini by their names."""
+    lines = (line.partition("=") for line in _project(folder).splitlines() if "=" in line)
+    return {key.strip(): value.strip() for key, _, value in lines}
 
 
 def _project(folder: Path) -> str:

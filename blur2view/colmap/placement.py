@@ -25,6 +25,10 @@ from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_matrix
 
+UNREGISTERED = "COLMAP did not register them"
+PLACED_BEFORE = "the model has their views already"
+NOT_NAMED = "they are not in the folder of the frames"
+ALONE = "no frame of the model is next to them by number"
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 
@@ -43,15 +47,22 @@ class Placement:
     measured : bool
         False where it is a guess, as the camera shakes faster than frames follow one another and the smears
         are longer than of a whole interval.
-    placed, left : tuple of str
-        Photographs whose views were placed; those registered, with views in the database, that were not.
+    placed : tuple of str
+        Photographs whose views were placed.
+    refused : dict of str to str
+        Why, of every other photograph with views in the database, by its name.
     """
 
     model: Any
     fraction: float
     measured: bool
     placed: tuple[str, ...]
-    left: tuple[str, ...]
+    refused: dict[str, str]
+
+    @property
+    def linked(self) -> int:
+        """How many photographs have views in the database."""
+        return len(self.placed) + len(self.refused)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,12 +113,9 @@ def place_views(
     if names is None:
         names = sorted((name for name in registered if not name.endswith((OPEN, CLOSE))), key=place_of)
     times = dict(zip(names, frame_times(names), strict=True))
-    linked = _read_linked(Path(database), registered, names)
+    linked, refused = _read_linked(Path(database), registered, names)
     if not linked:
-        raise DatabaseError(
-            f"{database}: has no views of those photographs in {model} that are named; link them first "
-            "(blur2view to-colmap --link), and name the folder that COLMAP read them from"
-        )
+        raise DatabaseError(f"{database}: {_nothing_to_place(Path(model), registered, names, refused)}")
     trajectory = Trajectory(
         times=np.array([times[one.photograph.name] for one in linked], float),
         poses=np.stack([one.photograph.cam_from_world().matrix() for one in linked]),
@@ -117,23 +125,45 @@ def place_views(
     known = np.isfinite(ends[:, 0, 0])
     for index in np.flatnonzero(known):
         _add_views(reconstruction, linked[index], ends[index])
-    placed, left = (
-        tuple(one.photograph.name for one, is_known in zip(linked, known, strict=True) if is_known == which)
-        for which in (True, False)
+    at = dict(zip((one.photograph.name for one in linked), known, strict=True))
+    return Placement(
+        model=reconstruction,
+        fraction=used,
+        measured=measured,
+        placed=tuple(name for name, is_known in at.items() if is_known),
+        refused=refused | {name: ALONE for name, is_known in at.items() if not is_known},
     )
-    return Placement(model=reconstruction, fraction=used, measured=measured, placed=placed, left=left)
 
 
-def _read_linked(database: Path, registered: Mapping[str, Any], names: Sequence[str]) -> list[_Linked]:
-    """Return the registered photographs that have both views in the database and none in the model."""
-    wanted = [name for name in names if name in registered and name + OPEN not in registered]
+def _nothing_to_place(
+    model: Path, registered: Mapping[str, Any], names: Sequence[str], refused: Mapping[str, str]
+) -> str:
+    """Return why no photograph with views can be placed, and the remedy."""
+    photographs = [name for name in registered if not name.endswith((OPEN, CLOSE))]
+    if names and photographs and not set(names) & set(photographs):
+        called = f"the frames are called {names[0]} ..., those of {model} {photographs[0]} ..."
+        return f"{called}; name the folder that COLMAP read them from"
+    if not refused:
+        return f"has no views of the frames in {model}; link them first (blur2view to-colmap --link)"
+    return f"has views of {len(refused)} frames, of which none can be placed: {next(iter(refused.values()))}"
+
+
+def _read_linked(
+    database: Path, registered: Mapping[str, Any], names: Sequence[str]
+) -> tuple[list[_Linked], dict[str, str]]:
+    """Return the photographs that can be placed, and why the others with both views cannot."""
     with open_read_only(database) as opened:
         ids = image_names(opened)
-        if others := [name for name in wanted if ids.get(name) not in (None, registered[name].image_id)]:
-            why = "has another id in the model; name the database that is the model's"
-            raise DatabaseError(f"{database}: {others[0]} {why}")
-        with_views = [name for name in wanted if {name + OPEN, name + CLOSE} <= ids.keys()]
-        return [_read_one(opened, ids, registered[name]) for name in with_views]
+        linked = {name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()}
+        for name in linked & registered.keys():
+            if ids[name] != registered[name].image_id:
+                why = "has another id in the model; name the database that is the model's"
+                raise DatabaseError(f"{database}: {name} {why}")
+        refused = {name: UNREGISTERED for name in ids if name in linked and name not in registered}
+        refused |= {name: PLACED_BEFORE for name in linked if name + OPEN in registered}
+        refused = {name: NOT_NAMED for name in linked.difference(names)} | refused
+        found = [name for name in names if name in linked and name not in refused]
+        return [_read_one(opened, ids, registered[name]) for name in found], refused
 
 
 def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: Any) -> _Linked:

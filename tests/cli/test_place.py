@@ -83,7 +83,9 @@ def test_chain_ends_in_files_that_both_programs_read(
     assert place(linked) == 0
     chosen, placed = capsys.readouterr().out.splitlines()
     assert chosen == f"{linked / 'model' / '1'}: largest of 2 models, 7 photographs, 7 frames in the folder"
-    assert placed.startswith(f"{linked / 'with_views'}: placed the views of 7 frames, exposure over frame")
+    assert placed.startswith(
+        f"{linked / 'with_views'}: of 7 linked frames 7 placed, 0 refused; exposure over"
+    )
     assert float(placed.split()[-1]) == pytest.approx(SHARE, abs=0.03)
     ngp, splat = linked / "ngp" / "transforms.json", linked / "splat" / "transforms.json"
     assert call("to-transforms", linked / "with_views", "-o", ngp) == 0
@@ -118,7 +120,7 @@ def test_the_same_call_replaces_what_it_wrote_and_nothing_else(
     assert sorted(path.name for path in (linked / "again").iterdir()) == names
     before = (linked / "model" / "1" / "images.bin").read_bytes()
     assert place(linked, output="model/1") == 1
-    assert "rigs.bin: is no model of an earlier call; name another with -o" in capsys.readouterr().err
+    assert "rigs.bin: is not of an earlier call; name another folder with -o" in capsys.readouterr().err
     assert (linked / "model" / "1" / "images.bin").read_bytes() == before
 
 
@@ -135,7 +137,9 @@ def test_what_cannot_be_placed_is_one_line(
     assert "no such folder; name that of the frames" in complaint(
         database, linked / "model", tmp_path / "none"
     )
-    assert "no such folder; name the one with cameras.bin" in complaint(database, tmp_path / "none", frames)
+    assert "no such folder; name the folder with cameras.bin" in complaint(
+        database, tmp_path / "none", frames
+    )
     assert "no such database" in complaint(tmp_path / "none.db", linked / "model", frames)
     one = pycolmap.Reconstruction(linked / "model" / "1")
     for k in range(2, FRAMES + 1):

@@ -2,14 +2,23 @@
 
 import os
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap.models import find_model, read_model
-from blur2view.errors import DatabaseError
+from blur2view.colmap.models import (
+    database_of,
+    find_model,
+    pictures_of,
+    read_model,
+    refuse_other_model,
+    write_model,
+)
+from blur2view.errors import DatabaseError, OutputError
 from tests.support.walks import Walk
 
 WALK = Walk(
@@ -37,24 +46,22 @@ def test_a_whole_model_is_read_in_both_forms(model: Path) -> None:
     assert find_model(model / "text").registered == 2
 
 
-@pytest.mark.parametrize(("name", "at"), [("points3D.bin", 0), ("images.bin", 8 + 64 + len("a.jpg") + 1)])
-def test_a_count_that_no_file_holds_is_refused_before_memory_is_taken(
-    model: Path, monkeypatch: pytest.MonkeyPatch, name: str, at: int
+@pytest.mark.parametrize("name", ["images.bin", "points3D.bin", "frames.bin"])
+@pytest.mark.parametrize("cut", [0, 1, 100])
+def test_a_file_that_ends_early_is_refused_before_pycolmap_takes_memory(
+    model: Path, name: str, cut: int
 ) -> None:
-    data = bytearray((model / name).read_bytes())
-    data[at : at + 8] = b"\0\0\0\x10" * 2
-    (model / name).write_bytes(data)
-    monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
-    with pytest.raises(DatabaseError, match="holds no model that can be read"):
-        find_model(model)
+    data = (model / name).read_bytes()
+    (model / name).write_bytes(data[: len(data) - cut] if cut else b"")
+    with pytest.raises(DatabaseError, match=r"model: its model is damaged \(.*\); let COLMAP write it again"):
+        read_model(model)
 
 
 @pytest.mark.parametrize("name", ["images.bin", "other.txt"])
-def test_what_waits_for_ever_is_refused(model: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_pipe_is_not_waited_for(model: Path, name: str) -> None:
     (model / name).unlink(missing_ok=True)
     os.mkfifo(model / name)
-    monkeypatch.setattr(pycolmap, "Reconstruction", lambda folder: pytest.fail("read"))
-    with pytest.raises(DatabaseError, match="holds no model that can be read"):
+    with pytest.raises(DatabaseError, match="is no regular file"):
         find_model(model)
 
 
@@ -63,11 +70,11 @@ def test_what_waits_for_ever_is_refused(model: Path, monkeypatch: pytest.MonkeyP
     [
         ("images.bin", 8 + 64, b"\xff", "the name of image 1 is no UTF-8"),
         ("frames.bin", 8 + 8 + 32, struct.pack("<d", np.nan), "image a.jpg has a pose that is nowhere"),
-        ("cameras.bin", 8 + 24, struct.pack("<d", np.inf), "camera 1 has parameters that none has"),
+        ("cameras.bin", 8 + 24, struct.pack("<d", np.inf), "camera 1 has parameters that no camera has"),
         ("points3D.bin", 8 + 8, struct.pack("<d", 1e300), "has points that are nowhere"),
     ],
 )
-def test_an_image_that_contradicts_itself_is_refused_in_one_line(
+def test_a_model_that_contradicts_itself_is_one_line(
     model: Path, name: str, at: int, written: bytes, why: str
 ) -> None:
     data = bytearray((model / name).read_bytes())
@@ -75,3 +82,44 @@ def test_an_image_that_contradicts_itself_is_refused_in_one_line(
     (model / name).write_bytes(data)
     with pytest.raises(DatabaseError, match=why):
         read_model(model)
+
+
+def test_a_model_is_replaced_only_where_it_is_as_it_was_written(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for _ in range(2):
+        refuse_other_model(out)
+        write_model(read_model(model), out, tmp_path, tmp_path / "walk.db")
+    assert (pictures_of(out), database_of(out)) == (tmp_path, tmp_path / "walk.db")
+    with pytest.raises(OutputError, match=r"rigs\.bin: is not of an earlier call"):
+        refuse_other_model(model)
+    refined = pycolmap.Reconstruction(out)
+    refined.cameras[1].params = refined.cameras[1].params * 1.01
+    refined.write(out)
+    with pytest.raises(OutputError, match="was changed since it was written"):
+        refuse_other_model(out)
+
+
+FULL = """
+import resource, signal, sys
+from pathlib import Path
+from blur2view.colmap.models import read_model, write_model
+model = read_model(Path(sys.argv[1]))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+for most in (0, 200, 500, 800):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+    try:
+        write_model(model, Path(sys.argv[2]), Path("frames"))
+    except Exception as error:
+        print(type(error).__name__, error)
+"""
+
+
+def test_on_a_full_disk_the_earlier_model_stays(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write_model(read_model(model), out, tmp_path)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    done = subprocess.run([sys.executable, "-c", FULL, model, out], capture_output=True, text=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 4, done.stderr
+    assert all(line.startswith(f"OutputError {out}: ") and "make room" in line for line in lines), lines
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before

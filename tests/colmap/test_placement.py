@@ -67,7 +67,7 @@ def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
 
 def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> None:
     found = place_views(*project(tmp_path))
-    assert found.placed == tuple(NAMES) and found.left == ()
+    assert found.placed == tuple(NAMES) and found.refused == {}
     assert found.fraction == pytest.approx(SHARE, rel=0.02)
     for name in NAMES:
         turn, move = motion_of(found, name)
@@ -144,5 +144,5 @@ def test_what_cannot_be_placed_is_refused_with_a_remedy(tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match=r"absent: no such folder; name .*images\.bin"):
         place_views(database, tmp_path / "absent")
     (model / "cameras.bin").write_bytes(b"no cameras")
-    with pytest.raises(DatabaseError, match="model: holds no model that can be read; name"):
+    with pytest.raises(DatabaseError, match="model: its model is damaged"):
         place_views(database, model)
