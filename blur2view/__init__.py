@@ -37,6 +37,7 @@ The method follows "Robust Fundamental Matrix Estimation from Single Image Motio
 Viksten), called "the paper" in this package.
 """
 
+import zlib  # noqa: F401  or else pycolmap's own comes first, and the first PNG that is written aborts
 from importlib import import_module
 from typing import Any
 

@@ -74,4 +74,7 @@ def camera_of_database(
     except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
         why = "is of a kind this pycolmap does not know; update pycolmap"
         raise CameraError(f"{path}: camera {camera_id} {why}") from None
-    return Camera.from_colmap(colmap_camera(name, *size, values), f"database, camera {camera_id}")
+    try:
+        return Camera.from_colmap(colmap_camera(name, *size, values), f"database, camera {camera_id}")
+    except CameraError as error:
+        raise CameraError(f"{path}: {error}") from None

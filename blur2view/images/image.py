@@ -33,6 +33,7 @@ RAW_SUFFIXES = frozenset(
     + [".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"]
 )
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
+SIGNED = 2  # SampleFormat of TIFF
 SQLITE = b"SQLite format 3\0"
 LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 # By which photographs in a folder are known; named by themselves they may be of any.
@@ -127,14 +128,16 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
             apart = planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2
             inverted = tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0
             bits = max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)))
-            if bits == 12 or bits > 8 and (apart or inverted):  # neither decoder reads these right
-                raise ImageError(f"{path}: is a rare TIFF (12 bits, planes apart, inverted); save it as PNG")
+            signed = bits == 8 and SIGNED in tags.get(TiffImagePlugin.SAMPLEFORMAT, ())
+            if bits == 12 or signed or bits > 8 and (apart or inverted):  # neither decoder reads these right
+                kinds = "12 bits, signed, planes apart, inverted"
+                raise ImageError(f"{path}: is a rare TIFF ({kinds}); save it as PNG")
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = planes > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
-                return _decode_deep(encoded)
+                return _decode_deep(encoded, alpha=photo.has_transparency_data)
             return _pixels_of(path, photo if as_stored else ImageOps.exif_transpose(photo))
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
@@ -150,6 +153,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Exception as error:
         # on damaged files Pillow's decoders raise errors of any type: KeyError, RuntimeError, ...
         reason = " ".join(str(error).split()) or type(error).__name__
+        if "MAX_TEXT" in reason:  # of Pillow, which takes no memory for it
+            raise ImageError(f"{path}: has a comment of more than a MiB; save it without metadata") from None
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
@@ -169,12 +174,12 @@ def _pixels_of(path: Path, photo: Image.Image) -> Pixels:
     return np.asarray(photo if photo.mode == mode else photo.convert(mode))
 
 
-def _decode_deep(encoded: bytes) -> Pixels:
-    """Return 16-bit colour, decoded, (H, W, 3) or (H, W, 4), RGB order."""
+def _decode_deep(encoded: bytes, *, alpha: bool) -> Pixels:
+    """Return 16-bit colour, decoded, (H, W, 3) or with ``alpha`` (H, W, 4), RGB order; others drop a band."""
     pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
-    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:]], axis=-1)
+    return np.concatenate([pixels[..., 2::-1], pixels[..., 3 : 3 + alpha]], axis=-1)
 
 
 def _extra(path: Path, kind: str, module: str, convert: str) -> Any:

@@ -69,6 +69,6 @@ def _read(table: Path) -> dict[str, float]:
 
 def _seconds(text: str) -> float | None:
     """Return the seconds that a number stands for, None of any other text."""
-    if re.fullmatch(r"\d+\.\d+", text):
+    if re.fullmatch(r"\d{1,19}\.\d+", text):  # more would be no time, or infinite
         return float(text)
     return int(text) * UNIT_S[len(text)] if re.fullmatch(r"\d+", text) and len(text) in UNIT_S else None

@@ -23,6 +23,8 @@ KEPT = 3  # frames: one and both beside it
 TAIL_S, TAIL_SHARE = 1.0, 0.25
 # The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
 MAX_FRAME_PIXELS = 80_000_000
+# No playlist of files makes FFmpeg open the network.
+FILES_ONLY = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file"
 # By the degrees clockwise by which OpenCV turns frames upright.
 ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}
 
@@ -189,7 +191,13 @@ def _opened(video: Path) -> Any:
     """Return a video that is open, or raise ImageError; a frame too large is refused before it is decoded."""
     if not video.exists():
         raise ImageError(f"{video}: no such file; check the path")
-    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    try:
+        name = os.path.abspath(video)  # or FFmpeg takes what is before a colon for a protocol, as tcp:HOST
+        name.encode()
+    except UnicodeError:  # at which OpenCV ends the process
+        raise ImageError(f"{video}: its name is no UTF-8, which OpenCV needs; rename it") from None
+    os.environ.setdefault(*FILES_ONLY)  # which OpenCV reads whenever it opens a video
+    capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
     width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))

@@ -118,8 +118,9 @@ def test_a_camera_that_a_database_has_not_or_that_is_none(
     database: Path, edit: str, camera_id: int | None, image: str, words: str
 ) -> None:
     run_sql(database, "PRAGMA foreign_keys = OFF", edit)
-    with pytest.raises(CameraError, match=words):
+    with pytest.raises(CameraError, match=words) as caught:
         camera_of_database(database, camera_id, image)
+    assert str(caught.value).startswith(f"{database}: ")
 
 
 def photograph(path: Path, **tags: Any) -> Path:

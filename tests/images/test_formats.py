@@ -1,7 +1,12 @@
 """Formats that come by extras, and files of several pictures."""
 
+import os
+import shutil
+import socket
 import struct
+import subprocess
 import sys
+from contextlib import chdir
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -122,6 +127,40 @@ def test_rows_of_a_video_that_is_turned_upright(
     place = content.index(matrix(1, 0, 0, 1), header)
     clip.write_bytes(content[:place] + matrix(*turn) + content[place + 36 :])
     assert read_image(clip / "000000").shape == shape and rows_towards(clip) == rows
+
+
+def test_names_of_videos_are_names_of_files_and_open_no_network(tmp_path: Path) -> None:
+    write_video(tmp_path / "clip.mp4", 3)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.2)
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        names = ["2024-01-01T12:30:00.mp4", f"tcp:{address}?.mp4", f"http:/{address}/x.mp4", "async:clip.mp4"]
+        for name in names:
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(tmp_path / "clip.mp4", tmp_path / name)
+        with chdir(tmp_path):
+            assert [read_frame(Path(name), 0).shape for name in names] == [(64, 80, 3)] * 4
+        with pytest.raises(TimeoutError):
+            server.accept()
+    odd = tmp_path / os.fsdecode(b"\xff.mp4")
+    shutil.copy(tmp_path / "clip.mp4", odd)
+    with pytest.raises(ImageError, match="its name is no UTF-8"):
+        read_frame(odd, 0)
+
+
+PNG_BESIDE_PYCOLMAP = """
+import blur2view, pycolmap, cv2, numpy as np
+from PIL import Image
+cv2.imwrite("a.png", np.zeros((20, 20, 3), np.uint8))
+Image.new("RGB", (20, 20)).save("b.png")
+"""
+
+
+def test_png_are_written_beside_pycolmap(tmp_path: Path) -> None:
+    command = ["timeout", "-s", "KILL", "60", sys.executable, "-c", PNG_BESIDE_PYCOLMAP]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True)
+    assert done.returncode == 0, done.stderr.decode()[:500]
+    assert read_image(tmp_path / "a.png").shape == read_image(tmp_path / "b.png").shape == (20, 20, 3)
 
 
 @pytest.mark.parametrize(("announced", "whole"), [(40, True), (50, True), (51, False)])

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from PIL import Image, TiffImagePlugin
+from PIL import Image, PngImagePlugin, TiffImagePlugin
 
 from blur2view.arrays import BACKDROP
 from blur2view.errors import ImageError
@@ -106,9 +106,34 @@ def test_tiff_that_no_decoder_reads_right_is_refused(tmp_path: Path) -> None:
     tiff(tmp_path / "planes.tif", np.moveaxis(RGB16, 2, 0), planes=3, tags={262: 2, 284: 2})
     tiff(tmp_path / "inverted.tif", RGB16[..., 0], tags={262: 0})
     tiff(tmp_path / "packed.tif", RGB16[..., 0], bits=12, tags={})
+    tiff(tmp_path / "signed.tif", RGB8[..., 0], bits=8, tags={339: 2})
     for path in tmp_path.iterdir():
         with pytest.raises(ImageError, match="is a rare TIFF .*; save it as PNG"):
             read_image(path)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_fourth_band_that_is_no_alpha_is_left_out(tmp_path: Path, dtype: type) -> None:
+    pixels = np.random.default_rng(2).integers(0, 256, (20, 30, 4)).astype(dtype)  # infrared, nearly black
+    strips = {258: (8 * pixels.itemsize,) * 4, 277: 4, 273: (0,), 279: (pixels.nbytes,)}
+    tiff(tmp_path / "a.tif", pixels[..., 0], tags={262: 2, 338: 0, **strips})
+    content = (tmp_path / "a.tif").read_bytes()
+    head = len(content) - pixels[..., 0].nbytes
+    tiff(tmp_path / "a.tif", pixels[..., 0], tags={262: 2, 338: 0, **strips, 273: (head,)})
+    (tmp_path / "a.tif").write_bytes((tmp_path / "a.tif").read_bytes()[:head] + pixels.tobytes())
+    np.testing.assert_allclose(
+        read_image(tmp_path / "a.tif") * np.iinfo(dtype).max, pixels[..., :3], atol=0.01
+    )
+
+
+def test_a_comment_without_end_is_named(tmp_path: Path) -> None:
+    text = PngImagePlugin.PngInfo()
+    text.add_text("Comment", "x" * 2_000_000, zip=True)
+    Image.fromarray(RGB8).save(tmp_path / "a.png", pnginfo=text)
+    with pytest.raises(
+        ImageError, match=r"a\.png: has a comment of more than a MiB; save it without metadata"
+    ):
+        read_image(tmp_path / "a.png")
 
 
 def test_thumbnail_of_a_raw_file_is_no_photograph(tmp_path: Path) -> None:
