@@ -29,6 +29,10 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry as TwoViewGeome
 from blur2view.images.image import read_image as read_image
 from blur2view.images.timestamps import timestamps_of as timestamps_of
 from blur2view.images.video import read_video as read_video
+from blur2view.movers.mask import MotionLabel as MotionLabel
+from blur2view.movers.mask import MotionMask as MotionMask
+from blur2view.movers.mask import MovingRegion as MovingRegion
+from blur2view.movers.mask import segment as segment
 from blur2view.networks.model_file import ModelInfo as ModelInfo
 from blur2view.networks.protocol import Detail as Detail
 from blur2view.networks.protocol import SmearReader as SmearReader
@@ -37,10 +41,6 @@ from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import Timings as Timings
 from blur2view.pipeline import estimate as estimate
 from blur2view.results.overlay import draw_overlay as draw_overlay
-from blur2view.segmentation.mask import MotionLabel as MotionLabel
-from blur2view.segmentation.mask import MotionMask as MotionMask
-from blur2view.segmentation.mask import segment as segment
-from blur2view.segmentation.pixels import MovingRegion as MovingRegion
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind
 from blur2view.smears.blur import blur_of as blur_of

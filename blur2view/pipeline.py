@@ -21,13 +21,12 @@ from blur2view.images.content import read_content
 from blur2view.images.image import read_pixels
 from blur2view.images.video import frame_of, rows_towards
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.movers.parts import THRESHOLD
-from blur2view.movers.probability import Moving, moving_probability
+from blur2view.movers.moving import Moving, moving_in
 from blur2view.networks.model_file import Execution
 from blur2view.networks.protocol import Detail, SmearReader
 from blur2view.networks.smear_network import SmearNetwork, photograph_of
 from blur2view.networks.threads import one_thread
-from blur2view.smears.blur import Blur, blur_of, is_mixed
+from blur2view.smears.blur import Blur, blur_of, in_doubt
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
@@ -222,8 +221,10 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearG
     Seen from a camera at rest, what moves must not pass for the camera's motion.
     """
     grid = network.predict(image, detail=detail)
-    moving = moving_probability(image, grid, execution=network.execution) if is_mixed(grid) else None
-    return grid, blur_of(grid, image, None if moving is None else moving.share_of(grid, THRESHOLD)), moving
+    if not in_doubt(grid):
+        return grid, blur_of(grid, image), None
+    moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
+    return grid, blur_of(grid, image, moving.share_of(grid), moving.camera_moved), moving
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,7 +26,7 @@ ROWS = [
     "two_view",
     "movers",
     "pipeline",
-    "segmentation exposure",
+    "exposure",
     "results",
     "colmap runs",
     "__init__",

@@ -14,10 +14,10 @@ from blur2view.errors import ImageError, ModelError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.images.video import read_video
+from blur2view.movers.mask import segment
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.stored import plain
-from blur2view.segmentation.mask import segment
 from blur2view.smears.selection import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion

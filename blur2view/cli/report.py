@@ -17,12 +17,12 @@ from blur2view.cli.run import End, jobs_of, open_manifest, run_over
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import estimated, outcome_of
 from blur2view.errors import OutputError
+from blur2view.movers.mask import segment
 from blur2view.output_files import below_shared_folder, write_file
 from blur2view.results.photograph import Photograph
 from blur2view.results.report import report, section, thumbnail
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
-from blur2view.segmentation.mask import segment
 
 CONTROLS = """
 hover: the values of a smear and, where there is no H, its epipolar line

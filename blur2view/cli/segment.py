@@ -12,13 +12,13 @@ from blur2view.cli.arguments.values import probability
 from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
 from blur2view.cli.terminal import printable, seconds_lines
 from blur2view.cli.work import estimated
-from blur2view.movers.parts import THRESHOLD
+from blur2view.movers.formats import GREY, MaskFormat
+from blur2view.movers.mask import MotionMask, segment
+from blur2view.movers.moving import THRESHOLD
 from blur2view.results.estimate import EstimateDocument
 from blur2view.results.mask_overlay import draw_motion, mask_verdict
 from blur2view.results.masks import MaskDocument
 from blur2view.runs.job import Job, Outcome
-from blur2view.segmentation.formats import GREY, MaskFormat
-from blur2view.segmentation.mask import MotionMask, segment
 
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,

@@ -20,11 +20,11 @@ from blur2view.colmap.database import refuse_existing, write_database, written_p
 from blur2view.colmap.link import ProjectImage, write_links
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
+from blur2view.movers.mask import MotionLabel, segment
 from blur2view.results.stored import plain, restore
 from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
 from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
-from blur2view.segmentation.mask import MotionLabel, segment
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for

@@ -26,8 +26,8 @@ from blur2view.colmap.transforms import (
     with_views,
 )
 from blur2view.errors import OutputError
+from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
 from blur2view.output_files import check_file, is_ours, unwritable, write_beside
-from blur2view.segmentation.formats import MaskFormat, as_stored, stored_labels
 
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 MASKS = "masks"  # beside transforms.json

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
-from blur2view.smears.field import smear_ends
 from blur2view.smears.grid import SmearGrid
 
 LEAST_PX = 0.1  # stated deviation
@@ -35,8 +33,6 @@ class Cells:
         Their centres (x, y), pixels.
     displacement : ndarray of shape (h, w, 2)
         Pixels, of either sign.
-    ends : ndarray of shape (h, w, 2, 2)
-        Both ends as the undistorted picture shows them, which F is of; NaN where a camera has no ray.
     sigma_px, sigma_rad : ndarray of shape (h, w)
         Standard deviations of the end-point error and of the direction.
     shape : (int, int)
@@ -45,22 +41,17 @@ class Cells:
 
     points: Array
     displacement: Array
-    ends: Array
     sigma_px: Array
     sigma_rad: Array
     shape: tuple[int, int]
 
     @classmethod
-    def of(cls, grid: SmearGrid, camera: Camera | None = None) -> Cells:
-        """Return the cells of a grid; without a camera there is no distortion."""
-        points, smears = grid.points(), grid.smears()
-        displacement = smears.displacement.astype(float)
-        ends = smear_ends(points.reshape(-1, 2), displacement.reshape(-1, 2))
-        ends = ends if camera is None else camera.undistorted(ends)
+    def of(cls, grid: SmearGrid) -> Cells:
+        """Return the cells of a grid."""
+        smears = grid.smears()
         return cls(
-            points=points,
-            displacement=displacement,
-            ends=ends.reshape(*displacement.shape[:2], 2, 2),
+            points=grid.points(),
+            displacement=smears.displacement.astype(float),
             sigma_px=np.maximum(smears.sigma_px.astype(float), LEAST_PX),
             sigma_rad=np.minimum(smears.sigma_rad.astype(float), np.pi / 2),
             shape=grid.shape,

@@ -21,7 +21,7 @@ OUTPUTS = "logits", "radii", "kinds", "features"
 logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
 SHIPPED = "smear.onnx"
 CPU = "CPUExecutionProvider"
-MAX_FILE_BYTES = 1 << 28  # the shipped networks have 2 MB at most
+MAX_FILE_BYTES = 1 << 28  # the shipped networks have 10 MB at most
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
 PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
 REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"
@@ -187,15 +187,26 @@ def _onnxruntime() -> Any:
     return onnxruntime
 
 
-def read_info(network: OnnxNetwork) -> ModelInfo:
-    """Return the metadata of a network of our format; ModelError of any other."""
+def metadata_of(network: OnnxNetwork, what: str, version: str) -> dict[str, str]:
+    """Return the metadata of a network's file; ModelError unless it is ``what``, of this format."""
     path, remedy = network.path, network.remedy
     try:
         metadata: dict[str, str] = network.session.get_modelmeta().custom_metadata_map
-        kind = metadata.get("blur2view_format", "")
-        if kind != FORMAT:
-            other = f"but of {kind}" if kind else "or of none"
-            raise ModelError(f"{path}: is not a smear network of format {FORMAT}, {other}; {remedy}")
+    except ValueError as error:  # of a name that is no text
+        raise ModelError(f"{path}: has damaged metadata ({error}); {remedy}") from None
+    stated = metadata.get("blur2view_format", "")
+    if stated != version:
+        other = f"but of {stated}" if stated else "or of none"
+        raise ModelError(f"{path}: is not {what} of format {version}, {other}; {remedy}")
+    if "model_id" not in metadata:
+        raise ModelError(f"{path}: has damaged metadata (no model_id); {remedy}")
+    return metadata
+
+
+def read_info(network: OnnxNetwork) -> ModelInfo:
+    """Return what a smear network's file says of itself; ModelError of any other."""
+    metadata = metadata_of(network, "a smear network", FORMAT)
+    try:
         shapes = {node.name: node.shape for node in network.session.get_inputs()}
         return ModelInfo(
             model_id=metadata["model_id"],
@@ -204,5 +215,5 @@ def read_info(network: OnnxNetwork) -> ModelInfo:
             license=metadata.get("license", ""),
             training=json.loads(metadata.get("training", "{}")),
         )
-    except (KeyError, ValueError, RecursionError) as error:  # of a name that is no text a ValueError
-        raise ModelError(f"{path}: has damaged metadata ({error}); {remedy}") from None
+    except (KeyError, ValueError, RecursionError) as error:
+        raise ModelError(f"{network.path}: has damaged metadata ({error}); {network.remedy}") from None

@@ -17,7 +17,15 @@ from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
 from blur2view.networks.model_file import INPUTS, OnnxNetwork
 from blur2view.networks.spectra import STEP, WINDOW, in_batches, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
-from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, lengths_px, read_smears, with_unseen
+from blur2view.smears.likelihood import (
+    BINS,
+    DIRECTIONS,
+    PER_OCTAVE,
+    lengths_px,
+    read_smears,
+    shares_of,
+    with_unseen,
+)
 
 Floats = NDArray[np.float32]
 
@@ -40,6 +48,10 @@ ROWS = 4
 """Of cells, whose likelihoods are read at a time: a core's cache holds them."""
 PIXELS = [0, 1, 2, 4]
 """Values of a cell that are pixels."""
+LENGTHS = 32
+"""Lengths whose shares are told: those of the longest axis, of four octaves."""
+VALUES = 5 + len(KINDS) + DIRECTIONS + LENGTHS
+"""Of a cell."""
 
 
 class Octave(NamedTuple):
@@ -67,8 +79,8 @@ class OctaveReader:
     def read(self, pictures: Iterator[tuple[int, Floats]], apart: int) -> Floats:
         """Return what is read of the `octaves` of a picture (H, W) whose sides are multiples of large cells'.
 
-        (h, w, 10): double angle and both deviations of smears, radius out of focus, probabilities of the
-        kinds of blur.
+        (h, w, 74): double angle and both deviations of smears, radius out of focus, probabilities of the
+        kinds of blur; shares of directions and lengths, in pixels of a picture in which cells have 32.
 
         Octaves are read, the smallest first, their logits joined, smears read off them and refined. Cells are
         ``apart`` pixels wide, 32 times a power of two: finer octaves have no more windows, and are read only
@@ -86,14 +98,17 @@ class OctaveReader:
         assert read is not None
         kinds = softmax(read.kinds)
         cells = np.empty((*kinds.shape[:2], 4), np.float32)
+        shares = np.empty((*kinds.shape[:2], DIRECTIONS + LENGTHS), np.float32)
+        octaves_apart = (apart // STEP).bit_length() - 1 - k
 
         def decode(rows: slice) -> None:
             cells[rows] = read_smears(read.smears[rows])
+            shares[rows] = shares_of(read.smears[rows], LENGTHS, PER_OCTAVE * octaves_apart)
 
         in_batches(decode, len(cells), self.threads, ROWS)
         cells = refine_on_cepstrum(cells, spectra, self.threads)
         cells = with_unseen(cells, kinds[..., CANNOT_TELL])
-        values = np.concatenate([cells, read_radii(read.radii)[..., None], kinds], -1)
+        values = np.concatenate([cells, read_radii(read.radii)[..., None], kinds, shares], -1)
         values[..., PIXELS] *= 2**k
         return values
 

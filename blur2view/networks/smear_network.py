@@ -16,7 +16,7 @@ from PIL import Image
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.networks.brightness import brightened, gain_of
 from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
-from blur2view.networks.octave_reader import LEAST_PX, LEVELS, OctaveReader, octave_count, octaves
+from blur2view.networks.octave_reader import LEAST_PX, LEVELS, VALUES, OctaveReader, octave_count, octaves
 from blur2view.networks.protocol import Detail
 from blur2view.networks.spectra import STEP
 from blur2view.networks.threads import one_thread
@@ -33,6 +33,7 @@ LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 # guesses: such cells (constant pictures, burnt skies) get no smear and this sigma.
 _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
+UNSEEN = 0.0, 0.0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD
 _STRIP_ROWS = 64  # converted at a time
 _LEVELS = np.arange(256, dtype=np.float32) / np.float32(255)
 
@@ -115,10 +116,12 @@ class SmearNetwork:
             values, flat = self._in_tiles(image, levels, apart)
         rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
         values = values[:rows, :columns]
-        values[flat] = (0, 0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD, 0, *np.eye(len(KINDS))[CANNOT_TELL])
-        cells, blur = np.split(values, [4], axis=-1)
+        cells, blur, shares = np.split(values, [4, 5 + len(KINDS)], axis=-1)
+        cells[flat], blur[flat] = UNSEEN, (0, *np.eye(len(KINDS))[CANNOT_TELL])
         window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
-        return SmearGrid(cells=cells, blur=blur, stride=apart, shape=shape, window_px=window_px)
+        return SmearGrid(
+            cells=cells, blur=blur, shares=shares, stride=apart, shape=shape, window_px=window_px
+        )
 
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
@@ -129,7 +132,7 @@ class SmearNetwork:
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 
     def _in_tiles(self, image: AnyArray, levels: int, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return what is read of windows so far apart, (h, w, 10), and which of these cells are flat.
+        """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat.
 
         Of all windows, a large photograph's are read in tiles, which are blended; what is flat all over is
         not read.
@@ -141,7 +144,7 @@ class SmearNetwork:
         sides = [-(-max(side, LEAST_PX << levels - 1) // step) * step // apart for side in (height, width)]
         tile, overlap = max(sides) if whole else -(-self.tile_px // apart), self.overlap_px // apart
         down, across = (spans(side, step // apart, tile, overlap) for side in sides)
-        values = np.zeros((*sides, 5 + len(KINDS)), np.float32)
+        values = np.zeros((*sides, VALUES), np.float32)
         weight, flat = np.zeros((*sides, 1), np.float32), np.ones(sides, bool)
         gain = gain_of(image, self.info.brightness)
         for cells in product(down, across):

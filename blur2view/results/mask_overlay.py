@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.results.drawing import FAINT, Picture, View, captioned
-from blur2view.segmentation.mask import MotionLabel, MotionMask
 
 PINK = (255, 70, 170)
 COVER = 0.55  # share of the pink over what moves: the object stays visible

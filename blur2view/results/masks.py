@@ -9,7 +9,7 @@ from blur2view.results.document import Document, Matrix, part
 from blur2view.results.estimate import EstimateDocument
 
 if TYPE_CHECKING:
-    from blur2view.segmentation.mask import MotionMask
+    from blur2view.movers.mask import MotionMask
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +50,8 @@ class MaskDocument(Document):
     @classmethod
     def of(cls, estimate: EstimateDocument, mask: MotionMask, segment_s: float) -> MaskDocument:
         """Return the document of a mask that took so many seconds, of the photograph of an estimate."""
-        from blur2view.segmentation.formats import GREY
-        from blur2view.segmentation.mask import MotionLabel
+        from blur2view.movers.formats import GREY
+        from blur2view.movers.mask import MotionLabel
 
         return cls.gathered(
             estimate,

@@ -38,7 +38,7 @@ from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import length_text
 
 if TYPE_CHECKING:
-    from blur2view.segmentation.mask import MotionMask
+    from blur2view.movers.mask import MotionMask
 
 PICTURE_SIDE_PX, THUMBNAIL_SIDE_PX, MASK_SIDE_PX = 2048, 160, 1024
 PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 160 kB at 90

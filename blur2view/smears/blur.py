@@ -29,9 +29,9 @@ MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
-MIXED = 0.02
-"""Share of the cells that must be smeared, and share that must not be, for a part of the photograph to be in
-question."""
+LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
+"""Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
+the smears, pixels, of a camera that plainly moved."""
 IN_FOCUS = 0.2
 """Share of what is not smeared that must be sharp, of a photograph that is not out of focus: its subject."""
 DARK, BRIGHT = 0.02, 0.98
@@ -125,11 +125,17 @@ class Blur:
         return None if self.width_px is None else 1 / (1 + self.width_px)
 
 
-def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | None = None) -> Blur:
+def blur_of(
+    grid: SmearGrid,
+    image: AnyArray | None = None,
+    moving: AnyArray | None = None,
+    camera_moved: float | None = None,
+) -> Blur:
     """Return the blur of a photograph; the photograph itself says why nothing can be told.
 
     Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
-    (h, w) is the share of each cell that moves by itself, if the camera is at rest; by default 0.
+    (h, w) is the share of each cell that moves by itself, by default 0, and ``camera_moved`` the probability
+    that the camera did, by default as the blur of the cells has it.
     """
     length, sigma, direction = length_of(grid)
     kind = BlurKind.CANNOT_TELL if length is None else BlurKind.CAMERA_MOVED
@@ -142,7 +148,7 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     if told.mean() < LEAST_TOLD:
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
-    kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()))
+    kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()), camera_moved)
     if length is not None and sigma is not None and length <= sigma:  # that is no blur
         kind = replace(smeared, kind=kind).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
@@ -157,30 +163,33 @@ def blur_of(grid: SmearGrid, image: AnyArray | None = None, moving: AnyArray | N
     )
 
 
-def kind_of(kinds: NDArray[np.float64], moving_share: float) -> BlurKind:
+def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float | None = None) -> BlurKind:
     """Return what blurred a photograph whose cells have these probabilities of kinds, (h, w, 5).
 
     They are weighed by how much of a cell stands still; ``moving_share`` of the picture does not.
+    ``camera_moved`` is the probability that the camera did, where more than the cells was asked.
     """
     sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
     moved, still = smeared + both, sharp + defocused
-    if moved > MOVED * (moved + still):
+    if moved > MOVED * (moved + still) if camera_moved is None else camera_moved > 0.5:
         return BlurKind.OUT_OF_FOCUS_AND_MOVED if both > smeared else BlurKind.CAMERA_MOVED
+    if moving_share > MOVING_SHARE:
+        return BlurKind.CAMERA_AT_REST
     sharp, defocused = kinds.sum((0, 1))[:SMEARED]
-    if sharp + defocused == 0:  # all that tells its blur moves
-        return BlurKind.CAMERA_AT_REST if moving_share > MOVING_SHARE else BlurKind.CANNOT_TELL
-    if sharp <= IN_FOCUS * (sharp + defocused):
-        return BlurKind.OUT_OF_FOCUS
-    return BlurKind.CAMERA_AT_REST if moving_share > MOVING_SHARE else BlurKind.SHARP
+    return BlurKind.OUT_OF_FOCUS if sharp <= IN_FOCUS * (sharp + defocused) else BlurKind.SHARP
 
 
-def is_mixed(grid: SmearGrid) -> bool:
-    """Whether some of a photograph is smeared and some is not."""
-    if grid.kinds is None:
+def in_doubt(grid: SmearGrid) -> bool:
+    """Whether the cells' own blur leaves open if the camera moved: some of it is smeared, some is not.
+
+    False of a network that does not say what more is asked of (`SmearGrid.shares`).
+    """
+    if grid.kinds is None or grid.shares is None:
         return False
-    smeared = grid.kinds[..., [SMEARED, BOTH]].sum(-1)
-    still = grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1)
-    return bool(min((smeared > 0.5).mean(), (still > 0.5).mean()) > MIXED)
+    smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
+    still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
+    length = length_of(grid)[0] or 0.0
+    return bool(smeared > LEAST_SMEARED and (still > MOST_STILL or length < PLAIN_PX))
 
 
 def nothing_seen(image: AnyArray) -> str:

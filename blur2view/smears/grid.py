@@ -33,6 +33,9 @@ class SmearGrid:
     blur : ndarray of shape (h, w, 6), float32, optional
         Radius out of focus, pixels, and the probabilities of the kinds of blur of
         `blur2view.smears.blur_kinds.KINDS`; None where only smears are known.
+    shares : ndarray of shape (h, w, 64), float32, optional
+        Probabilities of 32 directions and of 32 lengths of the smears (`blur2view.smears.likelihood`), in
+        pixels of a picture in which a cell has 32; None where no photograph was read.
 
     Raises
     ------
@@ -45,6 +48,7 @@ class SmearGrid:
     shape: tuple[int, int]
     window_px: int | None = WINDOW_PX
     blur: NDArray[np.float32] | None = None
+    shares: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         covered = tuple(-(-side // self.stride) for side in self.shape) if self.stride > 0 else ()

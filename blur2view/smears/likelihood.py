@@ -70,6 +70,23 @@ def read_smears(log_likelihood: Floats) -> Floats:
     ).astype(np.float32)
 
 
+def shares_of(log_likelihood: Floats, lengths: int, shorter: int = 0) -> Floats:
+    """Return the shares of directions and of so many lengths, (h, w, 32 + lengths), of a log likelihood.
+
+    Of cells' log likelihoods (h, w, 32, bins), up to a constant. The first length stands for anything shorter
+    than that of the first ``shorter`` bins but one, the last one for anything longer.
+    """
+    likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
+    likelihood /= likelihood.sum((-2, -1), keepdims=True)
+    each = likelihood.sum(-2)
+    each[..., shorter] = each[..., : shorter + 1].sum(-1)
+    each = each[..., shorter:]
+    missing = [(0, 0)] * (each.ndim - 1) + [(0, max(lengths - each.shape[-1], 0))]
+    each = np.pad(each, missing)
+    each[..., lengths - 1] = each[..., lengths - 1 :].sum(-1)
+    return np.concatenate([likelihood.sum(-1), each[..., :lengths]], axis=-1)
+
+
 def with_unseen(cells: Floats, unseen: Floats) -> Floats:
     """Return smears (h, w, 4) with the deviations of mixtures of what is read and what may be any smear.
 

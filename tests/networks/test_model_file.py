@@ -11,9 +11,9 @@ import pytest
 from onnx import TensorProto, helper
 
 from blur2view.errors import ModelError
-from blur2view.movers.network import MoverNetwork
 from blur2view.networks import model_file
 from blur2view.networks.model_file import Execution, model_path
+from blur2view.networks.mover_networks import BLUR, UNET, MoverNetwork, NetworkFormat, shipped
 from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network, noise
 
@@ -39,7 +39,17 @@ def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path)
         found = SmearNetwork(tiny_model, providers=[name]).predict(image)
         np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(image).cells)
     with pytest.raises(ModelError, match="rocket: is no execution provider"):
-        MoverNetwork(execution=Execution(providers=("rocket",)))
+        MoverNetwork(UNET, execution=Execution(providers=("rocket",)))
+
+
+@pytest.mark.parametrize("form", [UNET, BLUR], ids=lambda form: form.file)
+def test_mover_networks_say_what_they_are_and_another_file_is_refused(
+    form: NetworkFormat, tmp_path: Path
+) -> None:
+    assert shipped(form, Execution()).model_id.startswith(form.version.partition("-")[0])
+    onnx.save(colour_code_network(), tmp_path / "other.onnx")
+    with pytest.raises(ModelError, match=f"is not a mover network of format {form.version}, but of 4"):
+        MoverNetwork(form, tmp_path / "other.onnx")
 
 
 def any_features() -> onnx.ModelProto:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import Blur, BlurKind, blur_of, is_mixed
+from blur2view.smears.blur import Blur, BlurKind, blur_of, in_doubt
 from blur2view.smears.blur_kinds import KINDS, radii_px, read_radii, softmax
 from blur2view.smears.grid import SmearGrid
 from tests.support.grids import grid_of
@@ -18,7 +18,8 @@ def grid(kinds: NDArray[np.int_], radius: float = 4.0, length: float = 0.3) -> S
     one = grid_of(lengths[..., None] * [1.0, 0.0], stride=32)
     told = 0.002 + 0.99 * np.eye(len(KINDS))[kinds]
     blur = np.concatenate([np.full((*kinds.shape, 1), radius), told], -1).astype(np.float32)
-    return SmearGrid(cells=one.cells, blur=blur, stride=32, shape=one.shape)
+    shares = np.zeros((*kinds.shape, 64), np.float32)
+    return SmearGrid(cells=one.cells, blur=blur, shares=shares, stride=32, shape=one.shape)
 
 
 def within(inside: int, around: int, share: float = 0.5) -> NDArray[np.int_]:
@@ -67,9 +68,15 @@ def test_share_that_moves_is_told_before_a_camera_at_rest_alone() -> None:
     assert blur_of(grid(within(2, 2)), moving=1.0 * (kinds == 2)).moving_share == 0
 
 
-def test_a_part_is_in_question_where_some_is_smeared_and_some_is_not() -> None:
-    assert is_mixed(grid(within(2, 0))) and is_mixed(grid(within(1, 3)))
-    assert not any(is_mixed(grid(within(k, k))) for k in range(5)) and not is_mixed(grid(within(2, 4)))
+def test_the_cells_leave_open_whether_the_camera_moved_where_only_some_of_them_are_smeared() -> None:
+    assert in_doubt(grid(within(2, 0))) and in_doubt(grid(within(1, 3)))
+    assert not any(in_doubt(grid(within(k, k))) for k in range(5))
+
+
+@pytest.mark.parametrize(("camera_moved", "kind"), [(0.9, "camera moved"), (0.1, "camera at rest")])
+def test_what_more_than_the_cells_says_of_the_camera_decides(camera_moved: float, kind: str) -> None:
+    kinds = within(2, 0)
+    assert blur_of(grid(kinds), moving=1.0 * (kinds == 2), camera_moved=camera_moved).kind == kind
 
 
 @pytest.mark.parametrize(

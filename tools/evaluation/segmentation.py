@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
 from blur2view.images.image import read_image
+from blur2view.movers.mask import MotionLabel, MotionMask, segment
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
-from blur2view.segmentation.mask import MotionLabel, MotionMask, segment
 from blur2view.smears.field import Floats
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import read_test_set

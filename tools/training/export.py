@@ -20,6 +20,8 @@ from blur2view.errors import ModelError
 LARGEST_DIFFERENCE = 2e-3  # between log-odds or logits of ONNX Runtime and torch
 MOST_ROUNDED = 0.2
 """Root mean square of what integers change; the logits' deviations are 2 to 3."""
+MOST_HALVED = 0.05
+"""The same of half precision, where log-odds have deviations of 5."""
 
 
 def export(
@@ -33,6 +35,7 @@ def export(
     facts: Mapping[str, object],
     properties: Mapping[str, str] | None = None,
     eight_bits: bool = False,
+    half: bool = False,
 ) -> None:
     """Write a network, when complete and checked; ModelError if it does not compute what torch does.
 
@@ -51,6 +54,8 @@ def export(
     eight_bits : bool
         Whether products with stored matrices are computed on integers, which takes a third of the time, and
         weights keep their names, as what is constant is not computed.
+    half : bool
+        Whether weights are stored in half precision.
     """
     temporary = target.with_suffix(".tmp.onnx")
     with warnings.catch_warnings():
@@ -76,6 +81,14 @@ def export(
         worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, compared))
         if not worst <= MOST_ROUNDED:
             raise ModelError(f"{temporary}: integers change it by {worst:.2g}; {target} is not replaced")
+    if half:
+        store_half(graph.graph)
+        onnx.save(graph, temporary)
+        worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, compared))
+        if not worst <= MOST_HALVED:
+            raise ModelError(
+                f"{temporary}: half precision changes it by {worst:.2g}; {target} is not replaced"
+            )
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()[:12]
     said = {"model_id": f"{kind}-{digest}", "license": "Apache-2.0", "training": json.dumps(facts)}
     onnx.helper.set_model_props(graph, {**said, **(properties or {})})
@@ -83,6 +96,17 @@ def export(
     onnx.save(graph, temporary)
     temporary.replace(target)
     print(f"{target}: {target.stat().st_size / 1e6:.1f} MB, {worst:.1e} from torch")
+
+
+def store_half(graph: onnx.GraphProto) -> None:
+    """Store weights in half precision, cast when the network is run."""
+    for tensor in [
+        one for one in graph.initializer if one.data_type == onnx.TensorProto.FLOAT and len(one.dims) > 1
+    ]:
+        half, name = onnx.numpy_helper.to_array(tensor).astype(np.float16), tensor.name
+        tensor.CopyFrom(onnx.numpy_helper.from_array(half, f"{name}_half"))
+        cast = onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT)
+        graph.node.insert(0, cast)
 
 
 def with_integers(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import blur2view
-from blur2view.segmentation.mask import MotionMask
+from blur2view.movers.mask import MotionMask
 from tests.support.motion_scenes import HEIGHT, WIDTH
 from tools.evaluation.segmentation import judge, outlined, overlap
 from tools.metrics import average_precision

@@ -28,14 +28,14 @@ ROWS = 1000
 """Bins that are weighed at a time, which bounds the memory."""
 
 
-def alike_mean(values: Floats, colour: Floats, known: NDArray[np.bool_]) -> Floats:
+def bilateral_mean(values: Floats, colour: Floats, known: NDArray[np.bool_]) -> Floats:
     """Return the mean (h, w) of the values (h, w) that are known, over places nearby of a like colour.
 
     Parameters
     ----------
     values : ndarray of shape (h, w)
     colour : ndarray of shape (h, w, 3)
-        Luma and two differences of colours, levels in [0, 1], as `blur2view.movers.inputs.Picture` has them.
+        Luma and two differences of colours, levels in [0, 1], as of `blur_evidence.Picture`.
     known : ndarray of shape (h, w), bool
         Places whose values have a say.
     """

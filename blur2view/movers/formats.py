@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from blur2view.errors import OutputError
-from blur2view.segmentation.mask import MotionLabel
+from blur2view.movers.mask import MotionLabel
 
 GREY = np.zeros(3, np.uint8)
 GREY[[MotionLabel.STATIC, MotionLabel.MOVING, MotionLabel.UNOBSERVABLE]] = 0, 255, 128

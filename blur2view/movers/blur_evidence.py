@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.geometry.sampson import serrmin
 from blur2view.movers.camera_motion import Cells
+from blur2view.networks.mover_networks import PLACE_PX
 from blur2view.smears.field import to_double_angle, upsample_grid
 from blur2view.smears.grid import SmearGrid
 
 Floats = NDArray[np.float32]
 
-PLACE_PX = 4
-"""Side of the places that gradients are averaged over, and that the network answers for."""
 SEEN_PX = 2.0
 """Shortest smear whose direction is read."""
 OCTAVES = 3
@@ -29,15 +27,13 @@ STRIP = 8
 """Rows of cells at a time, which bounds the memory."""
 LEAST_GRADIENT = 1e-5
 """Mean square, of levels in [0, 1] a pixel."""
-LINE_FLOOR_PX = 0.4
-"""Error of smears across the epipolar lines that no cell states."""
 SMOOTH = 1.5e-6
 """Mean square gradient below which a window shows nothing: a third of a level of 255 a pixel."""
 SMOOTH_PX = 96
 """Side of the windows that may show nothing: those the smears are read in."""
 
 
-def of_cells(cells: Cells, grid: SmearGrid, camera: Array, F: Array | None) -> Floats:
+def of_cells(cells: Cells, grid: SmearGrid, camera: Array) -> Floats:
     """Return what the smears and kinds of blur of the cells show, (h, w, K), most of it logarithms.
 
     Parameters
@@ -47,8 +43,14 @@ def of_cells(cells: Cells, grid: SmearGrid, camera: Array, F: Array | None) -> F
     grid : SmearGrid
     camera : ndarray of shape (h, w, 2)
         Displacements of the camera's motion, pixels.
-    F : ndarray of shape (3, 3) or None
+
+    Raises
+    ------
+    ValueError
+        If the grid has no kinds of blur.
     """
+    if grid.blur is None:
+        raise ValueError("expected smears as SmearNetwork reads them off a photograph")
     seen, length, error = cells.displacement, cells.length_px, cells.error_px
     expected = np.linalg.norm(camera, axis=-1)
     apart = cells.apart_px(camera)
@@ -56,39 +58,23 @@ def of_cells(cells: Cells, grid: SmearGrid, camera: Array, F: Array | None) -> F
     cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
-    across = np.zeros_like(length) if F is None else off_lines_px(cells, F)
+    lines = np.zeros_like(length)  # of F, against which the network can compare, too
     evidence = [
         np.log1p(apart / (scale * error)),
         np.log1p(apart),
         readable * np.log1p(angle / np.hypot(cells.sigma_rad, 0.03)),
         np.log((length + 1) / (expected + 1)),
-        np.log1p(across / off_lines_error_px(cells)),
-        np.log1p(across),
+        lines,
+        lines,
         np.log1p(length),
         np.log1p(expected),
         np.log(cells.sigma_px / (length + 2) + 0.02),
         np.log(cells.sigma_rad + 0.01),
-        np.full(length.shape, float(F is not None)),
+        lines,
         *np.moveaxis(_turned_difference(seen, camera), -1, 0),
     ]
-    blur = grid.blur
-    if blur is None:  # smears from elsewhere: in focus, and smeared where they are long enough
-        smeared = length > SEEN_PX
-        blur = np.stack([np.ones_like(length), ~smeared, np.zeros_like(length), smeared], axis=-1)
-        blur = np.pad(blur, ((0, 0), (0, 0), (0, 2)))
-    kinds = [np.log(blur[..., 0] + 0.5), *np.moveaxis(blur[..., 1:], -1, 0)]
+    kinds = [np.log(grid.blur[..., 0] + 0.5), *np.moveaxis(grid.blur[..., 1:], -1, 0)]
     return np.stack([*evidence, *kinds], axis=-1).astype(np.float32)
-
-
-def off_lines_px(cells: Cells, F: Array) -> Array:
-    """Return how far the ends are off the epipolar lines, (h, w); 0 where a camera has no ray."""
-    squared = np.nan_to_num(serrmin(F, cells.ends.reshape(-1, 2, 2)))
-    return np.asarray(np.sqrt(squared).reshape(cells.ends.shape[:2]))
-
-
-def off_lines_error_px(cells: Cells) -> Array:
-    """Return the standard deviations (h, w) of the same."""
-    return np.hypot(cells.length_px * cells.sigma_rad, LINE_FLOOR_PX)
 
 
 def _turned_difference(seen: Array, camera: Array) -> Array:

@@ -1,0 +1,197 @@
+"""Motion masks: which pixels move by themselves, given the camera's own motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import AnyArray
+from blur2view.movers.moving import THRESHOLD, Moving, moving_in
+from blur2view.networks.model_file import Execution
+from blur2view.networks.smear_network import photograph_of
+from blur2view.networks.threads import one_thread
+from blur2view.smears.grid import SmearGrid
+
+Mask = NDArray[np.bool_]
+Floats = NDArray[np.float32]
+
+LEAST_PLACES = 25
+"""Places of the smallest piece that outlines leave of a part."""
+GUIDE_PLACES, GUIDE_EPS = 2, 0.03
+"""Radius of the windows in which outlines follow the picture, places; contrast of what is an edge, levels."""
+
+
+class MotionLabel(IntEnum):
+    """What a pixel of a motion mask shows."""
+
+    STATIC = 0
+    MOVING = 1
+    UNOBSERVABLE = 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MovingRegion:
+    """One connected part of a photograph that moves by itself.
+
+    Parameters
+    ----------
+    area_px : int
+        Its pixels.
+    box : (int, int, int, int)
+        Left, top, width and height, pixels.
+    centroid : (float, float)
+        (x, y), pixels.
+    probability : float
+        Mean probability of moving over it.
+    """
+
+    area_px: int
+    box: tuple[int, int, int, int]
+    centroid: tuple[float, float]
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionMask:
+    """Which pixels move by themselves.
+
+    Parameters
+    ----------
+    labels : ndarray of shape (H, W), uint8
+        `MotionLabel`: 0 static, 1 moving, 2 unobservable.
+    probability : ndarray of shape (H, W), float32
+        That a pixel moves, in [0, 1].
+    regions : tuple of MovingRegion
+        The connected moving parts, largest first.
+    reason : str
+        What motion was measured against.
+    """
+
+    labels: NDArray[np.uint8]
+    probability: Floats
+    regions: tuple[MovingRegion, ...]
+    reason: str
+
+
+class Estimated(Protocol):
+    """What is asked of a `blur2view.Estimate`."""
+
+    @property
+    def grid(self) -> SmearGrid:
+        """Return the smears."""
+
+    @property
+    def moving(self) -> Moving | None:
+        """Return what moves by itself, if that was asked."""
+
+    @property
+    def execution(self) -> Execution:
+        """Return what runs the networks."""
+
+
+@one_thread
+def segment(
+    estimate: Estimated,
+    image: AnyArray,
+    rng: np.random.Generator | None = None,
+    *,
+    threshold: float = THRESHOLD,
+) -> MotionMask:
+    """Return which pixels move by themselves and which the camera's motion explains.
+
+    Unobservable is what the picture shows nothing of: it is smooth.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of one photograph.
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
+    rng : numpy.random.Generator, optional
+        Draws starts of the fit of the camera's motion; ``default_rng(0)`` by default.
+    threshold : float
+        Probability that the highest place of a part must reach, above 0 and below 1. A lower one misses less
+        of what moves, and marks more of what stands still.
+
+    Raises
+    ------
+    ValueError
+        If the image has another shape than the estimate, or the threshold is no such probability.
+    """
+    image, grid = photograph_of(image), estimate.grid
+    if image.shape[:2] != grid.shape:
+        raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
+    if not 0 < threshold < 1:
+        raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
+    rng = np.random.default_rng(0) if rng is None else rng
+    found = estimate.moving or moving_in(image, grid, rng, estimate.execution)
+    side = found.place_px
+    probability = to_pixels(found.probability, image, side)
+    moves = without_small_pieces(
+        to_pixels(found.parts(threshold).astype(np.float32), image, side) > 0.5, LEAST_PLACES * side**2
+    )
+    labels = np.full(probability.shape, MotionLabel.STATIC, np.uint8)
+    unseen = np.kron(found.smooth, np.ones((side, side), bool))
+    labels[unseen[: image.shape[0], : image.shape[1]]] = MotionLabel.UNOBSERVABLE
+    labels[moves] = MotionLabel.MOVING
+    return MotionMask(
+        labels=labels,
+        probability=probability,
+        regions=regions_of(moves, probability),
+        reason=_reason(labels, found),
+    )
+
+
+def _reason(labels: NDArray[np.uint8], found: Moving) -> str:
+    if (labels == MotionLabel.UNOBSERVABLE).all():
+        return "nothing to measure against: no smear of the camera's motion is read"
+    if found.camera_moved < 0.5:
+        return "measured against a camera that stands still"
+    return f"measured against a smooth motion of {found.camera_px:.0f} px (median)"
+
+
+def to_pixels(places: Floats, image: AnyArray, place_px: int) -> Floats:
+    """Resample values (h, w) of places in [0, 1] to the pixels of an image, along its edges.
+
+    Places, squares of ``place_px`` pixels, cover the image.
+    """
+    height, width = image.shape[:2]
+    rows, columns = -(-height // place_px), -(-width // place_px)
+    size = columns * place_px, rows * place_px
+    values = cv2.resize(places[:rows, :columns], size, interpolation=cv2.INTER_LINEAR)[:height, :width]
+    grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
+    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
+    grey = np.asarray(grey / np.float32(white), np.float32)
+    along = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
+    return np.asarray(np.clip(along, 0, 1), np.float32)
+
+
+def without_small_pieces(moves: Mask, least_px: int) -> Mask:
+    """Return a mask (H, W) without its connected pieces of fewer pixels."""
+    _, piece, stats, _ = cv2.connectedComponentsWithStats(moves.astype(np.uint8), connectivity=4)
+    kept = stats[:, cv2.CC_STAT_AREA] >= least_px
+    kept[0] = False
+    return np.asarray(kept[piece])
+
+
+def regions_of(moves: Mask, probability: Floats) -> tuple[MovingRegion, ...]:
+    """Describe the connected parts of a mask (H, W), largest first."""
+    count, part, stats, centres = cv2.connectedComponentsWithStats(moves.astype(np.uint8), connectivity=4)
+    total = np.zeros(count)
+    for row, values in zip(part, probability, strict=True):  # at once it would take 16 bytes per pixel
+        total += np.bincount(row, weights=values, minlength=count)
+    order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
+    return tuple(
+        MovingRegion(
+            area_px=int(stats[k, cv2.CC_STAT_AREA]),
+            box=(int(stats[k, 0]), int(stats[k, 1]), int(stats[k, 2]), int(stats[k, 3])),
+            centroid=(float(centres[k, 0]), float(centres[k, 1])),
+            probability=float(total[k] / stats[k, cv2.CC_STAT_AREA]),
+        )
+        for k in order.tolist()
+    )

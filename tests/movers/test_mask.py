@@ -1,0 +1,234 @@
+"""Motion masks: movers where they are, none where nothing moves, unobservable where nothing is seen."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from blur2view.images.image import read_image
+from blur2view.movers.bilateral import bilateral_mean
+from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
+from blur2view.movers.moving import Moving, factor_of, reduced
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import Estimate, estimate
+from blur2view.results import mask_overlay
+from tests.support.grids import grid_of
+from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, Floats, photo, smears
+
+ROOT = Path(__file__).parents[2]
+SAMPLE = ROOT / "models" / "sample_mover.jpg"
+REAL = [
+    ROOT.parent / "shared/data" / name
+    for name in (
+        "real/still_legs.png",
+        "real/gopro_street_07.png",
+        "real/gopro_forward_0950.png",
+        "textures/kodak/03.png",
+        "textures/kodak/12.png",
+        "textures/kodak/17.png",
+    )
+]
+STILL = 0.0, 0.0
+LARGE = slice(100, 400), slice(200, 540)
+
+
+BOXES = {"box": BOX, "large box": LARGE, "nothing": None}
+
+
+@cache
+def before(camera: tuple[float, float], what: str = "box") -> tuple[Floats, Estimate, MotionMask]:
+    """Return a photograph of what moves, its estimate and its mask."""
+    image = photo(smears(camera, BOXES[what]))
+    found = estimate(image)
+    return image, found, segment(found, image)
+
+
+def overlap(mask: MotionMask, box: tuple[slice, slice]) -> float:
+    true = np.zeros(mask.labels.shape, bool)
+    true[box] = True
+    moving = mask.labels == MotionLabel.MOVING
+    return float((moving & true).sum() / (moving | true).sum())
+
+
+@pytest.mark.parametrize("camera", [SIDEWAYS, STILL], ids=["moving camera", "still camera"])
+def test_mover_is_found_where_it_is_and_described(camera: tuple[float, float]) -> None:
+    _, found, mask = before(camera)
+    assert overlap(mask, BOX) > 0.7
+    region = mask.regions[0]
+    np.testing.assert_allclose(region.centroid, (447.5, 239.5), atol=32)
+    assert region.area_px == pytest.approx((mask.labels == MotionLabel.MOVING).sum(), rel=0.1)
+    assert region.probability > 3 * mask.probability[mask.labels != MotionLabel.MOVING].mean()
+    assert found.blur.kind.of_camera == (camera == SIDEWAYS)
+    assert ("stands still" in mask.reason) == (camera == STILL)
+
+
+def test_mover_of_a_third_of_the_picture_is_not_the_camera() -> None:
+    assert overlap(before(SIDEWAYS, "large box")[2], LARGE) > 0.7
+
+
+@pytest.mark.parametrize("camera", [SIDEWAYS, STILL], ids=["moving camera", "still camera"])
+def test_nothing_moves_where_all_smears_are_the_cameras(camera: tuple[float, float]) -> None:
+    _, _, mask = before(camera, "nothing")
+    assert mask.regions == () and (mask.labels == MotionLabel.STATIC).mean() > 0.8
+
+
+def test_what_the_estimate_found_of_what_moves_is_not_looked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    image, found, mask = before(STILL)
+    assert found.moving is not None
+    monkeypatch.setattr("blur2view.movers.mask.moving_in", lambda *given: pytest.fail("again"))
+    np.testing.assert_array_equal(segment(found, image).labels, mask.labels)
+
+
+def test_what_is_smooth_is_unobservable_and_never_moves() -> None:
+    image = photo(smears(SIDEWAYS))
+    image[:, 352:] = 0.5  # the mover, too
+    labels = segment(estimate(image), image).labels
+    assert (labels[:, 416:] != MotionLabel.MOVING).all()
+    assert (labels[:, 448:] == MotionLabel.UNOBSERVABLE).all()
+    plain = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    mask = segment(estimate(plain), plain)
+    assert (mask.labels == MotionLabel.UNOBSERVABLE).all() and "no smear" in mask.reason
+
+
+def test_noise_of_a_level_hardly_changes_the_mask() -> None:
+    image, _, mask = before(SIDEWAYS)
+    noise = np.random.default_rng(1).uniform(-1, 1, image.shape) / 255
+    noisy = np.clip(image + noise, 0, 1).astype(np.float32)
+    first, second = (one.labels == MotionLabel.MOVING for one in (mask, segment(estimate(noisy), noisy)))
+    assert (first & second).sum() >= 0.9 * (first | second).sum() > 0
+
+
+def test_any_size_will_do() -> None:
+    image = photo(smears(SIDEWAYS))
+    for shape in ((17, 16), (98, 203), (61, 35)):
+        part = np.ascontiguousarray(image[: shape[0], : shape[1]])
+        mask = segment(estimate(part), part)
+        assert mask.labels.shape == mask.probability.shape == shape
+
+
+def test_another_photograph_is_refused() -> None:
+    image, found, _ = before(SIDEWAYS)
+    with pytest.raises(ValueError, match="photograph of the estimate"):
+        segment(found, image[:100])
+
+
+def test_smears_of_another_network_will_do() -> None:
+    image, found, mask = before(SIDEWAYS)
+    other = replace(found, grid=replace(found.grid, shares=None))
+    np.testing.assert_array_equal(segment(other, image).labels, mask.labels)
+
+
+def moving_of(log_odds: Floats, smooth: NDArray[np.bool_] | None = None, place_px: int = 4) -> Moving:
+    """Return places with these log-odds."""
+    return Moving(
+        log_odds=log_odds,
+        smooth=np.zeros(log_odds.shape, bool) if smooth is None else smooth,
+        place_px=place_px,
+        camera_px=0.0,
+        camera_moved=0.0,
+    )
+
+
+def test_a_part_reaches_halfway_down_to_the_median_and_is_judged_by_its_highest_place() -> None:
+    log_odds, smooth = np.full((80, 80), -10, np.float32), np.zeros((80, 80), bool)
+    log_odds[:20, :20] = log_odds[40:60, :20] = -2
+    log_odds[20:40, :20] = -6
+    log_odds[5, 5] = 4
+    log_odds[70:, :] = 9
+    smooth[70:, :] = True
+    parts = moving_of(log_odds, smooth).parts()
+    assert parts[:20, :20].all() and parts.sum() == 400  # the other is not as high, -6 too low, 9 smooth
+    lower = moving_of(log_odds - 6, smooth)
+    assert not lower.parts().any() and lower.parts(0.1).sum() == 400
+
+
+def test_places_of_a_like_colour_nearby_have_a_say() -> None:
+    colour = np.zeros((60, 80, 3), np.float32)
+    colour[:, 40:] = 0.5
+    values, known = np.zeros((60, 80), np.float32), np.ones((60, 80), bool)
+    values[20:30, 30:50] = 1
+    values[:, :3], known[:, :3] = 100, False
+    mean = bilateral_mean(values, colour, known)
+    assert np.abs(mean[:, :38].max(axis=1) - mean[:, 42:].max(axis=1)).max() < 0.1
+    assert mean[25, 35] > 2 * mean[25, 10] > 0 and mean[:, 3:].max() < 1
+    values[:, 40:] = -1
+    np.testing.assert_allclose(bilateral_mean(values, colour, known)[:, :38], mean[:, :38], atol=0.02)
+
+
+def test_smears_of_a_large_photograph_are_averaged_and_parts_stay_where_they_are() -> None:
+    displacement = np.full((63, 94, 2), (8.0, 0.0))
+    grid = grid_of(displacement, 1.0, stride=32, shape=(2010, 3000))
+    shares = np.zeros((63, 94, 64), np.float32)
+    shares[..., [0, 32 + 9]] = 1  # of 8 px
+    grid = replace(grid, blur=np.ones((63, 94, 6), np.float32), shares=shares)
+    assert factor_of(grid) == 2
+    small = reduced(grid, 2, (1005, 1500))
+    assert small.cells.shape[:2] == (32, 47)
+    np.testing.assert_allclose(small.smears().displacement, np.full((32, 47, 2), (4.0, 0.0)), atol=1e-6)
+    np.testing.assert_allclose(small.smears().sigma_px, 0.5)
+    assert small.shares is not None and (small.shares[..., [0, 32 + 5]] == 1).all()  # of 4 px
+    log_odds = np.full((256, 376), -9, np.float32)
+    log_odds[248:252] = 3  # of pixels 1984 to 2015, which the last row of cells shows
+    share = moving_of(log_odds, place_px=8).share_of(grid)
+    assert share[-1] == pytest.approx(1) and share[:-1] == pytest.approx(0)
+
+
+def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() -> None:
+    image, found, _ = before(SIDEWAYS)
+    high, low = (segment(found, image, threshold=p).labels == MotionLabel.MOVING for p in (0.99, 0.1))
+    assert not high.any() and low.any()
+    for p in (0.0, 1.0):
+        with pytest.raises(ValueError, match="above 0 and below 1"):
+            segment(found, image, threshold=p)
+
+
+def test_parts_are_described_by_their_own_pixels() -> None:
+    moving = np.zeros((30, 40), bool)
+    moving[2:5, 7] = moving[4, 3:8] = True
+    moving[20:28, 10:30] = True
+    probability = np.where(moving, 0.5, 0.0).astype(np.float32)
+    probability[20:28, 10:20] = 0.9
+    large, small = regions_of(moving, probability)
+    assert (large.area_px, small.area_px) == (160, 7)
+    assert (large.box, small.box) == ((10, 20, 20, 8), (3, 2, 5, 3))
+    assert large.probability == pytest.approx(0.7) and small.probability == pytest.approx(0.5)
+
+
+def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
+    image, _, mask = before(SIDEWAYS)
+    picture = mask_overlay.draw_motion(image, mask)
+    pink = np.abs(
+        picture[240, 448].astype(float) - 0.45 * 255 * image[240, 448] - 0.55 * np.array((255, 70, 170))
+    )
+    assert pink.max() < 20 and np.abs(picture[20, 20] - 255 * image[20, 20]).max() < 25
+    assert "moving part" in mask_overlay.mask_verdict(mask)
+    with pytest.raises(ValueError, match="expected a mask of shape"):
+        mask_overlay.draw_motion(image[:100, :100], mask)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("photograph", [SAMPLE, *REAL], ids=lambda path: path.stem)
+def test_a_photograph_has_one_mask_as_PNG_as_JPEG_and_turned(photograph: Path, tmp_path: Path) -> None:
+    if not photograph.exists():
+        pytest.skip(f"{photograph} is not here")
+    picture = Image.open(photograph).convert("RGB")
+    picture.save(tmp_path / "as.png")
+    picture.save(tmp_path / "as.jpg", quality=92)
+    exif = Image.Exif()
+    exif[0x0112] = 6  # shown upright after a quarter turn clockwise
+    turned = picture.transpose(Image.Transpose.ROTATE_90)
+    turned.save(tmp_path / "turned.jpg", quality=92, exif=exif)
+    network = SmearNetwork()
+    images = [read_image(tmp_path / name) for name in ("as.png", "as.jpg", "turned.jpg")]
+    one, *others = [
+        segment(estimate(image, network=network), image).labels == MotionLabel.MOVING for image in images
+    ]
+    assert one.any() or photograph != SAMPLE
+    for other in others:
+        assert (one & other).sum() >= 0.8 * (one | other).sum()
