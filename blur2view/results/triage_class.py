@@ -8,6 +8,7 @@ from enum import StrEnum
 from pathlib import PurePath
 
 from blur2view.results.photograph import Photograph
+from blur2view.results.verdict import MAX_DEFOCUS_PX as MAX_DEFOCUS_PX
 
 NEAR = 1.1
 """About the limit by this factor a frame is as sharp as the one before: compressed again, as Motion JPEG and
@@ -16,7 +17,6 @@ MAX_SMEAR_PX = 3.0
 """Longest smear of a photograph that is called sharp: up to this, half of the SIFT features that it shares
 with itself under fresh noise are still matched (``python -m tools.benchmarks.triage``; chosen on the
 photographs of Kodak's suite that train networks, shown on the others)."""
-MAX_DEFOCUS_PX = 2.0
 
 
 class Use(StrEnum):

@@ -8,6 +8,8 @@ from blur2view.results.record import Record
 
 MAY_HAVE_TURNED = 0.1
 """Probability of a rotation from which on it is named beside the movement."""
+MAX_DEFOCUS_PX = 2.0
+"""Radius above which it is named: `smears.blur.DEFOCUSED_PX`, which takes too long to import for a help."""
 DIAGONAL = 0.5
 """Of a direction, its smaller part over its larger one."""
 
@@ -23,7 +25,8 @@ def verdict(one: Record) -> str:
             return f"Out of focus ({_radius(one)})"
         case "camera at rest":
             percent = f"{100 * (one.moving_share or 0.0):.0f} %"
-            return f"The camera stood still; {percent} of the picture moves by itself"
+            soft = f"; out of focus ({_radius(one)})" * ((one.defocus_px or 0.0) > MAX_DEFOCUS_PX)
+            return f"The camera stood still; {percent} of the picture moves by itself{soft}"
         case "cannot tell":
             return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
         case "out of focus and moved":

@@ -34,6 +34,8 @@ LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
 the smears, pixels, of a camera that plainly moved."""
 IN_FOCUS = 0.2
 """Share of what is not smeared that must be sharp, of a photograph that is not out of focus: its subject."""
+DEFOCUSED_PX = 2.0
+"""Radius, of what is sharpest, above which a photograph is out of focus."""
 DARK, BRIGHT = 0.02, 0.98
 """Values below, or above, which a whole photograph is too dark, or overexposed."""
 UNSEEN_PX = 500.0
@@ -154,6 +156,8 @@ def blur_of(
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius, spread = weighted_median(grid.radius_px, weight)
+    if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
+        kind = BlurKind.OUT_OF_FOCUS
     return replace(
         smeared,
         kind=kind,
