@@ -1,13 +1,12 @@
 """Measure smears and F on the rendered test split.
 
     python -m tools.datasets.testset render/test --scenes 60 --photos KODAK
-    python -m tools.evaluation.evaluate render/test --out tools/results/evaluation
+    python -m tools.evaluation.evaluate render/test --out tools/results/evaluation.md
 
-prints the tables and writes ``evaluation.md`` and ``evaluation.json``.
-Every method gets the same matches, the network's own. F is judged on the true smears of static pixels.
+prints the tables and writes the page. Every method gets the same matches, the network's own. F is judged on
+the true smears of static pixels.
 """
 
-import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -111,17 +110,14 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
 
 
 def main(scenes: Path, *, model: Existing | None = None, out: Target | None = None) -> None:
-    """Evaluate a network, the shipped one by default, on a test set; write OUT.md and OUT.json."""
+    """Evaluate a network, the shipped one by default, on a test set, and write the page."""
     network = blur2view.SmearNetwork(model)
     pairs = [(scene, network.predict(scene.image)) for scene in read_test_set(scenes)]
     figures = evaluate_smears(*pooled((scene, grid.at_pixels()) for scene, grid in pairs))
     fundamentals = evaluate_fundamentals(pairs)
     words = f"Model {network.model_id}, {figures.images} rendered images."
     text = joined(words, smear_tables(figures), record_table(HEAD, ROW, fundamentals))
-    publish(text, out and out.with_suffix(".md"))
-    if out:
-        document = {"model_id": network.model_id, "smears": asdict(figures), "fundamentals": fundamentals}
-        out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
+    publish(text, out)
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ def measured_smears(field: SmearField, truth: Mapping[str, AnyArray]) -> Smears:
     arrays = field.displacement, field.sigma_px, field.sigma_rad
     found, sigma, sigma_rad = (a[first::4, first::4][:h, :w][known] for a in arrays)
     sure = sigma_rad <= np.median(sigma_rad)
-    return Smears(found=found.astype(float), true=true[known], sigma=sigma, sure=sure, blocks=np.zeros(0))
+    return Smears(found=found.astype(float), true=true[known], sigma=sigma, sure=sure)
 
 
 def main(photos: list[Existing], *, model: Existing | None = None) -> None:

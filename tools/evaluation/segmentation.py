@@ -88,10 +88,8 @@ def split_rows(name: str, judged: list[SceneFigures]) -> list[tuple[str, ...]]:
     some = [one for one in judged if one.share >= LEAST_SHARE]
     still = [one for one in judged if one.is_still]
     many = sum(scene.called > FALSE_SHARE for scene in still)
-    return [
-        _row(f"{name}, movers of 1 % or more", some),
-        _row(f"{name}, no movers ({many} over {FALSE_SHARE:.1%})", still),
-    ]
+    named = {"movers of 1 % or more": some, f"no movers ({many} over {FALSE_SHARE:.1%})": still}
+    return [_row(f"{name}, {kind}", scenes) for kind, scenes in named.items() if scenes]
 
 
 def _row(name: str, scenes: list[SceneFigures]) -> tuple[str, ...]:
@@ -141,7 +139,7 @@ def mask_of(image: Floats, network: SmearNetwork) -> MotionMask:
 def main(
     scenes: list[Existing], *, static: list[Path] | None = None, objects: Existing | None = None, out: Target
 ) -> None:
-    """Segment rendered scenes, and photographs in which nothing moves; ``out`` has no suffix.
+    """Segment rendered scenes, and photographs in which nothing moves.
 
     In ``objects`` are photographs whose object, moving or not, is known.
     """
@@ -168,7 +166,7 @@ def main(
     groups |= {one.name: sorted(one.iterdir()) for one in static or STATIC if one.is_dir()}
     if groups:
         blocks += ["Real photographs:", still_lines(groups, network)]
-    publish(joined(*blocks), out.with_suffix(".md"))
+    publish(joined(*blocks), out)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """Figures of predicted smears over rendered photographs: as a whole, by length, and what sigma is worth."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -15,15 +14,13 @@ from tools.pages import Record, record_table, table
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
 """Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
-BLOCK_CELLS = 20  # side of a block, 80 px in cells of 4: within it errors are alike
-LEAST_IN_BLOCK = 100  # cells of a block, of at most 400, without which its median is not taken
 SIGMA_BINS = 10  # classes of equal size in which predicted and found errors are compared
 
 
-OCTAVE_HEAD = "true px | smears | ratio | spread | direction, deg | lean near axes; else | EPE-S / length"
+OCTAVE_HEAD = "true px | smears | ratio | spread | direction, deg | EPE-S / length"
 OCTAVE_ROW = (
     "{from_px} to {to_px} | {smears} | {length_ratio:.3f} | {length_spread:.3f} | {direction_deg:.2f} "
-    "| {lean_deg[0]:.2f}; {lean_deg[1]:.2f} | {epe_s_over_length:.3f}"
+    "| {epe_s_over_length:.3f}"
 )
 SIGMA_HEAD = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
 
@@ -32,8 +29,6 @@ SIGMA_HEAD = "sigma, px (tenths of the smears) | RMS error, px | over sigma | er
 class SmearFigures:
     """Quality of the predicted smears over the valid pixels of the split; lengths in pixels.
 
-    ``block_error_sigmas`` is the root mean square, over blocks of 80 px of static pixels, of the median
-    signed error of direction over the median of its sigma: 1 where a block's sigma says what it should.
     ``octaves`` and ``bins`` are what `by_octave` and `by_sigma` give.
     """
 
@@ -47,7 +42,6 @@ class SmearFigures:
     length_ratio: float
     length_spread: float
     sparsification_area: float
-    block_error_sigmas: float = math.nan
     octaves: tuple[Record, ...] = ()
     bins: tuple[Record, ...] = ()
 
@@ -56,33 +50,13 @@ class Smears(NamedTuple):
     """Smears of many images.
 
     ``found`` and ``true`` (N, 2) are displacements, ``sigma`` (N,) their expected error, pixels; ``sure``
-    (N,) whether it is at most its median over the image; ``blocks`` (B,) are :func:`block_errors`.
+    (N,) whether it is at most its median over the image.
     """
 
     found: AnyArray
     true: AnyArray
     sigma: AnyArray
     sure: AnyArray
-    blocks: AnyArray
-
-
-def block_errors(scene: TestScene, field: SmearField) -> AnyArray:
-    """Return every block's median signed error of direction over the median of its sigma (B,).
-
-    Of static pixels that move by 4 px or more.
-    """
-    found, true = (
-        d[..., 0] + 1j * d[..., 1] for d in (field.displacement[1::4, 1::4], scene.displacement.astype(float))
-    )
-    error = np.angle(found**2 * np.conj(true**2)) / 2
-    used, sigma = scene.valid & scene.static & (abs(true) >= DIRECTION_MIN_PX), field.sigma_rad[1::4, 1::4]
-    errors = []
-    for row, column in np.ndindex(*(-(-side // BLOCK_CELLS) for side in used.shape)):
-        block = np.s_[row * BLOCK_CELLS :, column * BLOCK_CELLS :]
-        e, s, u = (a[block][:BLOCK_CELLS, :BLOCK_CELLS] for a in (error, sigma, used))
-        if u.sum() >= LEAST_IN_BLOCK:
-            errors.append(np.median(e[u]) / np.median(s[u]))
-    return np.array(errors)
 
 
 def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]:
@@ -92,7 +66,7 @@ def pooled(scenes: Iterable[tuple[TestScene, SmearField]]) -> tuple[Smears, int]
         sigma = field.sigma_px[1::4, 1::4][scene.valid]
         found = field.displacement[1::4, 1::4][scene.valid]
         true, sure = scene.displacement[scene.valid], sigma <= np.median(sigma)
-        parts.append((found, true, sigma, sure, block_errors(scene, field)))
+        parts.append((found, true, sigma, sure))
     return Smears(*map(np.concatenate, zip(*parts, strict=True))), len(parts)
 
 
@@ -112,7 +86,6 @@ def evaluate_smears(smears: Smears, images: int = 1) -> SmearFigures:
         length_ratio=float(np.exp(np.median(ratio))),
         length_spread=float(np.median(np.abs(ratio - np.median(ratio)))),
         sparsification_area=float(sparsification_area(error, smears.sigma)),
-        block_error_sigmas=float(np.sqrt((smears.blocks**2).mean())) if len(smears.blocks) else math.nan,
         octaves=tuple(by_octave(smears.found, smears.true)),
         bins=tuple(by_sigma(error, smears.sigma)),
     )
@@ -124,16 +97,9 @@ def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
 
 
 def by_octave(found: AnyArray, true: AnyArray) -> Iterable[Record]:
-    """Yield the figures of every class of true length that has smears (N, 2), as OCTAVE_ROW shows them.
-
-    ``lean_deg`` is by how much their directions lean towards the nearer axis of the pixels, in the median,
-    of those whose true direction is within 22.5 degrees of an axis, and of the others.
-    """
+    """Yield the figures of every class of true length that has smears (N, 2), as OCTAVE_ROW shows them."""
     length, error = np.linalg.norm(true, axis=1), epe_s(found, true)
     ratio, angle = log_ratio(found, length), direction_error_deg(found, true)
-    f, t = (d[:, 0] + 1j * d[:, 1] for d in (found.astype(float), true.astype(float)))
-    lean = -np.degrees(np.angle(f**2 * np.conj(t**2)) / 2) * np.sign(np.angle(t**4))
-    axial = np.abs(true[:, 0] ** 2 - true[:, 1] ** 2) > 2 * np.abs(true[:, 0] * true[:, 1])
     for start in OCTAVES_PX:
         chosen = (length >= start) & (length < 2 * start)
         if chosen.any():
@@ -144,14 +110,8 @@ def by_octave(found: AnyArray, true: AnyArray) -> Iterable[Record]:
                 "length_ratio": float(np.exp(middle)),
                 "length_spread": float(np.median(np.abs(ratio[chosen] - middle))),
                 "direction_deg": float(np.median(angle[chosen])),
-                "lean_deg": [median_of(lean[chosen & axial]), median_of(lean[chosen & ~axial])],
                 "epe_s_over_length": float(error[chosen].mean() / length[chosen].mean()),
             }
-
-
-def median_of(values: AnyArray) -> float:
-    """Return the median, NaN of nothing."""
-    return float(np.median(values)) if len(values) else math.nan
 
 
 def octave_table(octaves: Iterable[Record]) -> list[str]:

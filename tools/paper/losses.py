@@ -161,7 +161,7 @@ class LossTask(Task):
             parts.append((smears, shard["d0"][seen].astype(np.float32), sigma))
         found, true, sigma = (np.concatenate(part) for part in zip(*parts, strict=True))
         sure = sigma <= np.quantile(sigma, 0.5, method="lower")
-        every = Smears(found=found, true=true, sigma=sigma, sure=sure, blocks=np.empty(0))
+        every = Smears(found=found, true=true, sigma=sigma, sure=sure)
         figures = vars(evaluate_smears(every, len(self.held)))
         return {name: float(figures[name]) for name in MEASURES}
 

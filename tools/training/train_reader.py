@@ -190,7 +190,7 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     read, true = np.concatenate(smears)[keep], true[keep]
     sigma, sure = read[:, 2], read[:, 3] <= np.median(read[:, 3])
     found = from_double_angle(read[:, :2])
-    every = Smears(found=found, true=true, sigma=sigma, sure=sure, blocks=np.zeros(0))
+    every = Smears(found=found, true=true, sigma=sigma, sure=sure)
     return {
         "loss": float(np.mean(losses)),
         **{name: getattr(evaluate_smears(every), name) for name in FIGURES},
