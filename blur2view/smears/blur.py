@@ -80,7 +80,7 @@ class Blur:
         Radius of the disc which spreads as widely as the lens does, out of focus or not: of what is in focus,
         if anything is; and the deviation between cells. None where no cell tells it.
     moving_share : float
-        Share of the picture that moves before a camera at rest; else 0.
+        Share of the picture that moves by itself; 0 where that was not asked.
     nothing_seen : str
         Why nothing can be told, of a photograph of which that is known: too dark, overexposed, one colour.
     """
@@ -111,8 +111,8 @@ class Blur:
         """Return the blur of the same photograph of which it is known that the camera did not move."""
         if not self.kind.of_camera:
             return self
-        is_both = self.kind is BlurKind.OUT_OF_FOCUS_AND_MOVED
-        return replace(self, kind=BlurKind.OUT_OF_FOCUS if is_both else BlurKind.SHARP)
+        kind = BlurKind.OUT_OF_FOCUS if self.kind is BlurKind.OUT_OF_FOCUS_AND_MOVED else BlurKind.SHARP
+        return replace(self, kind=BlurKind.CAMERA_AT_REST if self.moving_share > MOVING_SHARE else kind)
 
     @property
     def width_px(self) -> float | None:
@@ -152,18 +152,14 @@ def blur_of(
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
     kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()), camera_moved)
     if length is not None and sigma is not None and length <= sigma:  # that is no blur
-        kind = replace(smeared, kind=kind).at_rest().kind
+        kind = replace(smeared, kind=kind, moving_share=float(share.mean())).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius, spread = weighted_median(grid.radius_px, weight)
     if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
         kind = BlurKind.OUT_OF_FOCUS
     return replace(
-        smeared,
-        kind=kind,
-        defocus_px=radius,
-        defocus_sigma_px=spread,
-        moving_share=float(share.mean()) if kind is BlurKind.CAMERA_AT_REST else 0.0,
+        smeared, kind=kind, defocus_px=radius, defocus_sigma_px=spread, moving_share=float(share.mean())
     )
 
 

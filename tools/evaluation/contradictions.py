@@ -1,7 +1,7 @@
 """Which fields of a photograph's record contradict each other.
 
-``python -m tools.evaluation.contradictions FOLDERS...`` estimates every photograph of folders, as it is and at
-an eighth of its brightness, and prints a line for every two fields that say different things.
+``python -m tools.evaluation.contradictions FOLDERS...`` estimates every photograph of folders, as it is and
+at an eighth of its brightness, and prints a line for every two fields that say different things.
 """
 
 from collections import Counter
@@ -46,9 +46,7 @@ def contradictions(one: Photograph) -> Iterator[str]:
         yield f"blur is {one.blur}, use {use} ({why})"
     if not one.verdict.startswith(WORDS[one.blur]):
         yield f"blur is {one.blur}, verdict {one.verdict}"
-    if use == "sharp" and (
-        radius > MAX_DEFOCUS_PX or (moved and (one.smear_px or 0) > 3 and "no longer" not in why)
-    ):
+    if use == "sharp" and (radius > MAX_DEFOCUS_PX or (moved and (one.smear_px or 0) > MAX_SMEAR_PX)):
         yield f"use is sharp, smear {one.smear_px}, radius {radius}"
     if use == "blurred" and not one.has_geometry:
         yield "use is blurred without a geometry"
@@ -73,7 +71,7 @@ def contradictions(one: Photograph) -> Iterator[str]:
     if one.config in ("PANORAMIC", "PLANAR") and one.rotation_probability is not None:
         turned = one.rotation_probability >= (one.plane_probability or 0.0)
         if turned != (one.config == "PANORAMIC"):
-            yield f"config is {one.config}, rotation {one.rotation_probability}, plane {one.plane_probability}"
+            yield f"config is {one.config}, a rotation has {one.rotation_probability}"
     if one.models and one.has_geometry and one.parallax != "proven" and one.model not in one.reason:
         yield f"likeliest is {one.model}, reason {one.reason}"
 
