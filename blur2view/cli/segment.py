@@ -12,7 +12,7 @@ from blur2view.cli.arguments.values import probability
 from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
 from blur2view.cli.terminal import printable, seconds_lines
 from blur2view.cli.work import estimated
-from blur2view.movers.formats import GREY, MaskFormat
+from blur2view.movers.formats import GREY, MaskFormat, as_stored
 from blur2view.movers.mask import MotionMask, segment
 from blur2view.movers.moving import THRESHOLD
 from blur2view.results.estimate import EstimateDocument
@@ -102,7 +102,8 @@ class SegmentOptions(FolderOptions):
 
         def contents() -> list[bytes]:
             ignore = self.unobservable == "ignore"
-            masks = [to.picture(mask.labels, ignore_unobservable=ignore) for to in self.programs]
+            stored = as_stored(mask.labels, job.path)  # programs turn no photograph by its EXIF
+            masks = [to.picture(stored, ignore_unobservable=ignore) for to in self.programs]
             levels = np.round(255 * mask.probability).astype(np.uint8)
             return list(map(png, (*masks, GREY[mask.labels], levels, draw_motion(one.image, mask))))
 

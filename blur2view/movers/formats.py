@@ -26,7 +26,9 @@ class MaskFormat(StrEnum):
     """A program that reads masks.
 
     COLMAP (``--ImageReader.mask_path``) and Nerfstudio (``mask_path`` of a frame) leave out what is 0,
-    instant-ngp what is not.
+    instant-ngp what is not. All three read photographs and masks as their pixels are stored, whatever EXIF
+    says of the orientation (pycolmap 4.2 in tests/colmap; ``data/utils/data_utils.py`` of Nerfstudio opens
+    both by Pillow, instant-ngp by stb_image): masks for them are `as_stored`.
     """
 
     COLMAP = "colmap"

@@ -85,6 +85,21 @@ def test_programs_get_their_masks(
     assert (mask[grey != 0] == moving).all() and (mask[grey == 0] == static).all()
 
 
+@pytest.mark.parametrize("program", ["colmap", "nerfstudio"])
+def test_masks_for_programs_are_as_the_pixels_are_stored(
+    run: Call, walker: Path, tmp_path: Path, program: str
+) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    with Image.open(walker) as picture:
+        picture.save(tmp_path / "b.png", exif=exif)
+    out = tmp_path / "out"
+    assert run(tmp_path / "b.png", "-o", out, "--masks", program) == 0
+    (mask,) = (np.asarray(Image.open(path)) for path in (out / "masks").iterdir())
+    grey = np.asarray(Image.open(out / "b.mask.png"))  # upright
+    np.testing.assert_array_equal(mask == 0, np.rot90(grey == 255))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory in Linux's unit")
 def test_masks_of_large_photographs_take_little_memory(tiny_model: Path, tmp_path: Path) -> None:
