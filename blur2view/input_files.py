@@ -21,7 +21,7 @@ BY_EXTRAS = ("HEIF",)  # where pillow-heif has been registered
 MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
 
 
-def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
     """Open a regular file for reading; OSError of a pipe, a device or a folder, which may wait for ever.
 
     So may files of /proc: they say that they are empty, and are not.

@@ -1,57 +1,75 @@
-"""Files of results: planned before any work, each written whole or not at all."""
+"""Every file that is written: whole or not at all, and in place of nothing but what blur2view wrote itself.
+
+What blur2view writes carries a signature that no other program writes. Formats that have no room for one,
+tables and lists of names, are known by their SHA-256 in a hidden file beside them, as of ``sha256sum``: so is
+that they were changed since.
+"""
 
 import errno
+import hashlib
 import os
+import stat
 import tempfile
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from blur2view.errors import OutputError
-from blur2view.input_files import open_regular
+from blur2view.input_files import open_regular, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
-# What results hold: a key of JSON documents, the first array of an NPZ file, PNG's text, the report's tag,
-# the head of a table
 SIGNS = {
-    ".json": (b'"model_id":', b'"generator": "blur2view '),
-    ".npz": (b"smear_grid.npy", b"displacement.npy"),
+    ".json": (b'"options_sha256": "', b'"generator": "blur2view '),
+    ".npz": (b"smear_grid.npy",),
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
-    ".csv": (b"name,verdict,parallax,",),
 }
+"""What files hold, by their suffix: keys, the first array of NPZ, the text of PNG, a tag, a comment."""
+KINDS = {"page": ".html", "file": ".json", "point cloud": ".ply"}
+"""Suffixes of files that may be called anything, by what they are."""
+SUMS = f".{SIGNED_BY}.sha256"  # beside what has no signature
 HALF_WRITTEN = f".{SIGNED_BY}.tmp"  # ending of what is not yet renamed
-# of one file, whatever it is called
-KINDS = {"page": ".html", "table": ".csv", "file": ".json", "point cloud": ".ply"}
-
-
-def is_there(path: str | Path) -> bool:
-    """Return whether there is a file or, below it, a frame of a video."""
-    return os.path.isfile(path) or os.path.isfile(os.path.dirname(path))
+SIGN_BYTES = 1 << 20  # of a file, in which its signature stands
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write files beside their paths first, then rename them, so that a reader never sees half a file.
+    """Write files beside their paths, wait until the disk has them, then rename them; OSError if it fails.
 
-    The last of several marks that all are complete: an old one is removed before the first rename. If a file
-    cannot be written the old files stay as they were.
+    A reader never sees half a file. The last of several marks that all are complete: an old one is removed
+    before the first rename. If a file cannot be written the old ones stay. A link stays one: what it leads to
+    is written. What is no regular file, as a device, is not replaced.
     """
+    places = {_place(path): content for path, content in files.items()}
     try:
-        for path, content in files.items():
-            half_written(path).write_bytes(content)
-        if len(files) > 1:
-            list(files)[-1].unlink(missing_ok=True)
-        for path in files:
+        for path, content in places.items():
+            with open(half_written(path), "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+        if len(places) > 1:
+            list(places)[-1].unlink(missing_ok=True)
+        for path in places:
             half_written(path).replace(path)
     finally:
-        for path in files:
+        for path in places:
             half_written(path).unlink(missing_ok=True)
 
 
+def _place(path: Path) -> Path:
+    """Return where a path leads; OSError if that is no regular file."""
+    if path.is_symlink():
+        path = Path(os.path.realpath(path))
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise OSError(errno.EINVAL, "it is no regular file")
+    return path
+
+
 def half_written(path: Path) -> Path:
-    """Return where this process writes a file before it is renamed."""
-    return path.with_name(f".{path.name}.{os.getpid()}{HALF_WRITTEN}")
+    """Return where this process writes a file before it is renamed: a name that is long enough for none."""
+    name = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]
+    return path.with_name(f".{name}.{os.getpid()}{HALF_WRITTEN}")
 
 
 def remove_half_written(folder: Path) -> None:
@@ -62,8 +80,28 @@ def remove_half_written(folder: Path) -> None:
             os.kill(int(number), 0)
         except ProcessLookupError:
             path.unlink(missing_ok=True)
-        except (ValueError, OverflowError, OSError):  # no process of ours
+        except (ValueError, OverflowError, OSError):  # no process of this program
             continue
+
+
+def write_file(target: Path, content: bytes, *, sealed: bool = False) -> None:
+    """Write one file, whole or not at all, in a folder that is created; OutputError where it cannot be.
+
+    ``sealed`` notes its SHA-256 beside it: of a format that has no room for a signature.
+    """
+    write_beside({target: content})
+    if sealed:
+        seal(target, content)
+
+
+def write_beside(files: Mapping[Path, bytes]) -> None:
+    """Write the files of one folder, all or none of them, as `write_file` does."""
+    folder = next(iter(files)).parent
+    with _created(folder):
+        try:
+            write_files(files)
+        except OSError as error:
+            raise unwritable(folder, error) from None
 
 
 def unwritable(folder: Path, error: OSError) -> OutputError:
@@ -73,35 +111,20 @@ def unwritable(folder: Path, error: OSError) -> OutputError:
     return OutputError(f"{folder}: results cannot be written there ({reason}); {room}name another folder")
 
 
-def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: str = "-o") -> None:
-    """Refuse, before any work, to write a file where it would replace what is not of an earlier call.
-
-    ``what`` it is, as of `KINDS`, and the ``option`` that names it are for the message. OutputError if it is
-    one of the ``inputs``, real paths, a folder, or a file of another kind.
-    """
-    remedy = f"name another with {option}"
-    if os.path.realpath(target) in inputs:
-        raise OutputError(f"{target}: the {what} would replace a photograph; {remedy}")
-    if target.is_dir():
-        raise OutputError(f"{target}: is a folder, where the {what} is to be; {remedy}")
-    if os.path.lexists(target) and not is_ours(target, KINDS.get(what)):
-        raise OutputError(f"{target}: is no {what} of an earlier call; {remedy} or remove it")
-
-
 @contextmanager
 def writable_folders(*folders: Path | None) -> Iterator[None]:
     """Create folders that can be written, which is tried; at the end remove those in which nothing lies.
 
     What killed calls left half written there is removed. OutputError if one cannot be created or written.
     """
-    with _writable_folders(*folders):
+    with _created(*folders):
         for folder in filter(None, folders):
             remove_half_written(folder)
         yield
 
 
 @contextmanager
-def _writable_folders(*folders: Path | None) -> Iterator[None]:
+def _created(*folders: Path | None) -> Iterator[None]:
     created: set[Path] = set()
     try:
         for folder in filter(None, folders):
@@ -119,41 +142,66 @@ def _writable_folders(*folders: Path | None) -> Iterator[None]:
                 folder.rmdir()
 
 
-def write_file(target: Path, content: bytes) -> None:
-    """Write one file, whole or not at all, in a folder that is created; OutputError where it cannot be."""
-    write_beside({target: content})
+def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: str = "-o") -> None:
+    """Refuse, before any work, to write a file where it would replace what blur2view did not write.
 
-
-def write_beside(files: Mapping[Path, bytes]) -> None:
-    """Write the files of one folder, all or none of them, as `write_file` does."""
-    folder = next(iter(files)).parent
-    with _writable_folders(folder):
-        try:
-            write_files(files)
-        except OSError as error:
-            raise unwritable(folder, error) from None
+    ``what`` it is, as of `KINDS`, and the ``option`` that names it are for the message. OutputError if it is
+    one of the ``inputs``, real paths, or no regular file; if it has no signature, or was changed since.
+    """
+    remedy = f"name another with {option}"
+    if os.path.realpath(target) in inputs:
+        raise OutputError(f"{target}: the {what} would replace an input of this call; {remedy}")
+    if target.is_dir():
+        raise OutputError(f"{target}: is a folder, where the {what} is to be; {remedy}")
+    if target.exists() and not is_ours(target, KINDS.get(what)) and not is_sealed(target):
+        raise OutputError(f"{target}: is no {what} of an earlier call, or was changed since; {remedy}")
 
 
 def is_ours(path: Path, kind: str | None = None) -> bool:
-    """Return whether a file says that blur2view wrote it, or is a document that a power cut left empty.
+    """Return whether a file says that blur2view wrote it.
 
     ``kind`` is the suffix that stands for what it should be; its own by default.
     """
     signs = SIGNS.get(kind or path.suffix.lower(), ())
     with suppress(OSError), open_regular(path) as file:
-        start = file.read(1 << 20)
-        return any(sign in start for sign in signs) or (path.suffix == ".json" and not start)
+        start = file.read(SIGN_BYTES)
+        return any(sign in start for sign in signs)
     return False
+
+
+def seal(target: Path, content: bytes) -> None:
+    """Note the SHA-256 of a file's content in the hidden file beside it."""
+    beside = target.with_name(SUMS)
+    lines = {name: digest for digest, name in _sums(beside)}
+    lines[target.name] = hashlib.sha256(content).hexdigest()
+    text = "".join(f"{digest}  {name}\n" for name, digest in lines.items())
+    write_beside({beside: os.fsencode(text)})
+
+
+def is_sealed(target: Path) -> bool:
+    """Return whether a file is as this program wrote it, by the hidden file beside it."""
+    noted = {name: digest for digest, name in _sums(target.with_name(SUMS))}.get(target.name)
+    try:
+        return noted is not None and noted == file_digest(target)
+    except OSError:
+        return False
+
+
+def _sums(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield digests and names; of a file that is not there none."""
+    with suppress(OSError):
+        for line in os.fsdecode(read_regular(path)).split("\n"):
+            digest, _, name = line.partition("  ")
+            if name:
+                yield digest, name
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a regular file, in hexadecimal digits; OSError of any other."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def real_paths(paths: Iterable[Path]) -> set[str]:
     """Return where paths lead; a name with a null character leads nowhere."""
     return {os.path.realpath(path) for path in paths if "\0" not in str(path)}
-
-
-def below_shared_folder(paths: Sequence[Path]) -> list[Path]:
-    """Return paths below the folder that all files share; one at which there is none changes no other's."""
-    absolute = [os.path.abspath(path) for path in paths]
-    there = [path for path in absolute if is_there(path)] or absolute
-    folder = os.path.commonpath([os.path.dirname(path) for path in there])
-    return [Path(os.path.relpath(path, folder)) for path in absolute]

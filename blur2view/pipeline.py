@@ -19,7 +19,8 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.content import read_content
 from blur2view.images.image import read_pixels
-from blur2view.images.video import frame_of, rows_towards
+from blur2view.images.source import Source
+from blur2view.images.video import rows_towards
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.movers.moving import Moving, moving_in
 from blur2view.networks.model_file import Execution
@@ -250,7 +251,7 @@ class FileEstimate:
 
 
 def estimate_file(
-    path: Path,
+    source: Source,
     network: SmearReader,
     run: Run,
     content: bytes | None = None,
@@ -266,6 +267,7 @@ def estimate_file(
     intrinsics, by default of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
     start = time.perf_counter()
+    path, content = Path(str(source)), read_content(source) if content is None else content
     image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
     read_s = time.perf_counter() - start
     exif = read_exif(path, content)
@@ -277,7 +279,7 @@ def estimate_file(
         options=run.options,
         rng=np.random.default_rng(run.seed),
         camera=camera,
-        shutter=_shutter(path, run, exif),
+        shutter=_shutter(source, run, exif),
         detail=detail,
     )
     return FileEstimate(
@@ -294,11 +296,11 @@ def estimate_file(
     )
 
 
-def _shutter(path: Path, run: Run, exif: ExifValues) -> RollingShutter | None:
+def _shutter(source: Source, run: Run, exif: ExifValues) -> RollingShutter | None:
     """Return the rolling shutter of a photograph, None where the options name none."""
     if not run.readout_s:
         return None
     if (exposure_s := run.exposure_s or exif.exposure_s) is None:
-        raise CameraError(f"{path}: --readout needs the exposure time, EXIF names none; add --exposure S")
-    towards = rows_towards(frame[0]) if (frame := frame_of(path)) else exif.rows_towards
+        raise CameraError(f"{source}: --readout needs the exposure time, EXIF names none; add --exposure S")
+    towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
     return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=towards)

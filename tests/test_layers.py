@@ -49,7 +49,7 @@ EXTRAS = {
     "distributed": "dask",
 }  # what one door alone needs, and the extra that brings it
 PACKAGE_MAY_USE = (
-    NUMERIC | {"onnxruntime", "pycolmap", "PIL", "shtab", "skimage", "threadpoolctl", "tqdm"} | set(EXTRAS)
+    NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl", "tqdm"} | set(EXTRAS)
 )
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
@@ -149,7 +149,7 @@ HEAVY = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skim
 
 @pytest.mark.parametrize(
     ("module", "heavy"),
-    [("blur2view", [*HEAVY, "numpy", "cv2"]), ("blur2view.cli.outputs", ["scipy", "skimage", "pycolmap"])],
+    [("blur2view", [*HEAVY, "numpy", "cv2"]), ("blur2view.cli.estimate", ["scipy", "skimage", "pycolmap"])],
 )
 def test_import_of_the_package_is_light_and_an_estimate_starts_without_scipy(
     module: str, heavy: list[str]

@@ -4,16 +4,18 @@ Only what is needed to read the arguments is imported here; a command's module i
 """
 
 import argparse
+import errno
 import io
 import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.arguments.option import Options
-from blur2view.cli.arguments.parser import EXIT_CODES, CommandParser, Completion, add_table
-from blur2view.cli.terminal import complain
+from blur2view.cli.adapter import EXIT_CODES, CommandParser, Layout, add_table
+from blur2view.cli.terminal import complain, printable
 from blur2view.errors import Blur2ViewError
 
 FAILED, INTERRUPTED, UNREAD = 1, 130, 141
@@ -27,7 +29,6 @@ COMMANDS = {
     "report": "write one HTML page that shows the result of each photograph",
     "triage": "sort photographs by their blur: sharp, moved but of use, out of focus, unclear, unusable",
 }
-SHELLS = ("bash", "zsh", "tcsh")
 DESCRIPTION = (
     "One motion-blurred photograph in, the two-view geometry of the camera's motion during the exposure out. "
     "blur2view COMMAND --help explains a command, --help-all all its options, files and JSON keys."
@@ -43,67 +44,72 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
-        code = parse(arguments).execute()
+        code: int = parse(sys.argv[1:] if arguments is None else arguments).execute()
         if sys.stdout is not None:  # None if the process was started without one
             sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
     except Blur2ViewError as error:
         complain(error)
         return FAILED
+    except MemoryError:
+        complain(Blur2ViewError("too little memory; free some, or name fewer or smaller photographs"))
+        return FAILED
     except KeyboardInterrupt:
         print("blur2view: interrupted", file=sys.stderr)
         return INTERRUPTED
     except OSError as error:
-        if error.filename is not None:  # no stream
-            reason = f"{error.strerror}; check the path and its permissions"
-            complain(Blur2ViewError(f"{error.filename}: cannot be used ({reason})"))
-            return FAILED
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):  # its reader, for example head, wants no more
-            return UNREAD
-        print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
-        return FAILED
+        return _stream_failed(error)
     return code
 
 
-def parse(arguments: Sequence[str] | None) -> Options:
-    """Return the options; wrong usage ends the program with one line."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    parser = build_parser()
-    if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
-        parser.error("an argument is empty; is it a variable that is not set?")  # or the current folder
-    parsed, unknown = parser.parse_known_args(words)
-    command: CommandParser = parsed.parser
-    names = list(command._option_string_actions)
-    for word in (word.partition("=")[0] for word in words if word[0] == "-" != word):
-        near = [name for name in names if len(word) > 2 and name.startswith(f"-{word}")]  # -out is no -o ut
-        if near or any(other.partition("=")[0] == word for other in unknown):
-            near += get_close_matches(word, names, 1)
-            remedy = "".join(f"; did you mean {name}?" for name in near[:1])
-            command.error(f"{word} is no option of {command.command}{remedy}")
-    if "images" in parsed:
-        parsed.images += unknown  # argparse takes those on one side of an option alone
-    elif unknown:
-        command.error(f"{' '.join(unknown)} is too much; name one")
-    return command.read(parsed)
+def _stream_failed(error: OSError) -> int:
+    """Return the exit code, after a line about a file or a stream that cannot be used."""
+    if error.filename is not None or error.errno in (errno.EMFILE, errno.ENFILE):  # no stream
+        reason = f"{error.strerror}; check the path, its permissions and limits (ulimit)"
+        complain(Blur2ViewError(f"{error.filename or 'a file'}: cannot be used ({reason})"))
+        return FAILED
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):  # its reader, for example head, wants no more
+        return UNREAD
+    print(f"blur2view: cannot print ({error.strerror}); print elsewhere", file=sys.stderr)
+    return FAILED
 
 
-def build_parser() -> CommandParser:
-    """Return the parser; its defaults are those of the option dataclasses."""
-    parser = CommandParser(prog="blur2view", description=DESCRIPTION)
-    parser.add_argument(
-        "--completion",
-        metavar="SHELL",
-        choices=SHELLS,
-        action=Completion,
-        help="print what completes commands and options in bash, zsh or tcsh; in ~/.bashrc: "
-        'eval "$(blur2view --completion bash)"',
-    )
-    parser.add_argument("--help-all", action="help", help=argparse.SUPPRESS)
-    parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    commands = parser.add_subparsers(
-        title="commands", dest="command", required=True, metavar="COMMAND", parser_class=CommandParser
-    )
-    for name, about in COMMANDS.items():
-        commands.add_parser(name, help=about, command=name)
-    add_table(parser, "exit codes", EXIT_CODES)
-    return parser
+def parse(words: Sequence[str]) -> Any:
+    """Return the options of the command that words name; wrong usage ends the program with one line.
+
+    Blur2ViewError where the current folder is gone.
+    """
+    try:
+        os.getcwd()
+    except OSError:
+        raise Blur2ViewError("the current folder is not there any more; change to another one") from None
+    command = next(iter(words), "")
+    if command in COMMANDS:
+        return parser_of(command).read(words[1:])
+    parser = _Overview()
+    if command.startswith("-"):
+        parser.parse_args(words)
+    near = "".join(f"; did you mean {one}?" for one in get_close_matches(command, COMMANDS, 1))
+    parser.error(f"{command} is no command{near}" if command else "name a command")
+
+
+def parser_of(command: str) -> CommandParser:
+    """Return the parser of a command: of ``to-colmap`` that of ToColmapOptions, in its own module."""
+    module = import_module(f"blur2view.cli.{command.replace('-', '_')}")
+    return CommandParser(command, getattr(module, f"{command.title().replace('-', '')}Options"))
+
+
+class _Overview(argparse.ArgumentParser):
+    """What says which commands there are."""
+
+    def __init__(self) -> None:
+        usage = "blur2view COMMAND [OPTIONS]"
+        super().__init__(prog="blur2view", usage=usage, description=DESCRIPTION, formatter_class=Layout)
+        self.add_argument("--help-all", action="help", help=argparse.SUPPRESS)
+        self.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+        add_table(self, "commands", COMMANDS)
+        add_table(self, "exit codes", EXIT_CODES)
+
+    def error(self, message: str) -> Any:
+        """Exit with one line."""
+        self.exit(2, f"blur2view: {printable(message)} (see blur2view --help)\n")

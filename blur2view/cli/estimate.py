@@ -1,28 +1,28 @@
 """``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
 import io
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.outputs import FAILURES, MANIFEST, FolderOptions, png, with_files
+from blur2view.cli.adapter import group
+from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
+from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
+from blur2view.cli.photographs import Photographs
 from blur2view.cli.terminal import seconds_lines, verdict_line
-from blur2view.cli.work import estimated
+from blur2view.cli.work import Setup
 from blur2view.geometry.epipolar import epipoles
-from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.networks.protocol import Detail
 from blur2view.pipeline import FileEstimate
-from blur2view.results.estimate import PER_SECOND, EstimateDocument
 from blur2view.results.overlay import draw_overlay
-from blur2view.results.photograph import Photograph
+from blur2view.results.photograph import Photograph, explanations
 from blur2view.runs.job import Job, Outcome
 from blur2view.smears.stored import stored_smears
 
+ENDINGS = (".smear.npz", ".png", ".json")
 AXES = ("wx", "wy", "wz")
 FAR_PX = 1e4  # an epipole that is farther away is given as a direction
 CONFIGURATIONS = """
@@ -36,15 +36,15 @@ DEGENERATE: too few, too short or collinear smears, a still camera or a constant
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """
 FILES = """
-<stem>.json: the JSON document of the photograph; written last
+<stem>.json: the JSON document of the photograph; written last: what --resume goes on with
 <stem>.smear.npz: smear_grid (h, w, 4), float16: the network's own grid, stride pixels a cell, cell j's
     centre at pixel stride j + (stride - 1) / 2, of a photograph of this shape; a cell holds |d| cos 2phi, |d|
     sin 2phi of its smear d in pixels, sigma_px and sigma_rad, the standard deviations of the whole (pixels)
     and of its direction (radians). blur_grid (h, w, 6), float16: the radius out of focus, pixels, and the
     probabilities of sharp, out of focus, smeared, both, cannot tell. blur2view.load_smears(FILE).at_pixels()
-    has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel; so has the file with
-    --full-field. ends (N, 2, 2), match_sigma_px, inlier_mask, second_end_is_open (N): the smears that were
-    used, their sigma as the estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
+    has displacement (H, W, 2), sigma_px and sigma_rad (H, W), float32, of every pixel. ends (N, 2, 2),
+    match_sigma_px, inlier_mask, second_end_is_open (N): the smears that were used, their sigma as the
+    estimator weighs them, whether they fit, and whether ends[:, 1] is the open end
 <stem>.png: the overlay: inlier smears coloured by orientation, outliers grey, where there is no H epipolar
     lines white and the epipole, to or from which the camera moved, ringed; below it the verdict and a map of
     uncertainty (sigma)
@@ -52,7 +52,7 @@ FILES = """
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateOptions(FolderOptions):
+class EstimateOptions:
     """The options of ``blur2view estimate``.
 
     Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the
@@ -62,22 +62,17 @@ class EstimateOptions(FolderOptions):
     beside each other.
     """
 
-    command = "estimate"
-    listed = "estimates"
-    endings = (".smear.npz", ".png", ".json")
+    reading: Reading
+    folder: Folder = group(Folder)
+    table: Table = group(Table)
+    in_time: InTime = group(InTime)
+    lens: Lens = group(Lens)
+    rates: Rates = group(Rates)
+    estimating: Estimating = group(Estimating)
+    many: Many = group(Many)
+    resuming: Resuming = group(Resuming)
+    printing: Printing = group(Printing)
 
-    output: Path | None = option(None, "DIR", names="-o --output")
-    "write DIR/<stem>.json, .smear.npz and .png, in place of those of an earlier call, see below"
-    full_field: bool = option(False, rare=True, result=True)
-    """write the smear of every pixel into .smear.npz, for programs that read NumPy arrays only: 16 bytes a
-    pixel"""
-
-    tables: ClassVar[dict[str, Rows]] = {
-        "configurations, in COLMAP's names": CONFIGURATIONS,
-        "files of -o": FILES + MANIFEST,
-        "JSON document of --json": {"estimates": "(list) One document per photograph.", **FAILURES},
-        "JSON document of a photograph": EstimateDocument,
-    }
     examples = (
         "blur2view estimate models/sample.jpg -o out",
         "blur2view estimate photographs --recursive -o results --resume",
@@ -86,92 +81,123 @@ class EstimateOptions(FolderOptions):
         'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
     )
 
-    def __call__(self, job: Job) -> Outcome:
-        """Return the document, the summary and the files of one photograph."""
-        one = estimated(self, job, detail=Detail.PIXELS if self.full_field else Detail.GEOMETRY)
-        document = EstimateDocument.of(one)
-        geometry, summary = one.estimate.geometry, ""
-        if self.prints:
-            summary = estimate_summary(document, geometry, self.ending(job), verbose=self.verbose)
-        contents = partial(estimate_contents, one, full_field=self.full_field)
-        return with_files(job, one, document, summary, contents)
+    def __post_init__(self) -> None:
+        self.rates.check(self.lens)
+        self.resuming.check(self.folder.output, self.table.csv)
+        self.many.check(self.lens)
+
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {
+            "configurations, in COLMAP's names": CONFIGURATIONS,
+            "files of -o": FILES,
+            "JSON document of --json": {"estimates": "(list) One document per photograph.", **FAILURES},
+            "JSON document of a photograph": explanations(),
+        }
+
+    def execute(self) -> int:
+        """Return the exit code, after estimating every photograph."""
+        photographs = Photographs.of("estimate", self)
+        return run_into_folder(
+            photographs,
+            partial(estimate_one, photographs.setup, verbose=self.printing.verbose),
+            folder=self.folder,
+            in_time=self.in_time,
+            lens=self.lens,
+            resuming=self.resuming,
+            listed="estimates",
+            endings=ENDINGS,
+        )
 
 
-def estimate_contents(one: FileEstimate, *, full_field: bool = False) -> list[bytes]:
-    """Return the arrays and the overlay of a photograph.
+def estimate_one(setup: Setup, job: Job, *, verbose: bool) -> Outcome:
+    """Return the record, the summary and the files of one photograph."""
+    one = setup.estimated(job)
+    record = setup.record(one, job)
+    files = {}
+    if job.files:
+        written = [*estimate_contents(one, record), (record.to_json() + "\n").encode()]
+        files = dict(zip(job.files, written, strict=True))
+    summary = estimate_summary(str(job.source), record, verbose=verbose) + wrote(job, ENDINGS)
+    return Outcome(photograph=record, summary=summary, files=files, warnings=one.warnings)
 
-    With ``full_field`` the smears of all pixels, which take much, instead of the network's grid.
-    """
+
+def estimate_contents(one: FileEstimate, record: Photograph) -> list[bytes]:
+    """Return the arrays and the overlay of a photograph with its record."""
     found, geometry, matches, arrays = one.estimate, one.estimate.geometry, one.estimate.matches, io.BytesIO()
     np.savez(
         arrays,
-        **stored_smears(found.grid, full_field=full_field),  # type: ignore[arg-type]
+        **stored_smears(found.grid),  # type: ignore[arg-type]
         ends=matches.ends,
         match_sigma_px=matches.sampson_px,
         inlier_mask=geometry.inlier_mask,
         second_end_is_open=geometry.second_end_is_open,
     )
-    record = Photograph.of(found, name="", exposure_s=one.exposure_s)
-    picture = draw_overlay(one.image, found, record)
-    return [arrays.getvalue(), png(picture)]
+    return [arrays.getvalue(), png(draw_overlay(one.image, found, record))]
 
 
-def estimate_summary(
-    document: EstimateDocument, geometry: TwoViewGeometry, ending: str, *, verbose: bool
-) -> str:
-    """Return two lines about one photograph, or everything, with an ending on where the results are."""
-    lines = [verdict_line(document.image, document.meaning, document.config), _figures(document, geometry)]
+def estimate_summary(name: str, record: Photograph, *, verbose: bool) -> str:
+    """Return two lines about one photograph, or everything."""
+    lines = [verdict_line(name, record.verdict, record.config), _figures(record)]
     if verbose:
-        lines += [
-            document.reason,
-            *_details(document),
-            *geometry.table.lines(),
-            *seconds_lines(document.timings_s),
-        ]
-    return "\n  ".join(lines) + ending
+        lines += [record.reason, *_details(record), *_models(record), *seconds_lines(record.timings_s)]
+    return "\n  ".join(lines)
 
 
-def _figures(document: EstimateDocument, geometry: TwoViewGeometry) -> str:
+def _figures(record: Photograph) -> str:
     """Return one line: how many smears fit, without a pose the epipole, the camera if it was scaled."""
-    if document.F is None and document.H is None:
-        return f"{document.num_matches} smears used"
-    fit = f"{document.num_inliers} of {document.num_matches} smears fit"
-    share = 100 * document.num_inliers // max(document.num_matches, 1)  # rounded down: not all are 100%
-    by_chance = f"{share}%, {100 * document.support_by_chance:.0f}% would by chance"
+    count = record.num_matches or 0
+    if record.F is None and record.H is None:
+        return f"{count} smears used"
+    fit = f"{record.num_inliers} of {count} smears fit"
+    share = 100 * (record.num_inliers or 0) // max(count, 1)  # rounded down: not all are 100%
+    by_chance = f"{share}%, {100 * (record.support_by_chance or 0.0):.0f}% would by chance"
     # beside H a share of F would read as certainty
-    both = document.F is not None and document.H is not None
+    both = record.F is not None and record.H is not None
     parts = [f"{fit} F, and a homography explains them as well" if both else f"{fit} ({by_chance})"]
-    if geometry.F is not None and document.H is None and document.cam2_from_cam1 is None:
-        epipole = f"moved to or from the epipole at {_point(epipoles(geometry.F)[0])}"
-        parts.append(epipole if document.readout_s else f"{epipole}, if the shutter is global")
-    if document.camera is not None and "scaled" in document.camera["source"]:
-        parts.append(document.camera["source"])
+    if record.F is not None and record.H is None and record.cam2_from_cam1 is None:
+        epipole = f"moved to or from the epipole at {_point(epipoles(np.array(record.F))[0])}"
+        parts.append(epipole if record.readout_s else f"{epipole}, if the shutter is global")
+    if record.camera is not None and "scaled" in record.camera["source"]:
+        parts.append(record.camera["source"])
     return "; ".join(parts)
 
 
-def _details(document: EstimateDocument) -> list[str]:
+def _details(record: Photograph) -> list[str]:
     """Return F, H, E, the pose and the intrinsics, as far as there are such."""
     lines = []
     for name in ("F", "H", "E"):
-        rows = ["  ".join(f"{value: .6e}" for value in row) for row in getattr(document, name) or ()]
+        rows = ["  ".join(f"{value: .6e}" for value in row) for row in getattr(record, name) or ()]
         lines += [f"{name} = {row}" if index == 0 else f"    {row}" for index, row in enumerate(rows)]
-    pose, covariance, backward = document.cam2_from_cam1, document.pose_covariance, document.backward
+    pose, covariance = record.cam2_from_cam1, record.pose_covariance
     if pose is not None:
-        what = "angular velocity" if document.rate_unit == PER_SECOND else "rotation"
-        line = f"{what} {_vector([getattr(document, axis) for axis in AXES])} {document.rate_unit}"
-        if backward is not None and not document.time_known:
-            line += f" or, in the other order in time, {_vector([backward[axis] for axis in AXES])}"
+        what = "angular velocity" if record.rate_unit == "rad/s" else "rotation"
+        line = f"{what} {_vector([getattr(record, axis) for axis in AXES])} {record.rate_unit}"
+        if record.backward is not None and not record.time_known:
+            other = replace(record, cam2_from_cam1=record.backward["cam2_from_cam1"])
+            rates = [getattr(other, axis) for axis in AXES]
+            line += f" or, in the other order in time, {_vector(rates)}" * (None not in rates)
         if any(pose["translation"]):
             line += f"; translation towards {_vector(pose['translation'])}"
             line += f" (+/- {covariance['translation_sigma_deg']:.1f} degrees)" if covariance else ""
         lines.append(line)
-    if document.camera is not None:
-        hint = "" if document.camera["known"] else ", a hint"
-        lines.append(f"intrinsics: {document.camera['source']}{hint}")
+    if record.camera is not None:
+        hint = "" if record.camera["known"] else ", a hint"
+        lines.append(f"intrinsics: {record.camera['source']}{hint}")
     return lines
 
 
-def _vector(values: list[float]) -> str:
+def _models(record: Photograph) -> list[str]:
+    """Return a line on each model that was compared, likeliest first."""
+    return [
+        f"{one['model']}: probability {one['probability']:.2f}, {one['parameters']} parameters, "
+        f"log likelihood {one['log_likelihood']:.1f}"
+        for one in record.models
+    ]
+
+
+def _vector(values: list[Any]) -> str:
     return f"({', '.join(f'{value:z.3f}' for value in values)})"
 
 

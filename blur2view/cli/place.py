@@ -1,13 +1,15 @@
 """``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
-from blur2view.cli.arguments.option import INPUT, Options, Rows, option
-from blur2view.cli.arguments.values import share
-from blur2view.cli.terminal import plural, printable
+from blur2view.cli.adapter import group, option
+from blur2view.cli.options import Printing
+from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.values import share
 from blur2view.colmap.models import FoundModel, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.images.inputs import list_photographs
@@ -25,7 +27,7 @@ DIR: the model with the views, in COLMAP's binary format, and project.ini, which
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceOptions(Options):
+class PlaceOptions:
     """The options of ``blur2view place``.
 
     Put the views that blur2view to-colmap --link has written to a project, NAME#open and NAME#close, into
@@ -33,33 +35,55 @@ class PlaceOptions(Options):
     the smears say how long an exposure was.
     """
 
-    command = "place"
-    database: Path = option(MISSING, "DB", group=INPUT)
-    "the project with the views"
-    model: Path = option(MISSING, "MODEL", group=INPUT)
-    "folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken"
-    photographs: Path = option(MISSING, "FRAMES", group=INPUT)
-    """folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some out, no
-    two are taken for neighbours"""
-    fraction: float | None = option(None, "F", group=INPUT, convert=share, rare=True)
-    "exposure time over frame interval, at most 1, if it is known (default: measured from the smears)"
-    output: Path = option(MISSING, "DIR", names="-o --output")
-    "where the model goes"
+    database: Path = option(MISSING, "the project with the views", "DB")
+    model: Path = option(
+        MISSING,
+        "folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken",
+        "MODEL",
+    )
+    photographs: Path = option(
+        MISSING,
+        """folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some out,
+        no two are taken for neighbours""",
+        "FRAMES",
+    )
+    fraction: float | None = option(
+        None,
+        "exposure time over frame interval, at most 1, if it is known (default: measured from the smears)",
+        "F",
+        convert=share,
+        rare=True,
+    )
+    output: Path = option(MISSING, "where the model goes", "DIR", names="-o --output")
+    printing: Printing = group(Printing)
 
-    tables: ClassVar[dict[str, Rows]] = {"what is written": WRITTEN}
     examples = (
         "blur2view to-colmap --db project.db --link --sequence frames",
         "blur2view place project.db model frames -o with_views",
         "blur2view to-transforms with_views",
     )
 
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {"what is written": WRITTEN}
+
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
+        with waiting("placing views"):
+            names = frame_names(self.photographs)
+            model = find_model(self.model)
+            refuse_other_model(self.output)
+            placement = self._placed(model, names)
+            write_model(placement.model, self.output, self.photographs, self.database)
+        if not self.printing.quiet:
+            print(summary(self, model, placement, names))
+        return 0
+
+    def _placed(self, model: FoundModel, names: list[str]) -> "Placement":
+        """Return the model with the views; DatabaseError if none can be placed."""
         from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
 
-        names = frame_names(self.photographs)
-        model = find_model(self.model)
-        refuse_other_model(self.output)
         placement = place_views(self.database, model.folder, names, self.fraction)
         about = f"{self.database}: of {plural(placement.linked, 'frame')} with views"
         if not math.isfinite(placement.fraction):
@@ -67,10 +91,7 @@ class PlaceOptions(Options):
             raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
         if not placement.placed:
             raise DatabaseError(f"{about} none has another frame next to it; {ALL_FRAMES}")
-        write_model(placement.model, self.output, self.photographs, self.database)
-        if not self.quiet:
-            print(summary(self, model, placement, names))
-        return 0
+        return placement
 
 
 def frame_names(folder: Path) -> list[str]:
@@ -78,9 +99,9 @@ def frame_names(folder: Path) -> list[str]:
     if not folder.is_dir():
         raise ImageError(f"{folder}: no such folder; name that of the frames")
     inputs = list_photographs([str(folder)], recursive=True)
-    if inputs.refused:
-        raise ImageError(inputs.refused[folder])
-    return [path.relative_to(folder).as_posix() for path in inputs.paths]
+    for reason in inputs.refused.values():
+        raise ImageError(reason)
+    return inputs.names()
 
 
 def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", names: list[str]) -> str:
@@ -94,7 +115,7 @@ def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", na
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
     for reason in sorted(set(placement.refused.values())):
         refused = [printable(name) for name, why in placement.refused.items() if why == reason]
-        shown = refused if options.verbose else refused[:SHOWN]
+        shown = refused if options.printing.verbose else refused[:SHOWN]
         more = f" and {len(refused) - len(shown)} more (-v)" if len(refused) > len(shown) else ""
         lines.append(f"not placed, {reason}: {', '.join(shown)}{more}")
     line = f"{printable(str(options.output))}: of {plural(placement.linked, 'linked frame')} "

@@ -1,27 +1,24 @@
 """``blur2view report``: one page that shows the result of every photograph; its options, help and work."""
 
-import re
 import time
-from argparse import SUPPRESS
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
 from blur2view import __version__
-from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.run import End, jobs_of, open_manifest, run_over
+from blur2view.cli.adapter import group, option
+from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Table
+from blur2view.cli.photographs import End, Photographs, is_folder
 from blur2view.cli.terminal import printable, verdict_line
-from blur2view.cli.work import estimated, outcome_of
+from blur2view.cli.work import Setup
 from blur2view.errors import OutputError
 from blur2view.movers.mask import segment
-from blur2view.output_files import below_shared_folder, write_file
+from blur2view.output_files import writable_folders, write_file
 from blur2view.results.photograph import Photograph
 from blur2view.results.report import report, section, thumbnail
-from blur2view.results.verdicts import verdict_of
 from blur2view.runs.job import Job, Outcome
 
 CONTROLS = """
@@ -36,11 +33,29 @@ epipole: where epipolar lines meet: the camera moved towards it or from it
 P(moves): probability that a pixel moves by itself, of the motion mask
 uncertainty: standard deviation (sigma) of a smear that the network predicts, pixels
 """
-FOLDERS = re.compile(r"(?<!\S)/(?:[^/\s:;,]+/)+")  # of an absolute path within an error's line
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions(PhotographOptions):
+class Page:
+    """output."""
+
+    effect = False
+
+    output: Path = option(
+        Path("report.html"),
+        "the page (default: %(default)s); one of an earlier call is replaced, unless all fail",
+        "HTML",
+        names="-o --output",
+    )
+    mask: bool = option(True, "without the motion mask: faster")
+
+    def __post_init__(self) -> None:
+        if self.output.suffix.lower() in (".pdf", ".json", ".csv"):
+            raise ValueError(f"a report is HTML; name it {self.output.with_suffix('.html')}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
     """The options of ``blur2view report``.
 
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
@@ -50,52 +65,30 @@ class ReportOptions(PhotographOptions):
     fails is a card with its reason. It needs a browser of 2023 or later.
     """
 
-    command = "report"
-    output: Path = option(Path("report.html"), "HTML", names="-o --output")
-    "the page (default: %(default)s); one of an earlier call is replaced, unless all fail"
-    mask: bool = option(True)
-    "without the motion mask: faster"
-    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
-    resume: bool = False
+    reading: Reading
+    page: Page = group(Page)
+    table: Table = group(Table)
+    in_time: InTime = group(InTime)
+    lens: Lens = group(Lens)
+    rates: Rates = group(Rates)
+    estimating: Estimating = group(Estimating)
+    many: Many = group(Many)
+    printing: Printing = group(Printing)
 
-    def __post_init__(self) -> None:
-        if self.output.suffix.lower() in (".pdf", ".json", ".csv"):
-            raise ValueError(f"a report is HTML; name it {self.output.with_suffix('.html')}")
-        super().__post_init__()
-
-    tables: ClassVar[dict[str, Rows]] = {
-        "on the page": CONTROLS,
-        "terms of the page": TERMS,
-        "not here": {"--resume": "a page is drawn anew, from the photographs"},
-    }
     examples = (
         "blur2view report clip.mp4 --every 10 -o report.html",
         "blur2view report a.jpg --focal 525 --no-mask",
     )
 
-    @property
-    def targets(self) -> dict[str, Path]:
-        """The page, and the table."""
-        return {"-o": self.output} | super().targets
+    def __post_init__(self) -> None:
+        self.rates.check(self.lens)
+        self.many.check(self.lens)
 
-    @property
-    def manifest_path(self) -> None:
-        """None, as a page is drawn anew."""
-
-    def __call__(self, job: Job) -> Outcome:
-        """Return the entry of one photograph, by the name that the page shows."""
-        one, mask = estimated(self, job), None
-        start = time.perf_counter()
-        if self.mask:
-            mask = segment(one.estimate, one.image, np.random.default_rng(self.run.seed))
-        found, steps = one.estimate, one.timings_s
-        if steps is not None and mask is not None:
-            steps["mask"] = time.perf_counter() - start
-        record = Photograph.of(found, name=job.target, exposure_s=one.exposure_s, timings_s=steps)
-        entry = record, section(record, found, one.image, mask), thumbnail(found, one.image)
-        summary = verdict_line(str(job.path), verdict_of(one), one.estimate.geometry.config.name)
-        summary += f"\n  {one.estimate.geometry.reason}" * self.verbose
-        return outcome_of(one, entry, summary)
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        not_here = {"--resume": "a page is drawn anew, from the photographs"}
+        return {"on the page": CONTROLS, "terms of the page": TERMS, "not here": not_here}
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page.
@@ -103,36 +96,51 @@ class ReportOptions(PhotographOptions):
         A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted
         run leaves a page of what is done.
         """
-        page, shown = self.output, shown_names(self.inputs.paths)
-        with open_manifest(self):
-            jobs = [replace(job, target=shown[job.path]) for job in jobs_of(self)]
-            finished = run_over(self, jobs, None)
+        photographs, page = Photographs.of("report", self), self.page.output
+        photographs.setup.network()  # which is named first if it is none
+        targets = {"-o": (page, "page")}
+        targets |= {} if self.table.csv is None else {"--csv": (self.table.csv, "table")}
+        with writable_folders(*(path.parent for path, _ in targets.values())):
+            photographs.check(targets, (), self.in_time.timestamps, self.lens.database)
+            work = partial(entry_one, photographs.setup, mask=self.page.mask, verbose=self.printing.verbose)
+            finished = photographs.run(photographs.jobs(self.in_time), work)
             entries = [
-                one.payload or (failed(shown[path], without_folders(one.error, path, shown[path])), "", "")
-                for path, one in finished.outcomes
-                if not self.inputs.is_folder(path)
+                (one.photograph, one.besides["section"], one.besides["thumbnail"])
+                if not one.error
+                else (Photograph(name=job.name, error=_error(job, one)), "", "")
+                for job, one in zip(finished.jobs, finished.outcomes, strict=True)
+                if not is_folder(job)
             ]
             if finished.end is not End.BROKEN and any(content for _, content, _ in entries):
                 content = report(entries, __version__)
                 write_file(page, content)
-                if not self.quiet:
+                if not self.printing.quiet:
                     print(f"wrote {printable(str(page))} ({len(content) / 1e6:.2f} MB)")
             elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
                 raise OutputError(f"{page}: is not written, as every photograph failed; name others")
         return finished.exit_code
 
 
-def failed(name: str, error: str) -> Photograph:
-    """Return the record of a photograph that failed."""
-    return Photograph(name=name, error=error)
+def entry_one(setup: Setup, job: Job, *, mask: bool, verbose: bool) -> Outcome:
+    """Return the record of one photograph, and what the page shows of it, where it has the name of tables."""
+    one = setup.estimated(job)
+    start, seconds, found = time.perf_counter(), {}, None
+    if mask:
+        found = segment(one.estimate, one.image, np.random.default_rng(setup.run.seed))
+        seconds = {"segment": time.perf_counter() - start}
+    record = setup.record(one, job, seconds=seconds)
+    summary = verdict_line(str(job.source), record.verdict, record.config)
+    return Outcome(
+        photograph=record,
+        summary=f"{summary}\n  {record.reason}" if verbose else summary,
+        besides={
+            "section": section(record, one.estimate, one.image, found),
+            "thumbnail": thumbnail(one.estimate, one.image),
+        },
+        warnings=one.warnings,
+    )
 
 
-def shown_names(images: Sequence[Path]) -> dict[Path, str]:
-    """Return names without the folders that all photographs share: a report is made to be sent."""
-    below = zip(images, below_shared_folder(images), strict=True)
-    return {image: path.name if ".." in path.parts else str(path) for image, path in below}
-
-
-def without_folders(error: str, path: Path, name: str) -> str:
-    """Return the line of a photograph that failed, in which it has this name, without absolute paths."""
-    return FOLDERS.sub("", error.replace(str(path), name))
+def _error(job: Job, outcome: Outcome) -> str:
+    """Return the line of a photograph that failed without the folder where the user keeps it."""
+    return outcome.error.replace(str(job.source), job.name).replace(f"{job.source.folder}/", "")

@@ -1,12 +1,15 @@
 """What is printed: summaries on stdout, one line per failure and progress on stderr."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 from blur2view.errors import Blur2ViewError
 
 Say = Callable[..., None]
+PATIENCE_S = 2  # until a bar is shown
 
 
 def printable(text: str) -> str:
@@ -43,8 +46,8 @@ def seconds_lines(timings_s: Mapping[str, float] | None) -> list[str]:
 def progress(count: int, about: str) -> Iterator[tuple[Say, Callable[[], object]]]:
     """Yield what prints a line, and what tells of a step that is done.
 
-    Where a person watches and there are several steps there is a bar below the lines, which is kept whole,
-    after a line ``about`` them.
+    Where a person watches and several steps take more than `PATIENCE_S`, a bar stands below the lines, with
+    the rate and what is left, after a line ``about`` them.
     """
     if count < 2 or not sys.stderr.isatty():
         yield print, lambda: None
@@ -53,5 +56,21 @@ def progress(count: int, about: str) -> Iterator[tuple[Say, Callable[[], object]
 
     if about:
         print(printable(about), file=sys.stderr)
-    with tqdm(total=count, unit="photo") as bar:
-        yield bar.write, bar.update
+    start = time.monotonic()
+    with tqdm(total=count, unit="photo", delay=PATIENCE_S, leave=False, dynamic_ncols=True) as bar:
+
+        def say(text: str, **how: Any) -> None:
+            (bar.write if time.monotonic() > start + PATIENCE_S else print)(text, **how)
+
+        yield say, bar.update
+
+
+@contextmanager
+def waiting(text: str) -> Iterator[None]:
+    """Show a person what is waited for, until it is done: of one step, whose end nobody knows."""
+    shown = f"{printable(text)} ..." if sys.stderr.isatty() else ""
+    print(shown, end="", file=sys.stderr, flush=True)
+    try:
+        yield
+    finally:
+        print("\r\x1b[K" * bool(shown), end="", file=sys.stderr, flush=True)

@@ -1,19 +1,22 @@
 """``blur2view to-colmap``: blurred photographs as images that COLMAP can use; its options, help and work."""
 
-from collections.abc import Collection
+import json
+from collections.abc import Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import MISSING, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.arguments.option import VIEWS, Rows, option
-from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.run import End, open_manifest, run_over
-from blur2view.cli.terminal import plural, verdict_line
-from blur2view.cli.views import document_of, named_jobs, summary, with_time
-from blur2view.cli.work import estimated, outcome_of
+from blur2view.cli.adapter import group, option
+from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Reading, Resuming, Table
+from blur2view.cli.photographs import End, Photographs, found_line, note_line
+from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.views import LinkJob, named_jobs, views_line, views_record, with_time
+from blur2view.cli.work import Setup
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import refuse_existing, write_database, written_photographs
@@ -21,10 +24,10 @@ from blur2view.colmap.link import ProjectImage, write_links
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.movers.mask import MotionLabel, segment
+from blur2view.output_files import writable_folders
 from blur2view.results.stored import plain, restore
-from blur2view.results.to_colmap import ToColmapDocument, ViewsDocument
-from blur2view.results.verdicts import verdict_of
-from blur2view.runs.job import Job, Outcome
+from blur2view.runs.job import Outcome
+from blur2view.runs.journal import journal_beside
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -45,6 +48,16 @@ a fresh database: appears whole or not at all. Photographs without intrinsics ge
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
     project's matches or by SIFT. Where they do not decide, one direction is taken and marked unknown
 """
+DOCUMENT = """
+target: (str) The database that was written.
+backup: (str or null) The copy of the database from before, with --link.
+photographs: (list) Those that were written: image, name, config, parallax and reason, as of blur2view
+    estimate; views, the names of both; action, add or replace; num_keypoints of each view; num_matches, of
+    which num_inliers fit; translation_known, whether parallax is proven or the direction known to 30 degrees;
+    time_known and time_confidence, whether neighbours decided which view came first, and how surely.
+kept: (list) Photographs whose views are in the database already: image, name.
+failures: (list) Photographs that failed: image, error.
+"""
 NOT_HERE = """
 --readout: COLMAP has one pose for all rows of a view, which no correction of the smears mends, and their
     order in time is mostly unknown; for the pose use blur2view estimate
@@ -52,7 +65,23 @@ NOT_HERE = """
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToColmapOptions(PhotographOptions):
+class Database:
+    """output."""
+
+    effect = False
+
+    db: Path = option(MISSING, "the database: a new one, or with --link yours", "DB", names="--db")
+    replace: bool = option(
+        False,
+        "with --link: write anew what an earlier call has written (after new features, a new network)",
+        rare=True,
+    )
+    backup: bool = option(True, "with --link: do not copy the database to DB.<time>.bak first", rare=True)
+    json: bool = option(False, "print one JSON document instead of the summaries, see below")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToColmapOptions:
     """The options of ``blur2view to-colmap``.
 
     Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
@@ -65,136 +94,127 @@ class ToColmapOptions(PhotographOptions):
     place puts them into its model.
     """
 
-    command = "to-colmap"
-    replace: bool = option(False, rare=True)
-    "with --link: write anew what an earlier call has written (after new features, a new network)"
-    backup: bool = option(True, rare=True)
-    "with --link: do not copy the database to DB.<time>.bak first"
-    dry_run: bool = option(False, rare=True)
-    "estimate, say what would be written, and write nothing"
-    json: bool = option(False)
-    "print one JSON document instead of the summaries, see below"
-    db: Path = option(MISSING, "DB", names="--db")
-    "the database: a new one, or with --link yours"
-    link: bool = option(False, result=True)
-    "add to a database that holds the photographs and their features"
-    sequence: bool | None = option(None, group=VIEWS)
-    """the photographs are a video in this order, whatever they are called: neighbours show which view came
-    first. Without it those do that lie in one folder and whose names differ by one in their number, which is
-    as good where no frame is left out; with --no-sequence nothing is concluded from neighbours"""
-    skip_movers: bool = option(False, group=VIEWS, rare=True, result=True)
-    "with --link: leave features on what moves by itself unmatched, as blur2view segment marks it"
-    timings: bool = True
-    timestamps: Path | None = None
-    gyroscope: bool = False
-    exposure: float | None = None
-    readout: float | None = None
+    reading: Reading
+    database: Database
+    link: bool = option(False, "add to a database that holds the photographs and their features")
+    skip_movers: bool = option(
+        False,
+        """with --link: leave features on what moves by itself unmatched, as blur2view segment marks it""",
+        rare=True,
+    )
+    sequence: bool | None = option(
+        None,
+        """the photographs are a video in this order, whatever they are called: neighbours show which view
+        came first. Without it those do that lie in one folder and whose names differ by one in their number,
+        which is as good where no frame is left out; with --no-sequence nothing is concluded from
+        neighbours""",
+    )
+    table: Table = group(Table)
+    lens: Lens = group(Lens)
+    estimating: Estimating = group(Estimating)
+    many: Many = group(Many)
+    resuming: Resuming = group(Resuming)
+    printing: Printing = group(Printing)
 
-    tables: ClassVar[dict[str, Rows]] = {
-        "what is written": WRITTEN,
-        "JSON document of --json": ToColmapDocument,
-        "JSON object of a photograph": ViewsDocument,
-        "not here": NOT_HERE,
-    }
     examples = (
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
         "blur2view to-colmap --db project.db --link --sequence frames/*.png",
     )
 
     def __post_init__(self) -> None:
-        if not self.link and (self.replace or self.skip_movers or not self.backup):
+        if not self.link and (self.database.replace or self.skip_movers or not self.database.backup):
             raise ValueError("--replace, --skip-movers and --no-backup go with --link")
-        if self.link and self.dask is not None:
+        if self.link and self.many.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
-        super().__post_init__()
+        self.many.check(self.lens)
 
-    @property
-    def targets(self) -> dict[str, Path]:
-        """The database, which is checked when it is read, and the table."""
-        return ({} if self.dry_run else {"--db": self.db}) | super().targets
-
-    @property
-    def manifest_path(self) -> Path | None:
-        """As of others; of a dry run none is kept."""
-        return None if self.dry_run else super().manifest_path
-
-    @property
-    def prints(self) -> bool:
-        """Whether a line is printed for each photograph while they are gone through: all are at the end."""
-        return False
-
-    def __call__(self, job: Job) -> Outcome:
-        """Return the views of one photograph in JSON's types; its field, which is large, is not kept."""
-        name, plan = job.name, job.target
-
-        def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
-            stated = self.run.intrinsics.of(path, size, exif)
-            return stated if plan is None else self._project_camera(plan, path, size, stated)
-
-        one = estimated(self, job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
-        if plan is None:
-            views = views_of(name, one.estimate)
-        else:
-            moving = None
-            if self.skip_movers:
-                moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-            views = keypoint_views(name, plan.keypoints, one.estimate, self.run.options, moving)
-        return outcome_of(
-            one, plain(views), verdict_line(name, verdict_of(one), one.estimate.geometry.config.name)
-        )
-
-    def _project_camera(
-        self, plan: ProjectImage, path: Path, size: tuple[int, int], stated: Camera | None
-    ) -> Camera | None:
-        """Return the intrinsics of the options; else the project's, as a hint; else those of EXIF."""
-        own = camera_of_database(self.db, plan.camera_id)
-        if (own.width, own.height) != size:
-            raise CameraError(
-                f"{path}: is of {size[0]}x{size[1]} pixels, in {self.db} of {own.width}x{own.height}"
-                "; give the photograph that the features are from"
-            )
-        hinted = plan.prior_focal and self.focal is None and self.camera is None
-        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hinted else stated
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {"what is written": WRITTEN, "JSON document of --json": DOCUMENT, "not here": NOT_HERE}
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing all of them at once.
 
         An interrupted run writes what is done, but nothing into a project of the user's.
         """
-        jobs, kept = named_jobs(self.inputs, self.db if self.link else None, replace_views=self.replace)
-        with open_manifest(self, [Path(f"{self.db}{end}") for end in BESIDE]) as manifest:
+        photographs, db, project = Photographs.of("to-colmap", self), self.database.db, None
+        inputs, setup = photographs.inputs, photographs.setup
+        if self.link:
+            project = db
+        plain_jobs = photographs.jobs(InTime(sequence=False))
+        jobs, kept = named_jobs(plain_jobs, project, replace_views=self.database.replace)
+        setup.network()  # which is named first if it is none
+        targets = {"--db": (db, "")} | (
+            {} if self.table.csv is None else {"--csv": (self.table.csv, "table")}
+        )
+        with ExitStack() as opened:
+            opened.enter_context(writable_folders(*(path.parent for path, _ in targets.values())))
+            photographs.check(targets, [Path(f"{db}{end}") for end in BESIDE], self.lens.database)
             before = self._written_before()
-            of_name = {job.name: job for job in jobs if job.refusal is None}
-            self._refuse_loss(before, of_name.keys())
-            finished = run_over(self, jobs, manifest)
-            views = [restore(ExposureViews, one.payload) for _, one in finished.outcomes if not one.error]
+            by_name = {job.name: job for job in jobs if job.refusal is None}
+            self._refuse_loss(before, by_name.keys())
+            journal = opened.enter_context(journal_beside(db, resume=self.resuming.resume))
+            finished = photographs.run(
+                jobs,
+                partial(views_one, setup, lens=self.lens, project=project, skip_movers=self.skip_movers),
+                find=partial(found_line, journal, setup) if self.resuming.resume else lambda job: None,
+                keep=partial(note_line, journal, setup),
+                show=lambda job, outcome: None,
+                total=False,
+                resumes=True,
+            )
+            done = [one for one in finished.outcomes if not one.error]
+            views = [restore(ExposureViews, one.besides["views"]) for one in done]
             written = {one.name for one in views}
             incomplete = self.link or not views or (before or set()) - written
             if finished.end is End.BROKEN or (finished.end is End.INTERRUPTED and incomplete):
                 return finished.exit_code
             self._refuse_loss(before, written)
-            in_order = True if self.sequence is None and self.inputs.one_video else self.sequence
-            paths = {name: job.path for name, job in of_name.items()}
-            views = with_time(views, paths, self.db if self.link else None, in_order=in_order)
+            in_order = True if self.sequence is None and inputs.one_video else self.sequence
+            sources = {name: job.source for name, job in by_name.items()}
             backup = None
-            if self.link and not self.dry_run:
-                links = [(of_name[one.name].target, one) for one in views]
-                backup = write_links(self.db, links, backup=self.backup)
-            elif views and not self.dry_run:
-                write_database(self.db, views, replace=before is not None)
-        document = ToColmapDocument(
-            target=str(self.db),
-            dry_run=self.dry_run,
-            backup=None if backup is None else str(backup),
-            photographs=[document_of(of_name[one.name], one) for one in views],
-            kept=[{"image": str(job.path), "name": job.name} for job in kept],
-            failures=finished.failures,
-        )
-        if self.json:
-            print(document.to_json())
-        elif not self.quiet:
-            print(summary(document, linked=self.link, verbose=self.verbose))
+            with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
+                views = with_time(views, sources, project, in_order=in_order)
+                if self.link:
+                    links = [(one, by_name[one.name].plan) for one in views]
+                    planned = [(plan, one) for one, plan in links if plan is not None]
+                    backup = write_links(db, planned, backup=self.database.backup)
+                elif views:
+                    write_database(db, views, replace=before is not None)
+        records = [views_record(by_name[one.name], one) for one in views]
+        if self.database.json:
+            document = {
+                "target": str(db),
+                "backup": None if backup is None else str(backup),
+                "photographs": records,
+                "kept": [{"image": str(job.source), "name": job.name} for job in kept],
+                "failures": finished.failures,
+            }
+            print(json.dumps(document, indent=2, allow_nan=False))
+        elif not self.printing.quiet:
+            print(self._summary(records, kept, backup))
         return finished.exit_code
+
+    def _summary(self, records: list[dict[str, Any]], kept: list[LinkJob], backup: Path | None) -> str:
+        """Return a line for each photograph, and one that says what was written."""
+        lines = [views_line(one, linked=self.link, verbose=self.printing.verbose) for one in records]
+        if kept:
+            some = ", ".join(printable(job.name) for job in kept[:3]) + ", ..." * (len(kept) > 3)
+            there = f"{plural(len(kept), 'photograph')} ({some})"
+            lines.append(f"{there}: the views are there already; --replace makes them anew")
+        target, count = printable(str(self.database.db)), len(records)
+        if not count:
+            return "\n".join([*lines, f"{target}: nothing to write"])
+        pairs = plural(count * (3 if self.link else 1), "pair")
+        total = f"{target}: wrote {plural(2 * count, 'image')} and {pairs} of {plural(count, 'photograph')}"
+        total += "" if backup is None else f"; backup {printable(str(backup))}"
+        undecided = sum(one["num_matches"] > 0 and not one["translation_known"] for one in records)
+        if undecided:
+            depth = "the depth of their points comes from your other photographs"
+            why = depth if self.link else "COLMAP makes no points from those"
+            total += f"; the translation of {undecided} is undecided: {why}"
+        return "\n".join([*lines, total])
 
     def _written_before(self) -> set[str] | None:
         """Return the photographs whose views an earlier call has written, which this one writes anew.
@@ -203,16 +223,51 @@ class ToColmapOptions(PhotographOptions):
         """
         if self.link:
             return None
-        before = written_photographs(self.db)
+        before = written_photographs(self.database.db)
         if before is None:
-            refuse_existing(self.db)
-        return None if self.dry_run else before
+            refuse_existing(self.database.db)
+        return before
 
     def _refuse_loss(self, before: set[str] | None, names: Collection[str]) -> None:
         """Refuse to write these photographs alone where views of others are there."""
         if lost := sorted((before or set()).difference(names)):
             views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
             raise OutputError(
-                f"{self.db}: holds the views of {views}, which this call does not write again; name all that "
-                "it holds, from the same folder, or choose another --db"
+                f"{self.database.db}: holds the views of {views}, which this call does not write again; name "
+                "all that it holds, from the same folder, or choose another --db"
             )
+
+
+def views_one(setup: Setup, job: LinkJob, *, lens: Lens, project: Path | None, skip_movers: bool) -> Outcome:
+    """Return the record of one photograph, and its views in JSON's types."""
+    plan = job.plan
+
+    def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
+        stated = setup.run.intrinsics.of(path, size, exif)
+        if plan is None or project is None:
+            return stated
+        return _project_camera(plan, project, path, size, stated, hint=not lens.stated)
+
+    one = setup.estimated(job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
+    if plan is None:
+        views = views_of(job.name, one.estimate)
+    else:
+        moving = None
+        if skip_movers:
+            moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
+        views = keypoint_views(job.name, plan.keypoints, one.estimate, setup.run.options, moving)
+    record = setup.record(one, job)
+    return Outcome(photograph=record, besides={"views": plain(views)}, warnings=one.warnings)
+
+
+def _project_camera(
+    plan: ProjectImage, project: Path, path: Path, size: tuple[int, int], stated: Camera | None, *, hint: bool
+) -> Camera | None:
+    """Return the intrinsics of the options; else the project's, as a hint; else those of EXIF."""
+    own = camera_of_database(project, plan.camera_id)
+    if (own.width, own.height) != size:
+        raise CameraError(
+            f"{path}: is of {size[0]}x{size[1]} pixels, in {project} of {own.width}x{own.height}"
+            "; give the photograph that the features are from"
+        )
+    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.prior_focal and hint else stated

@@ -2,18 +2,19 @@
 
 import json
 import os
-from argparse import SUPPRESS
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
 from pathlib import Path, PurePath
-from typing import Any, ClassVar
+from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.arguments import values
-from blur2view.cli.arguments.option import INPUT, Options, Rows, option
-from blur2view.cli.outputs import png
-from blur2view.cli.segment import SegmentOptions
-from blur2view.cli.terminal import plural, printable
+from blur2view.cli import values
+from blur2view.cli.adapter import group, option
+from blur2view.cli.files import png
+from blur2view.cli.options import Printing
+from blur2view.cli.segment import ENDINGS
+from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap import DIALECTS, GSPLAT
 from blur2view.colmap.models import pictures_of, read_model, refuse_other_model, write_model
 from blur2view.colmap.transforms import (
@@ -45,7 +46,7 @@ order in time: which view came first does not matter to a photograph blurred by 
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToTransformsOptions(Options):
+class ToTransformsOptions:
     """The options of ``blur2view to-transforms``.
 
     Write a COLMAP model with the views NAME#open and NAME#close, as blur2view place writes it, as the
@@ -56,38 +57,63 @@ class ToTransformsOptions(Options):
     sources.
     """
 
-    command = "to-transforms"
-    model: Path = option(MISSING, "MODEL", group=INPUT)
-    "folder of a COLMAP model with views"
-    photographs: Path | None = option(None, "DIR", group=INPUT, names="--images")
-    """folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
-    MODEL/project.ini, or else images beside the file)"""
-    exposure: float = option(1.0, "S", group=INPUT, convert=values.exposure)
-    """exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities shows
-    in a photograph (default: %(default)g, velocities per exposure)"""
-    masks: Path | None = option(None, "DIR", group=INPUT)
-    "results of blur2view segment of these photographs, whose masks are put where the trainer reads them"
-    max_smear: float | None = option(None, "PX", group=INPUT, convert=values.radius)
-    "leave out photographs whose median smear is longer, in pixels, or unknown (default: keep all)"
-    output: Path = option(Path("transforms.json"), "JSON", names="-o --output")
-    "the file, for gsplat a folder (default: %(default)s); one of an earlier call is replaced"
-    dialect: str = option(DIALECTS[0], choices=(*DIALECTS, GSPLAT))
-    "for which trainer (default: %(default)s)"
-    overwrite: bool = option(False, help=SUPPRESS)  # which does nothing here
+    model: Path = option(MISSING, "folder of a COLMAP model with views", "MODEL")
+    photographs: Path | None = option(
+        None,
+        """folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
+        MODEL/project.ini, or else images beside the file)""",
+        "DIR",
+        names="--images",
+    )
+    exposure: float = option(
+        1.0,
+        """exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities
+        shows in a photograph (default: %(default)g, velocities per exposure)""",
+        "S",
+        convert=values.exposure,
+    )
+    masks: Path | None = option(
+        None,
+        """results of blur2view segment of these photographs, whose masks are put where the trainer reads
+        them""",
+        "DIR",
+        names="--masks-from",
+    )
+    max_smear: float | None = option(
+        None,
+        "leave out photographs whose median smear is longer, in pixels, or unknown (default: keep all)",
+        "PX",
+        convert=values.radius,
+    )
+    output: Path = option(
+        Path("transforms.json"),
+        "the file, for gsplat a folder (default: %(default)s); one of an earlier call is replaced",
+        "JSON",
+        names="-o --output",
+    )
+    dialect: str = option(
+        DIALECTS[0], "for which trainer (default: %(default)s)", choices=(*DIALECTS, GSPLAT)
+    )
+    printing: Printing = group(Printing)
 
-    tables: ClassVar[dict[str, Rows]] = {"what is written": KEYS}
     examples = (
         "blur2view to-transforms with_views",
         "blur2view to-transforms with_views --images frames -o ngp/transforms.json",
         "blur2view to-transforms with_views --dialect nerfstudio --exposure 0.02 -o splat/transforms.json",
-        "blur2view to-transforms with_views --masks masks -o ngp/transforms.json",
+        "blur2view to-transforms with_views --masks-from masks -o ngp/transforms.json",
         "blur2view to-transforms with_views --dialect gsplat --max-smear 3 -o splat",
     )
 
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {"what is written": KEYS}
+
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
-        line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
-        if not self.quiet:
+        with waiting("writing the model"):
+            line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
+        if not self.printing.quiet:
             print(line)
         return 0
 
@@ -118,7 +144,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     files[target] = (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()
     for folder in sorted({path.parent for path in files}, reverse=True):
         write_beside({path: data for path, data in files.items() if path.parent == folder})
-    line = summary(target, content, verbose=options.verbose, masks=options.masks is not None)
+    line = summary(target, content, verbose=options.printing.verbose, masks=options.masks is not None)
     if left:
         line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"
     return line
@@ -151,7 +177,7 @@ def _masks(
         path = options.output.parent / MASKS / program.path(name)
         if program is MaskFormat.INSTANT_NGP:
             path = photograph.parent / path.name
-        if path in files or os.path.lexists(path) and not is_ours(path):
+        if path in files or (os.path.lexists(path) and not is_ours(path)):
             raise OutputError(f"{path}: is no mask of an earlier call of {name}; move it away")
         files[path] = png(program.picture(labels, ignore_unobservable=False))
         if program is MaskFormat.NERFSTUDIO:
@@ -169,7 +195,7 @@ def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
     found = []
     for name in names:
         called = [name.with_suffix(""), *([PurePath(name.stem)] if stems[name.stem] == 1 else []), name]
-        paths = [folder / f"{one}{SegmentOptions.endings[0]}" for one in called]
+        paths = [folder / f"{one}{ENDINGS[0]}" for one in called]
         found.append(next((path for path in paths if path.is_file()), None))
     missing = [name for name, path in zip(names, found, strict=True) if path is None]
     if missing:
@@ -183,7 +209,7 @@ def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
 def _write_model(options: ToTransformsOptions) -> str:
     """Write the folder that gsplat reads: the model of the photographs, and a link to them."""
     if options.masks is not None:
-        raise OutputError("gsplat's reader takes no masks of photographs; leave --masks out")
+        raise OutputError("gsplat's reader takes no masks of photographs; leave --masks-from out")
     if options.output.suffix == ".json":
         raise OutputError("gsplat reads a folder; name it with -o")
     images = options.photographs or pictures_of(options.model)

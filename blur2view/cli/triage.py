@@ -1,22 +1,24 @@
 """``blur2view triage``: which photographs are sharp, and which blurred ones are of use; options and work."""
 
 import os
-from collections.abc import Collection, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 from blur2view.arrays import Array
-from blur2view.cli.arguments.option import Rows, option
-from blur2view.cli.arguments.shared import PhotographOptions
-from blur2view.cli.arguments.values import METRES, PERCENT, Amount, best, metres, radius, smear
-from blur2view.cli.run import LISTS, End, jobs_of, open_manifest, run_over
-from blur2view.cli.uses import BLURRED, KEPT, SHARP, Classifier, closing_line, use_line
-from blur2view.cli.work import estimated, outcome_of
+from blur2view.cli import values
+from blur2view.cli.adapter import group, option
+from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
+from blur2view.cli.photographs import End, Finished, Photographs, found_line, is_folder, note_line
+from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.values import METRES, PERCENT, Amount
+from blur2view.cli.work import Setup
 from blur2view.errors import Blur2ViewError, OutputError
+from blur2view.images.content import read_content
 from blur2view.images.image import read_image
-from blur2view.images.inputs import colmap_names
 from blur2view.images.selection import (
     extract,
     extracted_names,
@@ -25,25 +27,25 @@ from blur2view.images.selection import (
     sharpest_of_each,
     thumbnail,
 )
+from blur2view.images.source import Source
 from blur2view.networks.protocol import Detail
-from blur2view.output_files import write_file
-from blur2view.results.table import Row
-from blur2view.results.verdicts import verdict_of
+from blur2view.output_files import SUMS, writable_folders, write_file
+from blur2view.results.photograph import Photograph, explanations
+from blur2view.results.triage_class import MAX_DEFOCUS_PX, MAX_SMEAR_PX, NEAR, Limits, Use, classified
 from blur2view.runs.job import Job, Outcome
-from blur2view.runs.manifest import ENDING
+from blur2view.runs.journal import ENDING, journal_beside
+from blur2view.runs.loop import Find, Keep
 
-MAX_SMEAR = Amount(number=3.0)
-"""Longest median smear, pixels, of a photograph that is called sharp: at most this, half of the SIFT features
-that a photograph shares with itself under fresh noise are still matched (``python -m
-tools.benchmarks.triage``; chosen on the photographs of Kodak's suite that train networks, shown on the
-others)."""
+MAX_SMEAR = Amount(number=MAX_SMEAR_PX)
 ONE_SAMPLE = Amount(number=1.0)
-"""That of an aerial photograph: one ground sample (photogrammetry asks for less than one)."""
-MAX_DEFOCUS = 2.0
-"""Largest radius out of focus, pixels, of a photograph that is called sharp."""
+"""Longest smear of a sharp aerial photograph: a ground sample (photogrammetry asks for less than one)."""
+KEPT = {"--keep-for-poses": (Use.SHARP, Use.BLURRED), "--keep-for-training": (Use.SHARP,)}
+"""The uses of what lists other than --keep name."""
+COUNTED = {Use.SHARP: "sharp", Use.BLURRED: "blurred but of use", Use.UNUSABLE: "unusable"}
+COUNTED_IF_ANY = {Use.OUT_OF_FOCUS: "out of focus", Use.UNCLEAR: "unclear: smooth or dark", "": "failed"}
 USES = """
-sharp: the median of all smears of the picture is at most --max-smear, and the radius out of focus of what
-    is in focus, if anything is, at most --max-defocus; kept
+sharp: the smear of the picture is at most --max-smear, and the radius out of focus of what is in focus, if
+    anything is, at most --max-defocus; kept
 blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
     to-colmap); kept with --blurred only
 unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kept by --best and --every-best
@@ -51,10 +53,10 @@ unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kep
 out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
 unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
 near the limit: within a tenth of it a frame is sharp if the one before it in its video is
-the same photographs of another size: give the limit in per cent of the diagonal. Frames that were compressed
+the same photographs of another size: give the limit in per cent of the width. Frames that were compressed
     much again have shorter smears than those of their video; --extract compresses nothing
 """
-LIST = """
+LIST = f"""
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
     takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
     for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them are blurred stands
@@ -66,11 +68,135 @@ LIST = """
     with the pixels that were looked at, below the video's name if there are several; photographs are copied.
     The folder must hold nothing else, and nothing in it is replaced
 --every-best: of every N neighbours in a video or folder one is kept, and another where it shows another view
+{SUMS}: hidden beside lists and tables, their SHA-256: what was changed since is not replaced
+.*{ENDING}: hidden beside the first of these files, what --resume goes on with
 """
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriageOptions(PhotographOptions):
+class Choice:
+    """output."""
+
+    effect = False
+
+    keep: Path | None = option(None, "write the list of photographs to keep, see below", "LIST")
+    keep_for_poses: Path | None = option(
+        None, "write a list of the sharp ones and the blurred ones of use", "LIST", rare=True
+    )
+    keep_for_training: Path | None = option(None, "write a list of the sharp ones", "LIST", rare=True)
+    extract: Path | None = option(
+        None, "write the photographs to keep into a folder, frames of videos as PNG, see below", "DIR"
+    )
+    blurred: bool = option(False, "keep the blurred ones, too, that geometry can use", either="choice")
+    best: Amount | None = option(
+        None,
+        "keep the N sharpest, or as 50%%, by the width of all of the blur",
+        "N",
+        convert=values.best,
+        either="choice",
+    )
+    every_best: int | None = option(
+        None, "keep the sharpest of every N neighbours, and of each view among them", "N", either="choice"
+    )
+
+    @property
+    def lists(self) -> dict[str, Path]:
+        """The lists of the call, by their options."""
+        named = {
+            "--keep": self.keep,
+            "--keep-for-poses": self.keep_for_poses,
+            "--keep-for-training": self.keep_for_training,
+        }
+        return {name: path for name, path in named.items() if path is not None}
+
+    @property
+    def selects(self) -> bool:
+        """Whether photographs are kept by their order of blur, whatever they are of use for."""
+        return self.best is not None or self.every_best is not None
+
+    def selected(self, sources: Sequence[Source], rows: Sequence[Photograph]) -> list[int]:
+        """Return the indices of the photographs to keep, in order."""
+        read = [index for index, row in enumerate(rows) if not row.error]
+        widths = [rows[index].width_px for index in read]
+        if self.best is not None:
+            number = self.best.number
+            count = max(round(len(read) * number / 100), 1) if self.best.unit == PERCENT else int(number)
+            chosen = sharpest(widths, count)
+        elif self.every_best is not None:
+            series = [sources[index].folder for index in read]
+            chosen = sharpest_of_each(widths, series, self.every_best, lambda one: _view(sources[read[one]]))
+        else:
+            wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
+            return [index for index in read if rows[index].use in wanted]
+        return sorted(read[index] for index in chosen)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sharp:
+    """what is sharp."""
+
+    effect = False
+
+    max_smear: Amount | None = option(
+        None,
+        f"""the longest smear of a sharp photograph, in pixels, as 0.3%% of the picture's width, or with --gsd
+        as 3cm (default: {MAX_SMEAR}, up to which half of its SIFT features are still matched; with --gsd 1, a
+        ground sample)""",
+        "PX",
+        convert=values.smear,
+    )
+    gsd: float | None = option(
+        None,
+        "the ground sample distance, as 2cm, of aerial photographs: those smeared within one are sharp",
+        "LENGTH",
+        convert=values.metres,
+        rare=True,
+    )
+    max_defocus: float = option(
+        MAX_DEFOCUS_PX,
+        "the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)",
+        "PX",
+        convert=values.radius,
+    )
+    in_order: bool = option(
+        False,
+        """the photographs of a folder are the frames of a video: near the limit each is as sharp as the one
+        before""",
+        names="--sequence",
+    )
+
+    def __post_init__(self) -> None:
+        if self.max_smear is not None and self.max_smear.unit == METRES and self.gsd is None:
+            raise ValueError("--max-smear on the ground needs --gsd, what a pixel shows, as 2cm")
+
+    @property
+    def longest(self) -> Amount:
+        """The longest smear of a sharp photograph."""
+        return self.max_smear or (MAX_SMEAR if self.gsd is None else ONE_SAMPLE)
+
+    def classifier(self) -> Callable[[Photograph], Photograph]:
+        """Return what gives photographs, one after the other, with their use."""
+        unit = self.longest.unit.strip()
+        limits = Limits(
+            max_smear=self.longest.number, unit=unit, max_defocus_px=self.max_defocus, gsd_m=self.gsd
+        )
+        waiting: deque[Photograph] = deque()
+
+        def rows() -> Iterator[Photograph]:
+            while True:
+                yield waiting.popleft()
+
+        found = classified(rows(), limits, in_order=self.in_order)
+
+        def classify(one: Photograph) -> Photograph:
+            waiting.append(one)
+            return next(found)
+
+        return classify
+
+
+@dataclass(frozen=True, kw_only=True)
+class TriageOptions:
     """The options of ``blur2view triage``.
 
     Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
@@ -79,38 +205,17 @@ class TriageOptions(PhotographOptions):
     dark to show blur, which the variance of the Laplacian would confuse.
     """
 
-    command = "triage"
-    keep: Path | None = option(None, "LIST")
-    "write the list of photographs to keep, see below"
-    keep_for_poses: Path | None = option(None, "LIST", rare=True)
-    "write a list of the sharp ones and the blurred ones of use"
-    keep_for_training: Path | None = option(None, "LIST", rare=True)
-    "write a list of the sharp ones"
-    extract: Path | None = option(None, "DIR")
-    "write the photographs to keep into a folder, frames of videos as PNG, see below"
-    max_smear: Amount | None = option(None, "PX", convert=smear, usual=MAX_SMEAR)
-    """the longest median of a sharp photograph, in pixels, as 0.3%% of the picture's diagonal, or with --gsd
-    as 3cm (default: %(usual)s, up to which half of its SIFT features are still matched; with
-    --gsd 1, a ground sample)"""
-    gsd: float | None = option(None, "LENGTH", convert=metres)
-    """the ground sample distance, as 2cm, of aerial photographs: sharp are those whose smear is within one"""
-    max_defocus: float = option(MAX_DEFOCUS, "PX", convert=radius)
-    "the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)"
-    blurred: bool = option(False, either="choice")
-    "keep the blurred ones, too, that geometry can use"
-    best: Amount | None = option(None, "N", convert=best, either="choice")
-    "keep the N sharpest, or as 50%%, by the width of all of the blur"
-    every_best: int | None = option(None, "N", either="choice")
-    "keep the sharpest of every N neighbours, and of each view among them"
-    in_order: bool = option(False, names="--sequence")
-    """the photographs of a folder are the frames of a video: near the limit each is as sharp as the one
-    before"""
-    overwrite: bool = option(False, rare=True)
-    """replace a list that was changed since it was written, too, if it names nothing but these
-    photographs"""
-    sequence: bool | None = False
+    reading: Reading
+    choice: Choice = group(Choice)
+    table: Table = group(Table)
+    sharp: Sharp = group(Sharp)
+    lens: Lens = group(Lens)
+    rates: Rates = group(Rates)
+    estimating: Estimating = group(Estimating)
+    many: Many = group(Many)
+    resuming: Resuming = group(Resuming)
+    printing: Printing = group(Printing)
 
-    tables: ClassVar[dict[str, Rows]] = {"uses": USES, "columns of --csv": Row, "the list": LIST}
     examples = (
         "blur2view triage clip.mp4 --every-best 6 --extract frames",
         "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
@@ -120,114 +225,164 @@ class TriageOptions(PhotographOptions):
     )
 
     def __post_init__(self) -> None:
-        if self.resume and self.csv is None and not self.lists and self.extract is None:
-            raise ValueError("--resume goes on with what --csv, --keep or --extract names; add one")
-        if self.max_smear is not None and self.max_smear.unit == METRES and self.gsd is None:
-            raise ValueError("--max-smear on the ground needs --gsd, what a pixel shows, as 2cm")
-        if self.selects and self.keep is None and self.extract is None:
+        choice = self.choice
+        if choice.selects and choice.keep is None and choice.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
-        super().__post_init__()
+        self.rates.check(self.lens)
+        self.resuming.check(self.table.csv, *choice.lists.values(), choice.extract)
+        self.many.check(self.lens)
 
-    @property
-    def limit(self) -> Amount:
-        """The longest median smear of a sharp photograph."""
-        return self.max_smear or (MAX_SMEAR if self.gsd is None else ONE_SAMPLE)
-
-    @property
-    def lists(self) -> dict[str, Path]:
-        """The lists of the call, by their options."""
-        named = {name: getattr(self, name.removeprefix("--").replace("-", "_")) for name in LISTS}
-        return {name: path for name, path in named.items() if path is not None}
-
-    @property
-    def targets(self) -> dict[str, Path]:
-        """The lists, the folder of pictures and the table."""
-        folder = {} if self.extract is None else {"--extract": self.extract}
-        return self.lists | folder | super().targets
-
-    @property
-    def selects(self) -> bool:
-        """Whether photographs are kept by their order of blur, whatever they are of use for."""
-        return self.best is not None or self.every_best is not None
-
-    def __call__(self, job: Job) -> Outcome:
-        """Return the row of one photograph."""
-        one = estimated(self, job, detail=Detail.RANKING)
-        return outcome_of(one, None, verdict_of(one))
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {"uses": USES, "columns of --csv": explanations(flat=True), "what is written": LIST}
 
     def execute(self) -> int:
         """Return the exit code, after looking at every photograph and writing table, lists and pictures.
 
         A run that was ended early extracts nothing, and chooses nothing of neighbours.
         """
-        lists, names = self.lists, colmap_names(self.inputs)
+        photographs, choice, lists = Photographs.of("triage", self), self.choice, self.choice.lists
+        inputs, setup = photographs.inputs, photographs.setup
+        names = dict(zip(inputs.sources, inputs.names(), strict=True))
         files = extracted_names(names)
-        jobs = [replace(job, refusal=unlistable(job)) if lists else job for job in jobs_of(self)]
-        with open_manifest(self) as manifest:
-            self._check_folder(files.values())
-            classify = Classifier(self.limit, self.max_defocus, self.gsd, in_order=self.in_order)
-            line = partial(use_line, limit_px=self.limit.number, meaning=self.verbose)
-            finished = run_over(self, jobs, manifest, classify=classify, line=line)
-            if finished.end is End.BROKEN or not finished.rows:
+        jobs = photographs.jobs(InTime(sequence=False))
+        jobs = [replace(job, refusal=job.refusal or unlistable(job)) if lists else job for job in jobs]
+        setup.network()  # which is named first if it is none
+        targets = {"--csv": (self.table.csv, "table"), "--extract": (choice.extract, "")}
+        targets |= {name: (path, "list") for name, path in lists.items()}
+        written = {name: (path, what) for name, (path, what) in targets.items() if path is not None}
+        with ExitStack() as opened:
+            opened.enter_context(writable_folders(*(path.parent for path, _ in written.values())))
+            photographs.check(written, (), self.lens.database)
+            self._check_folder(inputs.sources, files.values())
+            find: Find = lambda job: None  # noqa: E731
+            keep: Keep = lambda job, outcome: None  # noqa: E731
+            for first, _ in list(written.values())[:1]:
+                journal = opened.enter_context(journal_beside(first, resume=self.resuming.resume))
+                find = partial(found_line, journal, setup) if self.resuming.resume else find
+                keep = partial(note_line, journal, setup)
+            finished = photographs.run(
+                jobs,
+                partial(look_at, setup),
+                find=find,
+                keep=keep,
+                classify=self.sharp.classifier(),
+                show=partial(use_line, limit_px=self.sharp.longest.number, verbose=self.printing.verbose),
+                total=False,
+                resumes=bool(written),
+            )
+            rows = [
+                (job, one)
+                for job, one in zip(finished.jobs, finished.outcomes, strict=True)
+                if not is_folder(job)
+            ]
+            if finished.end is End.BROKEN or not rows:
                 return finished.exit_code
-            paths = [one for one, _ in finished.outcomes if not self.inputs.is_folder(one)]
-            of = dict(zip(paths, finished.rows, strict=True))
-            kept = [paths[index] for index in sorted(self._selected(paths, finished.rows))]
-            whole, pictures = finished.end is End.WHOLE, {one: files[one] for one in kept}
-            if whole:
-                self._check_folder(pictures.values())
-            written = {name: lists[name] for name in lists if name in KEPT or whole or not self.selects}
-            for name, target in written.items():
-                chosen = [one for one in of if of[one].use in KEPT[name]] if name in KEPT else kept
-                text = "".join(f"{names[one]}\n" for one in chosen)
-                write_file(target, text.encode("utf-8", "surrogateescape"))
-                if manifest is not None:
-                    manifest.append_target(target)
-            if self.extract is not None and whole:
-                extract(self.extract, pictures)
-        if not self.quiet:
-            words = f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}"
-            words *= self.keep is not None or self.extract is not None
-            made = self.csv if finished.has_table else None, *written.values()
-            made = *made, self.extract if kept and whole else None
-            print(closing_line(finished, words, list(lists), [one for one in made if one is not None]))
+            self._write(
+                finished, [job.source for job, _ in rows], [one.photograph for _, one in rows], names, files
+            )
         return finished.exit_code
+
+    def _write(
+        self,
+        finished: Finished,
+        sources: Sequence[Source],
+        rows: Sequence[Photograph],
+        names: Mapping[Source, str],
+        files: Mapping[Source, str],
+    ) -> None:
+        """Write lists and pictures, and print the closing line."""
+        choice, whole = self.choice, finished.end is End.WHOLE
+        with waiting("choosing photographs"):
+            kept = [sources[index] for index in choice.selected(sources, rows)]
+        pictures = {one: files[one] for one in kept}
+        if whole:
+            self._check_folder(sources, pictures.values())
+        written = {
+            name: path for name, path in choice.lists.items() if name in KEPT or whole or not choice.selects
+        }
+        for name, target in written.items():
+            chosen = kept
+            if name in KEPT:
+                chosen = [one for one, row in zip(sources, rows, strict=True) if row.use in KEPT[name]]
+            text = "".join(f"{names[one]}\n" for one in chosen)
+            write_file(target, text.encode("utf-8", "surrogateescape"), sealed=True)
+        if choice.extract is not None and whole:
+            with waiting(f"writing {len(pictures)} pictures"):
+                extract(choice.extract, pictures)
+        if not self.printing.quiet:
+            words = f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}"
+            words *= choice.keep is not None or choice.extract is not None
+            table = self.table.csv if finished.has_table else None
+            made = table, *written.values(), choice.extract if kept and whole else None
+            print(closing_line(finished, rows, words, choice.lists, [one for one in made if one is not None]))
 
     @property
     def _remedy(self) -> str:
         """What would keep photographs where none is kept."""
-        limits = f"--max-smear is {self.limit}, --max-defocus {self.max_defocus:g}"
+        limits = f"--max-smear is {self.sharp.longest}, --max-defocus {self.sharp.max_defocus:g}"
         return f"{limits}; --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
 
-    def _selected(self, paths: Sequence[Path], rows: Sequence[Row]) -> set[int]:
-        """Return the indices of the photographs to keep."""
-        read = [index for index, row in enumerate(rows) if not row.error]
-        lengths = [rows[index].width_px for index in read]
-        if self.best is not None:
-            number, percent = self.best.number, self.best.unit == PERCENT
-            chosen = sharpest(lengths, max(round(len(read) * number / 100), 1) if percent else int(number))
-        elif self.every_best is not None:
-            series = [paths[index].parent for index in read]
-            chosen = sharpest_of_each(lengths, series, self.every_best, lambda one: view(paths[read[one]]))
-        else:
-            wanted = (SHARP, BLURRED) if self.blurred else (SHARP,)
-            return {index for index in read if rows[index].use in wanted}
-        return {read[index] for index in chosen}
-
-    def _check_folder(self, files: Collection[str]) -> None:
+    def _check_folder(self, sources: Sequence[Source], files: Collection[str]) -> None:
         """Refuse a folder for the pictures that holds others than these, or what the call reads or writes."""
-        if self.extract is not None:
-            here = {os.path.realpath(path.parent) for path in self.inputs.paths}
-            if os.path.realpath(self.extract) in here:
-                raise OutputError(f"{self.extract}: holds the photographs themselves; name an empty folder")
-            besides = [one for one in (self.csv, *self.lists.values()) if one is not None]
-            refuse_others(self.extract, files, [*besides, *self.extract.glob(f".*{ENDING}")])
+        folder = self.choice.extract
+        if folder is not None:
+            here = {os.path.realpath(one.path.parent) for one in sources}
+            if os.path.realpath(folder) in here:
+                raise OutputError(f"{folder}: holds the photographs themselves; name an empty folder")
+            besides = [one for one in (self.table.csv, *self.choice.lists.values()) if one is not None]
+            refuse_others(folder, files, [*besides, *folder.glob(f".*{ENDING}"), folder / SUMS])
 
 
-def view(path: Path) -> Array | None:
+def look_at(setup: Setup, job: Job) -> Outcome:
+    """Return the record of one photograph, which is looked at less closely."""
+    one = setup.estimated(job, detail=Detail.RANKING)
+    return Outcome(photograph=setup.record(one, job), warnings=one.warnings)
+
+
+def use_line(job: Job, outcome: Outcome, *, limit_px: float, verbose: bool) -> str:
+    """Return one line about a photograph, on demand with what its blur means."""
+    one = outcome.photograph
+    text = f"{printable(str(job.source))}: {one.use} ({_length(one, limit_px)})"
+    return f"{text}: {one.verdict}" if verbose else text
+
+
+def _length(one: Photograph, limit_px: float) -> str:
+    """Return how long the blur is, near the limit with a digit more."""
+    if one.smear_px is None or one.use == Use.UNCLEAR:
+        return "no texture"
+    if one.use == Use.OUT_OF_FOCUS:
+        return f"by a radius of {one.defocus_px or 0.0:.1f} px"
+    near = limit_px / NEAR < one.smear_px < limit_px * NEAR
+    digits = 2 if near else 1 if one.smear_px < 9.95 else 0
+    ground = "" if one.smear_ground_m is None else f", {values.ground_text(one.smear_ground_m)} on the ground"
+    return f"smears of {one.smear_px:.{digits}f} px{ground}"
+
+
+def closing_line(
+    finished: Finished, rows: Sequence[Photograph], kept: str, lists: Collection[str], written: Sequence[Path]
+) -> str:
+    """Return how many photographs are of which use, ``kept`` how many are, and what was written.
+
+    ``lists`` are the names of those that were asked for.
+    """
+    counts = Counter(row.use for row in rows)
+    uses = [f"{counts[use]} {words}" for use, words in COUNTED.items()]
+    uses += [f"{counts[use]} {words}" for use, words in COUNTED_IF_ANY.items() if counts[use]]
+    parts = [", ".join(uses), *([kept] if kept else [])]
+    for name in (name for name in KEPT if name in lists and not any(counts[use] for use in KEPT[name])):
+        parts.append(f"{name} names none, as none is {' or '.join(KEPT[name])}")
+    files = " and ".join(printable(str(path)) for path in written)
+    parts += [f"wrote {files}"] * bool(files)
+    before = f" ({finished.skipped} done before)" * bool(finished.skipped)
+    return f"{plural(len(rows), 'photograph')}{before} in {finished.seconds:.1f} s: {'; '.join(parts)}"
+
+
+def _view(source: Source) -> Array | None:
     """Return the thumbnail of a photograph, None of one that cannot be read any more."""
     try:
-        return thumbnail(read_image(path))
+        return thumbnail(read_image(source.path, content=read_content(source)))
     except Blur2ViewError:
         return None
 
@@ -237,4 +392,4 @@ def unlistable(job: Job) -> OutputError | None:
     if job.name.splitlines() == [job.name.strip()]:
         return None
     why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
-    return OutputError(f"{job.path}: {why}")
+    return OutputError(f"{job.source}: {why}")

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +10,9 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.errors import ImageError
+from blur2view.images.content import read_content
 from blur2view.images.image import read_image
+from blur2view.images.source import Source
 
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 MAX_SIDE = 640  # pictures are matched at no more pixels: blurred ones show no more in more
@@ -24,7 +25,7 @@ NO_POINTS = np.zeros((0, 2))
 NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.float32))
 
 
-def photograph_matcher(paths: Sequence[Path]) -> Callable[[int, int], tuple[Array, Array]]:
+def photograph_matcher(photographs: Sequence[Source]) -> Callable[[int, int], tuple[Array, Array]]:
     """Return what gives matched pixels (M, 2) of two photographs by their indices, none where there are few.
 
     They are as stored, as COLMAP reads them; one that cannot be read any more matches nothing.
@@ -33,7 +34,8 @@ def photograph_matcher(paths: Sequence[Path]) -> Callable[[int, int], tuple[Arra
     @lru_cache(maxsize=8)
     def features(index: int) -> Features:
         try:
-            return features_of(read_image(paths[index], as_stored=True))
+            one = photographs[index]
+            return features_of(read_image(one.path, as_stored=True, content=read_content(one)))
         except ImageError:
             return NO_FEATURES
 

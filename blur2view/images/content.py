@@ -4,26 +4,31 @@ import os
 import re
 from contextlib import suppress
 from difflib import get_close_matches
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 
 from blur2view.errors import ImageError
-from blur2view.images.video import frame_numbers, frame_of, frame_path, is_video, read_frame
+from blur2view.images.source import Source
+from blur2view.images.video import frame_numbers, is_video, read_frame
 from blur2view.input_files import read_regular
 
+MOST_LIKE_IT = 200
+"""Names of a folder, with the same digits, up to which one that is not there is compared: 1 ms each time."""
 
-def read_content(path: Path) -> bytes:
+
+def read_content(source: Path | Source) -> bytes:
     """Return the content of a photograph's file; of a frame of a video that of a picture with its pixels.
 
     ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
     """
-    frame = frame_of(path)
-    if frame is not None:
-        return bytes(cv2.imencode(".bmp", read_frame(*frame))[1])
+    path = source.path if isinstance(source, Source) else source
+    if isinstance(source, Source) and source.frame is not None:
+        return bytes(cv2.imencode(".bmp", read_frame(path, source.frame))[1])
     if is_video(path):
         frame_numbers(path)  # which says what is wrong, if anything is
-        raise ImageError(f"{path}: is a video; name a frame, for example {frame_path(path, 0)}")
+        raise ImageError(f"{path}: is a video; read its frames with blur2view.read_video")
     try:
         return read_regular(path)
     except FileNotFoundError:
@@ -44,9 +49,21 @@ def read_content(path: Path) -> bytes:
 
 def _near(path: Path) -> Path | None:
     """Return what a folder has by nearly this name, or but for its case; numbers must be the same."""
-    digits = re.sub(r"\D", "", path.name)
     with suppress(OSError):
-        names = {one.lower(): one for one in os.listdir(path.parent) if re.sub(r"\D", "", one) == digits}
-        if near := get_close_matches(path.name.lower(), names, 1, 0.85):
+        names = _names_by_digits(path.parent).get(_digits(path.name), {})
+        if len(names) <= MOST_LIKE_IT and (near := get_close_matches(path.name.lower(), names, 1, 0.85)):
             return path.with_name(names[near[0]])
     return None
+
+
+@lru_cache(maxsize=1)
+def _names_by_digits(folder: Path) -> dict[str, dict[str, str]]:
+    """Return the names of a folder by their digits and their lower case; it is read once."""
+    names: dict[str, dict[str, str]] = {}
+    for name in os.listdir(folder):
+        names.setdefault(_digits(name), {})[name.lower()] = name
+    return names
+
+
+def _digits(name: str) -> str:
+    return re.sub(r"\D", "", name)

@@ -1,4 +1,4 @@
-"""What a user names, as photographs in order: files, folders, lists of names, videos."""
+"""What a user names, as photographs in order: files, folders, lists, videos; and what they are called."""
 
 import codecs
 import os
@@ -13,9 +13,10 @@ from typing import BinaryIO
 
 from blur2view.errors import ImageError
 from blur2view.images.image import PHOTOGRAPH_SUFFIXES
-from blur2view.images.video import frame_numbers, frame_of, frame_path, is_video
+from blur2view.images.source import Source, frame_named
+from blur2view.images.video import frame_numbers, is_video
 from blur2view.input_files import read_regular, read_stream
-from blur2view.output_files import below_shared_folder, is_ours, is_there
+from blur2view.output_files import is_ours
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
@@ -26,37 +27,85 @@ MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hou
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """The photographs of a call."""
+    """The photographs of a call, in order, each once.
 
-    # in order, each once; VIDEO/000120 is a frame; folders and videos that cannot be used are among them
-    paths: list[Path] = field(default_factory=list)
-    # what results are called where a place in a folder or video says so: subfolder and stem
-    names: dict[Path, Path] = field(default_factory=dict)
-    refused: dict[Path, str] = field(default_factory=dict)  # why these cannot be used
-    lists: list[Path] = field(default_factory=list)  # the files that named some
+    Parameters
+    ----------
+    sources : list of Source
+        The photographs; folders and videos that cannot be used are among them.
+    roots : dict
+        The folder that was given, of photographs that were found in one.
+    refused : dict
+        Why these sources cannot be used, a line each.
+    lists : list of Path
+        The files that named some.
+    """
+
+    sources: list[Source] = field(default_factory=list)
+    roots: dict[Source, Path] = field(default_factory=dict)
+    refused: dict[Source, str] = field(default_factory=dict)
+    lists: list[Path] = field(default_factory=list)
 
     @property
     def one_video(self) -> bool:
         """Whether all are frames of one video, and so in the order of time."""
-        frames = [frame_of(path) for path in self.paths]
-        return len({frame and frame[0] for frame in frames}) == 1 and frames[0] is not None
+        videos = {source.path if source.frame is not None else None for source in self.sources}
+        return len(videos) == 1 and None not in videos
 
     @property
     def counted(self) -> str:
         """How many photographs there are, and in which folders and videos the most of them."""
-        folders = Counter(path.parent for path in self.paths)
+        folders = Counter(source.folder for source in self.sources)
         shown = [f"{count} in {path}" for path, count in folders.most_common(SHOWN)]
         others = f" and {len(folders) - SHOWN} more folders" * (len(folders) > SHOWN)
-        return f"{len(self.paths)} photographs: {', '.join(shown)}{others}"
-
-    def is_folder(self, path: Path) -> bool:
-        """Return whether this is a folder that cannot be used, and so no photograph."""
-        return path in self.refused and os.path.isdir(path)
+        return f"{len(self.sources)} photographs: {', '.join(shown)}{others}"
 
     def refuse(self, path: Path, reason: str) -> None:
         """Add what cannot be used."""
-        self.paths.append(path)
-        self.refused[path] = f"{path}: {reason}"
+        self.sources.append(source := Source(path=path))
+        self.refused[source] = f"{path}: {reason}"
+
+    def names(self) -> list[str]:
+        """Return every photograph's path below the one folder that was given, or else that all share.
+
+        So COLMAP names it; a frame of a video ``clip.mp4/000120``. One that is not there changes no other's.
+        """
+        there = [one for one in self.sources if os.path.isfile(one.path)] or self.sources
+        roots = {os.path.abspath(self.roots.get(one, one.path.parent)) for one in there}
+        root = os.path.commonpath(roots) if roots else ""
+        return [_below(one, root) for one in self.sources]
+
+    def own_names(self) -> list[Path]:
+        """Return every photograph's path below the folder in which it was found, or else its name."""
+        return [Path(_below(one, self.roots.get(one, one.path.parent))) for one in self.sources]
+
+    def result_names(self) -> list[Path]:
+        """Return what the results of each photograph are called, without their suffix, below a folder.
+
+        By its subfolder of a given folder and its stem; where two would be one by `names`, with the suffix if
+        need be.
+        """
+        names = [Path(*(part for part in Path(name).parts if part != "..")) for name in self.names()]
+        short = [_without_suffix(name) for name in self.own_names()]
+        whole = [_without_suffix(name) for name in names]
+        of_short, of_whole = Counter(short), Counter(whole)
+        return [
+            one if of_short[one] == 1 else longer if of_whole[longer] == 1 else name
+            for one, longer, name in zip(short, whole, names, strict=True)
+        ]
+
+
+def _below(source: Source, root: str | Path) -> str:
+    """Return the path of a photograph as seen from a folder, with slashes."""
+    path = Path(os.path.relpath(os.path.abspath(source.path), os.path.abspath(root))).as_posix()
+    return path if source.frame is None else f"{path}/{source.name}"
+
+
+def _without_suffix(path: Path) -> Path:
+    """Return a name without the suffix of its file, or of the video that it lies in; that of ..jpg whole."""
+    if path.name.isdecimal() and not path.suffix and path.parent.name:
+        return _without_suffix(path.parent) / path.name
+    return path.with_name(path.stem) if path.stem.strip(".") else path
 
 
 def list_photographs(
@@ -70,29 +119,30 @@ def list_photographs(
 
     Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below),
     without results of blur2view; videos, of which ``frames`` returns the numbers of the frames that are
-    taken; ``@LIST``, a file with one such word per line, ``-``, the same from standard input. What a list
-    names and is not there is looked for in the list's folder. ImageError if a list cannot be read, names
-    nothing, or is larger than one of photographs can be.
+    taken; ``VIDEO/000120``, a frame by its number; ``@LIST``, a file with one such word per line, ``-``, the
+    same from standard input. What a list names and is not there is looked for in the list's folder.
+    ImageError if a list cannot be read, names nothing, or is larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     for word in _without_lists(words, stdin):
         path = Path(word)
         try:
             if URL.match(word) and not os.path.lexists(word):
-                found.paths.append(path)
-                found.refused[path] = f"{word}: is no file here; download it first"
+                found.refuse(path, "")  # whose slashes a path has lost
+                found.refused[found.sources[-1]] = f"{word}: is no file here; download it first"
             elif is_video(path):
                 _add_frames(found, path, frames)
             elif path.is_dir():
                 _add_folder(found, path, recursive)
             else:
-                found.paths.append(path)
+                found.sources.append(frame_named(word) or Source(path=path))
         except OSError as error:
             found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
-    once: dict[str, Path] = {}
-    for path in found.paths:
-        once.setdefault(os.path.join(os.path.realpath(path.parent), path.name), path)
-    found.paths[:] = once.values()
+    once: dict[tuple[str, int | None], Source] = {}
+    for source in found.sources:
+        place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
+        once.setdefault((place, source.frame), source)
+    found.sources[:] = once.values()
     return found
 
 
@@ -110,7 +160,8 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
                 there = [p for p in (name, beside) if os.path.lexists(p)]
                 if len({os.path.realpath(p) for p in there}) > 1:
                     raise ImageError(f"{path}: {name} is here and beside the list; name it with its folder")
-                yield str(there[0]) if there else name
+                here = str(there[0]) if there else name
+                yield str(beside) if not there and frame_named(str(beside)) else here
         else:
             yield word
 
@@ -145,50 +196,52 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
 
 
 def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
-    """Add the frames of a video; one that cannot be opened stays as it is, so that reading it says why."""
+    """Add the frames of a video; one that cannot be opened stays as it is, with the reason."""
     try:
-        paths = [frame_path(video, number) for number in frames(video)]
-        found.names.update({path: Path(video.stem, path.name) for path in paths})
+        found.sources.extend(Source(path=video, frame=number) for number in frames(video))
     except ImageError as error:
-        paths = [video]
-        found.refused[video] = str(error)
-    found.paths.extend(paths)
+        found.sources.append(source := Source(path=video))
+        found.refused[source] = str(error)
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
-    """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read."""
-    entries = sorted(folder.rglob("*") if recursive else folder.iterdir(), key=_in_order)
-    photographs = [
-        path
-        for path in entries
-        if path.suffix.lower() in PHOTOGRAPH_SUFFIXES
-        if path.is_file() or (path.is_symlink() and not path.exists())  # whose failure names the remedy
-        if path.suffix.lower() != ".png" or not is_ours(path)  # as in a folder where results lie
+    """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read.
+
+    A subfolder that cannot be read is refused by itself.
+    """
+    unread: list[OSError] = []
+    below = os.walk(folder, onerror=unread.append)
+    os.scandir(folder).close()
+    entries = [
+        Path(here, name) for here, _, names in (below if recursive else _first(below)) for name in names
     ]
-    if not photographs:
+    entries.sort(key=_in_order)
+    photographs = [path for path in entries if _is_photograph(path)]
+    if not photographs and not unread:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         if video := next(filter(is_video, entries), None):
             more = f"name its video, {video}"
         found.refuse(folder, f"holds no photograph; {more}")
-    found.paths.extend(photographs)
     for path in photographs:
-        below = path.relative_to(folder)
-        if len(below.parts) > 1:
-            found.names[path] = below.with_suffix("")
+        found.sources.append(source := Source(path=path))
+        found.roots[source] = folder
+    for error in unread:
+        found.refuse(Path(error.filename), f"cannot be read ({error.strerror}); check its permissions")
 
 
-def colmap_names(inputs: Inputs) -> dict[Path, str]:
-    """Return the name of every photograph below the one folder that was given, or else that all share."""
-    below = {path: name.parent / path.name for path, name in inputs.names.items() if name.parent != Path()}
-    shared = below_shared_folder(inputs.paths)
-    names = {path: name.as_posix() for path, name in zip(inputs.paths, shared, strict=True)}
-    there = [path for path in inputs.paths if is_there(path)] or inputs.paths
-    roots = {path.parents[len(name.parts) - 1] for path, name in below.items()}
-    roots |= {path.parent for path in there if path not in below}
-    if len(roots) == 1:
-        (root,) = roots
-        names |= {path: path.relative_to(root).as_posix() for path in names if path.is_relative_to(root)}
-    return names
+def _first(walk: Iterator[tuple[str, list[str], list[str]]]) -> list[tuple[str, list[str], list[str]]]:
+    return [next(walk)]
+
+
+def _is_photograph(path: Path) -> bool:
+    """Return whether a file of a folder is a photograph by its name, and no result of blur2view.
+
+    So is a link that leads nowhere, whose failure names the remedy.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in PHOTOGRAPH_SUFFIXES or not (path.is_file() or (path.is_symlink() and not path.exists())):
+        return False
+    return suffix != ".png" or not is_ours(path)
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:

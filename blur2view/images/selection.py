@@ -12,7 +12,8 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
 from blur2view.images.content import read_content
-from blur2view.images.video import frame_of, read_frame
+from blur2view.images.source import Source
+from blur2view.images.video import read_frame
 from blur2view.input_files import read_regular
 from blur2view.output_files import HALF_WRITTEN, write_file
 
@@ -71,18 +72,18 @@ def same_view(first: Array | None, second: Array | None) -> bool:
     return bool(cv2.phaseCorrelate(first, second, window)[1] >= SAME_VIEW)
 
 
-def extracted_names(names: Mapping[Path, str]) -> dict[Path, str]:
+def extracted_names(names: Mapping[Source, str]) -> dict[Source, str]:
     """Return the file of each photograph below the folder, given what it is called elsewhere.
 
     A frame of a video is ``frame_00120.png`` by its number there, below the video's name if there are
     several.
     """
-    frames = {path: frame for path in names if (frame := frame_of(path)) is not None}
-    several = len({video for video, _ in frames.values()}) > 1
-    digits = max([FRAME_DIGITS, *(len(str(number)) for _, number in frames.values())])
+    frames = {one: one.frame for one in names if one.frame is not None}
+    several = len({one.path for one in frames}) > 1
+    digits = max([FRAME_DIGITS, *(len(str(number)) for number in frames.values())])
     files = dict(names)
-    for path, (_, number) in frames.items():
-        files[path] = f"{Path(names[path]).parent.as_posix()}/" * several + f"frame_{number:0{digits}d}.png"
+    for one, number in frames.items():
+        files[one] = f"{Path(names[one]).parent.as_posix()}/" * several + f"frame_{number:0{digits}d}.png"
     return files
 
 
@@ -102,14 +103,17 @@ def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] 
             )
 
 
-def extract(folder: Path, files: Mapping[Path, str]) -> None:
+def extract(folder: Path, files: Mapping[Source, str]) -> None:
     """Write photographs as they are, and frames of videos as PNG; a file of another content is not replaced.
 
     OutputError if there is one, or a file cannot be written; ImageError if a photograph cannot be read.
     """
-    for path, name in files.items():
-        target, frame = folder / name, frame_of(path)
-        content = read_content(path) if frame is None else bytes(cv2.imencode(".png", read_frame(*frame))[1])
+    for one, name in files.items():
+        target = folder / name
+        if one.frame is None:
+            content = read_content(one)
+        else:
+            content = bytes(cv2.imencode(".png", read_frame(one.path, one.frame))[1])
         with suppress(OSError):
             if not os.path.lexists(target):
                 write_file(target, content)

@@ -1,4 +1,4 @@
-"""Frames of videos, read in order by OpenCV; ``VIDEO/000120`` is the path of frame 120."""
+"""Frames of videos, read in order by OpenCV."""
 
 import math
 import os
@@ -16,7 +16,6 @@ from blur2view.errors import ImageError
 # Of what OpenCV's FFmpeg reads.
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
-DIGITS, MOST_DIGITS = 6, 18  # of a frame's name
 KEPT = 3  # frames: one and both beside it
 # Containers round the number of frames: what is missing of the last second, or of the last quarter of less
 # than four, was never there.
@@ -38,18 +37,6 @@ class EndOfVideo(ImageError):
 def is_video(path: Path) -> bool:
     """Return whether a file is a video by its name."""
     return path.suffix.lower() in SUFFIXES and path.is_file()
-
-
-def frame_path(video: Path, number: int) -> Path:
-    """Return the path by which a frame is named."""
-    return video / f"{number:0{DIGITS}d}"
-
-
-def frame_of(path: Path) -> tuple[Path, int] | None:
-    """Return video and number of a frame's path; None of any other path."""
-    if path.name.isdecimal() and len(path.name) <= MOST_DIGITS and is_video(path.parent):
-        return path.parent, int(path.name)
-    return None
 
 
 def rows_towards(video: Path) -> tuple[int, int]:

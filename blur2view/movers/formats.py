@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path, PurePath
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,7 @@ def stored_labels(path: Path) -> NDArray[np.uint8]:
     return np.asarray(label_of[grey])
 
 
-def as_stored(upright: NDArray[np.uint8], photograph: Path) -> NDArray[np.uint8]:
+def as_stored(upright: NDArray[np.uint8], photograph: Path | BinaryIO) -> NDArray[np.uint8]:
     """Return a mask of the upright photograph as its pixels are stored, by EXIF (2.3, tag 0x0112)."""
     orientation = 1
     with suppress(*DAMAGED), Image.open(photograph, formats=TURNED) as picture:

@@ -1,1 +1,1 @@
-"""Many photographs: jobs, the processes that do them, and the manifest that a later call goes on from."""
+"""Many photographs: jobs, what does them, and the loop that gives their outcomes in order."""

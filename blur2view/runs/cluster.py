@@ -2,14 +2,16 @@
 
 import asyncio
 import logging
+import threading
 import warnings
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager, suppress
+from queue import Empty, Queue
 from typing import Any
 
-from blur2view.errors import RunError
-from blur2view.runs.job import Done, Job, Outcome, Work, perform
-from blur2view.runs.processes import AHEAD
+from blur2view.errors import ImageError, RunError
+from blur2view.runs.executors import AHEAD
+from blur2view.runs.job import Done, Job, Outcome, Work, failed, perform
 
 CONNECT_S = 5  # for the scheduler to answer
 WORKERS_S = 10  # and then for a worker to be there
@@ -17,7 +19,7 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 
 
 class Cluster:
-    """A Dask cluster that is asked to do jobs; an `Engine`.
+    """A Dask cluster that is asked to do jobs; an `Executor`.
 
     A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
     not installed, no scheduler answers at the address (``tcp://HOST:8786``) or there is no worker.
@@ -31,16 +33,32 @@ class Cluster:
         self.address, self._dask = address, distributed
         for name in LOGGERS:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-        try:
-            self._client = distributed.Client(address, timeout=CONNECT_S)
-        except (OSError, ValueError, ImportError) as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?") from None
+        self._client = self._connected()
         try:
             self._client.wait_for_workers(1, timeout=WORKERS_S)
         except TimeoutError:
             self._client.close()
             raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
+
+    def _connected(self) -> Any:
+        """Return a client of the scheduler; RunError if none answers in time, as another program may."""
+        answers: Queue[Any] = Queue()
+
+        def connect() -> None:
+            try:
+                answers.put(self._dask.Client(self.address, timeout=CONNECT_S))
+            except BaseException as error:  # of any type, where no scheduler answers
+                answers.put(error)
+
+        threading.Thread(target=connect, daemon=True).start()
+        try:
+            answer = answers.get(timeout=CONNECT_S)
+        except Empty:
+            answer = TimeoutError(f"in {CONNECT_S} s")
+        if isinstance(answer, BaseException):
+            reason = " ".join(str(answer).split()) or type(answer).__name__
+            raise RunError(f"{self.address}: no Dask scheduler answers ({reason}); is there one?") from None
+        return answer
 
     def __call__(self, work: Work, jobs: Iterator[Job]) -> Done:
         """Yield the jobs, which must have their contents, with their outcomes."""
@@ -71,9 +89,8 @@ class Cluster:
             try:
                 outcome: Outcome = future.result()
             except self._dask.scheduler.KilledWorker:
-                outcome = Outcome(
-                    error=f"{job.path}: every worker that read it died; resize it or give them memory"
-                )
+                why = "every worker that read it died; resize it or give them memory"
+                outcome = failed(job, ImageError(f"{job.source}: {why}"))
         return outcome
 
     @contextmanager

@@ -106,7 +106,8 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
         path = tmp_path / f"{orientation}.png"
         Image.fromarray(np.ascontiguousarray(stored)).save(path, exif=exif)
         (document,) = run(path, "--focal", 300, "--readout", 0.03)
-        angles[orientation] = document["rotation_deg"], document["backward"]["rotation_deg"]
+        other = np.array(document["backward"]["cam2_from_cam1"]["rotation"])
+        angles[orientation] = document["rotation_deg"], np.degrees(np.linalg.norm(rotation_vector(other)))
     assert angles[2] == angles[1] != angles[6]
     np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.1)
 

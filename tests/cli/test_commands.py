@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from blur2view.cli import terminal
 from blur2view.geometry.sampson import serrmin
 from blur2view.images.image import read_image
 from blur2view.smears.field import smear_ends
@@ -30,7 +31,7 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert F.shape == (3, 3) and np.isclose(np.linalg.norm(F), 1)
     assert 0 < document["num_inliers"] <= document["num_matches"]
     assert (document["width"], document["height"]) == (WIDTH, HEIGHT)
-    assert document["model_id"] == "colour-code" and document["seed"] == 0
+    assert document["model_ids"] == ["colour-code"] and document["seed"] == 0
     assert document["beta"] == SelectOptions.beta
     assert document["max_error_px"] == EstimatorOptions.max_error_px
     assert set(document["timings_s"]) == {"read", "predict", "select", "solve"}
@@ -70,7 +71,7 @@ def test_json_is_one_document_that_equals_the_file(
     done = run(moving, still, "--json", "-o", tmp_path / "out")
     assert done == 0 and done.document["failures"] == []
     for document in done.document["estimates"]:
-        file = tmp_path / "out" / f"{Path(document['image']).stem}.json"
+        file = tmp_path / "out" / f"{Path(document['name']).stem}.json"
         assert json.loads(file.read_text()) == document
 
 
@@ -85,10 +86,12 @@ def test_many_photographs_show_progress_to_a_person(
     run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    quick = run(still, moving)
+    assert quick == 0 and quick.err.rstrip() == f"2 photographs: 2 in {still.parent}"
+    monkeypatch.setattr(terminal, "PATIENCE_S", 0)
     captured = run(still, moving)
     assert captured == 0
     assert "2/2" in captured.err and "photo" in captured.err
-    assert captured.err.startswith(f"2 photographs: 2 in {still.parent}\n")
     assert captured.out.startswith(f"{still}: Sharp")
     done = run(still)
     assert done == 0 and done.err == ""

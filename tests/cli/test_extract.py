@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from blur2view.images.image import read_image
+from blur2view.images.video import read_frame
 from blur2view.output_files import half_written
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_frames
@@ -29,11 +29,11 @@ def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alik
     assert done == 0 and f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in done.out
     for number in range(7):  # the pixels themselves
         np.testing.assert_array_equal(
-            read_image(folder / f"frame_{number:05d}.png"), read_image(clip / f"{number:06d}")
+            cv2.imread(str(folder / f"frame_{number:05d}.png")), read_frame(clip, number)
         )
     assert call("triage", folder, "--sequence", "--csv", tmp_path / "frames.csv", "--no-timings") == 0
     video, frames = table(tmp_path / "video.csv"), table(tmp_path / "frames.csv")
-    place = dict.fromkeys(("name", "frame", "timestamp_s"), "")
+    place = dict.fromkeys(("name", "frame", "timestamp_s", "input_sha256", "options_sha256"), "")
     assert [one | place for one in video] == [one | place for one in frames]
 
 

@@ -1,67 +1,55 @@
 """``blur2view --help``: how fast it is, and that it explains everything."""
 
-import dataclasses
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.arguments.option import option
-from blur2view.cli.arguments.parser import CommandParser
-from blur2view.cli.segment import SegmentOptions
-from blur2view.results import estimate, masks, to_colmap
+from blur2view.cli.adapter import CommandParser, group, option
+from blur2view.cli.options import Printing
+from blur2view.results.photograph import explanations
 from tests.support.calls import call_program
 
 ROOT = Path(__file__).parents[2]
 WITHOUT_ESTIMATE = ("place", "to-transforms")
 HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap", "tqdm"]
-REFERENCE = {
-    "estimate": estimate.EstimateDocument,
-    "segment": masks.MaskDocument,
-    "to-colmap": to_colmap.ViewsDocument,
-}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class MoreOptions(SegmentOptions):
-    """Those of segment, and one more.
+@dataclass(frozen=True, kw_only=True)
+class CountOptions:
+    """The options of ``blur2view count``.
 
-    Segment.
+    Count.
     """
 
-    floor: float = option(0.5, "SHARE", rare=True)
-    "least share of the picture that moves (default: %(default)s)"
+    floor: float = option(0.5, "least share that moves (default: %(default)s)", "SHARE", rare=True)
+    printing: Printing = group(Printing)
+    examples = ("blur2view count",)
 
-
-def test_a_synopsis_names_what_is_needed_and_that_there_are_options(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    for words, printed in (
-        ("place --help", "usage: blur2view place -o DIR [OPTIONS] DB MODEL FRAMES"),
-        ("estimate --help", "usage: blur2view estimate [OPTIONS] INPUT [INPUT ...]"),
-        ("--help-all", "commands:"),
-    ):
-        with pytest.raises(SystemExit) as caught:
-            cli.main(words.split())
-        assert caught.value.code == 0 and printed in capsys.readouterr().out
+    @staticmethod
+    def tables() -> dict[str, str]:
+        """Return what --help-all lists besides options."""
+        return {"colours": "red: as blood\nblue: as the\n    sea"}
 
 
 def test_an_option_is_declared_once(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = CommandParser(prog="segment").of(MoreOptions)
+    parser = CommandParser("count", CountOptions)
     for words, code, printed in (
-        (["--help-all"], 0, "--floor SHARE least share of the picture that moves (default: 0.5)"),
-        (["a.png", "--floor", "x"], 2, "segment: --floor: expected a number, got 'x' (see segment --help)"),
+        (["--help-all"], 0, "--floor SHARE least share that moves (default: 0.5)"),
+        (["--help-all"], 0, "blue as the sea"),
+        (["--floor", "x"], 2, "count: --floor: expected a number, got 'x' (see blur2view count --help)"),
     ):
         with pytest.raises(SystemExit) as caught:
-            parser.parse_args(words)
+            parser.read(words)
         captured = capsys.readouterr()
         assert caught.value.code == code and printed in " ".join((captured.out + captured.err).split())
     assert "--floor" not in parser.format_help()
-    options: Any = parser.read(parser.parse_args(["a.png", "--floor", "0.25"]))
-    assert options.floor == 0.25 and options.masks is None
+    options = parser.read(["--floor", "0.25", "-v"])
+    assert options == CountOptions(floor=0.25, printing=Printing(verbose=True))
+    assert parser.read([]) == CountOptions()
 
 
 def test_help_imports_no_network_and_no_colmap() -> None:
@@ -82,20 +70,18 @@ print([name for name in {HEAVY} if name in sys.modules])
 @pytest.mark.parametrize("command", cli.COMMANDS)
 def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = call_program(capsys, command, "--help-all").out
-    own = () if command in WITHOUT_ESTIMATE else ("camera:", "estimation:")
-    sections = ("input:", "output:", *own, "exit codes:", "examples:")
-    places = [text.index(f"\n{section}\n") for section in sections]
-    assert places == sorted(places) and f"blur2view {command} " in text[places[-1] :]
-    if command in REFERENCE:
+    own = () if command in WITHOUT_ESTIMATE else ("input:", "output:", "camera:", "estimation:")
+    assert all(f"\n{section}\n" in text for section in (*own, "exit codes:", "examples:"))
+    assert f"blur2view {command} " in text[text.index("examples:") :]
+    short = call_program(capsys, command, "--help").out
+    assert short.startswith(f"usage: blur2view {command} ") and "[OPTIONS]" in short
+    assert len(short) < len(text) and "--help-all" in short
+    if command in ("estimate", "segment", "triage"):
         words = text.replace(",", " ").split()
-        assert [f.name for f in dataclasses.fields(REFERENCE[command]) if f.name not in words] == []
+        assert [key for key in explanations(flat=command == "triage") if key not in words] == []
 
 
-def test_a_shell_completes_commands_options_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("shtab")
-    printed = call_program(capsys, "--completion", "bash").out
-    done = subprocess.run(["bash", "-n"], input=printed, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert all(
-        word in printed for word in ("to-transforms", "--max-smear", "nerfstudio", "_shtab_compgen_files")
-    )
+def test_overview_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    text = call_program(capsys, "--help").out
+    assert all(f"  {command} " in text or f"  {command}\n" in text for command in cli.COMMANDS)
+    assert call_program(capsys, "--version").out.startswith("blur2view ")

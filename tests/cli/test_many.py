@@ -38,7 +38,7 @@ def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> 
         "clip/000000.json", "clip/000010.json", "clip/000020.json"
     }  # fmt: skip
     document = json.loads((out / "clip/000010.json").read_text())
-    assert document["image"] == f"{video}/000010" and (document["width"], document["height"]) == (80, 64)
+    assert document["name"] == "clip.mp4/000010" and (document["width"], document["height"]) == (80, 64)
     done = run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume")
     assert done == 0 and "4 photographs: 2 done, 2 done before" in done.out
 

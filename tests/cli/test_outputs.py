@@ -1,29 +1,95 @@
-"""``blur2view estimate -o``: what is replaced, refused or left alone."""
+"""What is written: in place of what, through which links, and what a full disk leaves."""
 
+import os
+import resource
+import shutil
+import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from blur2view.output_files import is_sealed, write_file
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.many_photographs import contents
+from tests.support.many_photographs import command, contents, environment
+from tests.support.tables import table
 
 
-def test_only_results_of_an_earlier_call_are_replaced(
-    run: Call, moving: Path, still: Path, tmp_path: Path
-) -> None:
+def test_only_results_of_blur2view_are_replaced(run: Call, moving: Path, still: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert run(moving, "-o", out) == 0
     (out / "moving.json").unlink()  # as a kill leaves it
-    assert run(moving, "-o", out, "--overwrite") == 0
-    for name in ("moving.png", "moving.json"):  # the others are ours
+    assert run(moving, "-o", out) == 0
+    for name, theirs in (("moving.png", "mine"), ("moving.json", '{"model_id": "mine"}')):
         ours = (out / name).read_bytes()
-        (out / name).write_text("mine")
-        done = run(moving, still, "-o", out, "--overwrite")
+        (out / name).write_text(theirs)
+        done = run(moving, still, "-o", out)
         assert done == 1 and f"{out / name}: is no result of an earlier call" in done.line
-        assert (out / name).read_text() == "mine" and (out / "still.json").exists()
+        assert (out / name).read_text() == theirs and (out / "still.json").exists()
         (out / name).write_bytes(ours)
+
+
+@pytest.mark.parametrize("option", ["--csv", "--keep", "--keep-for-training"])
+def test_tables_and_lists_are_replaced_until_somebody_changes_them(
+    call: Call, frames: Path, tmp_path: Path, option: str
+) -> None:
+    target = tmp_path / "target"
+    target.write_text("still.png\n")  # a list of the user's, of this photograph alone
+    words = ("triage", frames / "still.png", option, target)
+    assert call(*words) == 1 and target.read_text() == "still.png\n"
+    target.unlink()
+    for _ in range(2):
+        assert call(*words) == 0
+    written = target.read_bytes()
+    target.write_bytes(written + b"chaos.png\n")
+    done = call(*words)
+    assert done == 1 and "is no " in done.line and "or was changed since" in done.line
+    assert target.read_bytes() == written + b"chaos.png\n"
+
+
+def test_links_are_followed_and_special_files_refused(call: Call, frames: Path, tmp_path: Path) -> None:
+    (link := tmp_path / "link.csv").symlink_to(tmp_path / "far.csv")
+    for _ in range(2):
+        assert call("triage", frames, "--csv", link) == 0
+        assert link.is_symlink() and len(table(tmp_path / "far.csv")) == 2
+    os.mkfifo(pipe := tmp_path / "pipe")
+    for special in (pipe, Path("/dev/null")):
+        for words in (["triage", "--csv"], ["triage", "--keep"], ["report", "--no-mask", "-o"]):
+            done = call(words[0], frames, *words[1:], special)
+            assert done == 1 and f"{special}: is no " in done.line
+        assert not stat.S_ISREG(special.stat().st_mode)
+
+
+def test_an_input_is_never_replaced(call: Call, frames: Path, here: Path) -> None:
+    shutil.copy(frames / "still.png", "a.png")
+    Path("times.csv").write_text("a.png 1403636579.763\n")
+    Path("names.txt").write_text("a.png\n")
+    before = contents(here)
+    for words in (
+        ("estimate", "a.png", "--csv", "times.csv", "--timestamps", "times.csv"),
+        ("triage", "@names.txt", "--keep", "names.txt"),
+        ("report", "a.png", "--no-mask", "-o", "a.png"),
+        ("estimate", "a.png", "-o", "."),
+    ):
+        done = call(*words)
+        assert done == 1 and "would replace an input" in done.line
+        assert contents(here) == before
+
+
+def test_every_command_writes_the_same_rows(call: Call, moving: Path, still: Path, tmp_path: Path) -> None:
+    words = (moving, still, "--focal", 300, "--csv")
+    target = {"report": ["--no-mask", "-o", tmp_path / "a.html"], "to-colmap": ["--db", tmp_path / "a.db"]}
+    assert call("estimate", *words, tmp_path / "whole.csv") == 0
+    whole = table(tmp_path / "whole.csv")
+    for name in ("segment", "report", "to-colmap"):
+        assert call(name, *words, tmp_path / f"{name}.csv", *target.get(name, [])) == 0
+        for one, other in zip(whole, table(tmp_path / f"{name}.csv"), strict=True):
+            for column in ("name", "blur", "config", "verdict", "smear_px", "use"):
+                assert one[column] == other[column]
+    assert float(whole[0]["rotation_deg"]) >= 0
 
 
 def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
@@ -38,7 +104,7 @@ def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
         return rename(self, target)
 
     monkeypatch.setattr(Path, "replace", killed)
-    assert run(moving, "-o", tmp_path / "out", "--overwrite") == 130
+    assert run(moving, "-o", tmp_path / "out") == 130
     assert sorted(contents(tmp_path / "out")) == ["moving.png", "moving.smear.npz"]
 
 
@@ -58,25 +124,42 @@ def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(
     assert not (out / "c").exists()
 
 
-def test_full_disk_leaves_no_half_written_file(
-    run: Call, still: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_stem_as_long_as_a_name_may_be_is_written(run: Call, still: Path, tmp_path: Path) -> None:
+    long = still.rename(tmp_path / f"{'a' * 240}.png")
+    assert run(long, "-o", tmp_path / "out") == 0
+    assert len(list((tmp_path / "out").iterdir())) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="limits the size of files")
+@pytest.mark.parametrize(
+    "words", [["estimate", "-o", "out"], ["triage", "--csv", "t.csv"], ["report", "-o", "page.html"]]
+)
+def test_a_full_disk_is_clear_lines_and_loses_nothing(
+    tiny_model: Path, frames: Path, tmp_path: Path, words: list[str]
 ) -> None:
-    def full(self: Path, content: bytes) -> int:
-        self.touch()
-        raise OSError(28, "No space left on device")
+    line = command(*words, frames, "--recursive", "--model", tiny_model, "--jobs", 1)
+    assert subprocess.run(line, cwd=tmp_path, env=environment(), capture_output=True).returncode == 0
+    before = contents(tmp_path)
 
-    monkeypatch.setattr(Path, "write_bytes", full)
-    done = run(still, "-o", tmp_path / "out")
-    assert done == 1 and "No space left on device" in done.line
-    (bad := tmp_path / "bad.png").write_text("bad")
-    assert run(bad, "-o", tmp_path / "out") == 1
-    assert not (tmp_path / "out").exists()  # nothing succeeded, so nothing is left behind
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (512, 512))  # as if there were room for no more
+
+    full = subprocess.run(
+        line, cwd=tmp_path, env=environment(), capture_output=True, text=True, preexec_fn=limit
+    )
+    assert full.returncode == 1 and "Traceback" not in full.stderr
+    assert "File too large" in full.stderr and len(full.stderr.splitlines()) <= 2
+    after = contents(tmp_path)
+    assert {name: after[name] for name in before if not name.endswith(".jsonl")} == {
+        name: content for name, content in before.items() if not name.endswith(".jsonl")
+    }
 
 
-def test_a_result_that_leads_to_a_photograph_is_refused(run: Call, moving: Path, tmp_path: Path) -> None:
-    before, out = moving.read_bytes(), tmp_path / "out"
-    out.mkdir()
-    (out / "moving.json").symlink_to(moving)
-    for place in (moving.parent, out):
-        done = run(moving, "-o", place, "--overwrite")
-        assert done == 1 and "would replace a photograph" in done.line and moving.read_bytes() == before
+def test_what_was_sealed_is_known_until_it_is_changed(tmp_path: Path) -> None:
+    for name in ("a.txt", "b  c.txt"):
+        write_file(tmp_path / name, b"1\n", sealed=True)
+    assert is_sealed(tmp_path / "a.txt") and is_sealed(tmp_path / "b  c.txt")
+    (tmp_path / "a.txt").write_bytes(b"2\n")
+    assert not is_sealed(tmp_path / "a.txt") and is_sealed(tmp_path / "b  c.txt")
+    assert not is_sealed(tmp_path / "absent.txt")

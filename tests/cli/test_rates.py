@@ -114,7 +114,7 @@ def test_order_of_photographs_decides_the_sign_and_without_one_nothing_does(
 def test_neighbour_that_cannot_be_read_costs_its_own_line_only(call: Call, tmp_path: Path) -> None:
     paths = write_photographs(tmp_path, 3)
     paths[1].write_bytes(b"no picture")
-    for words, known in ((["estimate", "--sequence"], "cam2_from_cam1"), (["segment"], "shares")):
+    for words, known in ((["estimate", "--sequence"], "cam2_from_cam1"), (["segment"], "mask")):
         done = call(*words, *paths, "--jsonl")
         first, failed, last = map(json.loads, done.out.splitlines())
         assert known in first and known in last and set(failed) == {"image", "error"}

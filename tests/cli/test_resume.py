@@ -16,21 +16,6 @@ from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import announcing, contents, write_photographs, write_video
 
-MANIFEST = ".estimate.manifest.jsonl"
-COMMANDS = {
-    "estimate": (["estimate", "-o", "out", "--json"], f"out/{MANIFEST}"),
-    "triage": (["triage", "--csv", "t.csv"], ".t.csv.manifest.jsonl"),
-    "to-colmap": (["to-colmap", "--db", "new.db"], ".new.db.manifest.jsonl"),
-}
-
-
-@pytest.fixture
-def again(tmp_path: Path, call: Call, monkeypatch: pytest.MonkeyPatch) -> Call:
-    """Return a command over two small photographs, here."""
-    monkeypatch.chdir(tmp_path)
-    write_photographs(tmp_path / "in", 2)
-    return lambda command, *more: call(*COMMANDS[command][0], "in", *more)
-
 
 def test_resume_does_only_what_is_new_changed_or_incomplete(
     run: Call, folder: Path, tmp_path: Path, read: list[str]
@@ -52,70 +37,68 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert read == ["000.png", "001.png", "002.png", "003b.png", "900.png"]
     after = contents(out)
     assert after["000.png"] == before["000.png"] and after["002.smear.npz"] != before["002.smear.npz"]
-    assert json.loads(after["001.json"])["config"] == json.loads(before["001.json"])["config"]
 
     (out / "004.json").write_text("mine")
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 
 
 @pytest.mark.parametrize("size", [0, -2])
-@pytest.mark.parametrize("listed", [True, False])
-def test_a_result_that_is_empty_or_cut_is_done_again(again: Call, size: int, listed: bool) -> None:
-    assert again("estimate", "--no-timings") == 0
+def test_a_result_that_is_empty_or_cut_is_no_result(run: Call, folder: Path, here: Path, size: int) -> None:
+    assert run(folder, "-o", "out", "--no-timings") == 0
     whole = Path("out/000.json").read_bytes()
     Path("out/000.json").write_bytes(whole[:size])
-    if not listed:
-        Path(COMMANDS["estimate"][1]).unlink()
-    done = again("estimate", "--resume", "--no-timings")
-    assert (done, done.err) == (0, "") and Path("out/000.json").read_bytes() == whole
+    done = run(folder, "-o", "out", "--resume", "--no-timings")
+    if size:
+        assert done == 0 and Path("out/000.json").read_bytes() == whole
+    else:  # which blur2view never leaves
+        assert done == 1 and "000.json: is no result of an earlier call" in done.line
 
 
-def test_a_file_of_others_that_begins_like_a_result_stays(again: Call) -> None:
-    Path("out").mkdir()
-    Path("out/000.json").write_text('{\n  "image": "mine"}')
-    done = again("estimate")
-    assert done == 1 and "000.json: is no result of an earlier call" in done.line
-
-
-@pytest.mark.parametrize("option", [["--seed", 3], ["--no-timings"]])
-def test_other_options_are_done_again_and_named(
+@pytest.mark.parametrize("option", [["--seed", 3], ["--no-timings"], ["--focal", 300]])
+def test_other_options_are_done_again(
     run: Call, folder: Path, tmp_path: Path, read: list[str], option: list[object]
 ) -> None:
     assert run(folder, "-o", tmp_path / "out") == 0
     read.clear()
-    done = run(folder, "-o", tmp_path / "out", "--resume", *option)
-    name = str(option[0]).removeprefix("--no-").removeprefix("--")
-    assert len(read) == 5 and done.line.endswith(f"other options ({name}) made it; all is done again")
+    assert run(folder, "-o", tmp_path / "out", "--resume", *option) == 0
+    assert len(read) == 5
     assert run(folder, "-o", tmp_path / "out", "--resume", "--max-memory", 1, "-q", *option) == 0
     assert len(read) == 5
 
 
-def test_each_output_of_triage_goes_on_from_what_was_done_for_another(again: Call, read: list[str]) -> None:
-    assert again("triage") == 0
+def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path, here: Path) -> None:
+    words = (folder, "-o", "out", "--no-timings")
+    assert run(*words, "--csv", "whole.csv") == 0
+    assert run(*words, "--csv", "again.csv", "--resume") == 0
+    assert Path("again.csv").read_bytes() == Path("whole.csv").read_bytes()
+
+
+def test_triage_goes_on_by_its_journal_whatever_it_chooses(
+    call: Call, folder: Path, here: Path, read: list[str]
+) -> None:
+    words = ("triage", folder, "--csv", "t.csv")
+    assert call(*words) == 0
     read.clear()
-    keep, best = ["--keep", "k.txt"], ["--best", 1, "--extract", "kept"]
-    for more in (keep, [*keep, *best], []):
-        done = again("triage", "--resume", *more)
-        assert done == 0 and read == [] and "2 photographs (2 done before)" in done.out
+    for more in ((), ("--max-smear", 100, "--keep", "k.txt"), ("--best", 1, "--extract", "kept")):
+        done = call(*words, "--resume", *more)
+        assert done == 0 and read == [] and "5 photographs (5 done before)" in done.out
     assert Path("k.txt").read_text() and len(os.listdir("kept")) == 1
-    write_photographs(Path("in"), 3)
-    assert again("triage", "--resume", *keep) == 0 and read == ["002.png"]
-    assert again("triage", "--resume") == 0 and read == ["002.png"]
+    write_photographs(folder, 6)
+    assert call(*words, "--resume", "--keep", "k.txt") == 0 and read == ["005.png"]
 
 
 @pytest.mark.parametrize("command", ["estimate", "segment"])
-def test_resume_replaces_no_result_of_another_photograph(
+def test_resume_takes_no_result_of_another_photograph(
     call: Call, folder: Path, tmp_path: Path, command: str
 ) -> None:
     out, other = tmp_path / "out", tmp_path / "other" / "000.png"
     other.parent.mkdir()
     shutil.copy(folder / "001.png", other)
-    assert call(command, folder / "000.png", "-o", out) == 0
+    words = ("--no-timings", "-o", out)
+    assert call(command, folder / "000.png", *words) == 0
     before = contents(out)
-    done = call(command, other, "-o", out, "--resume")
-    assert done == 1 and "would replace those of ../in/000.png" in done.line and contents(out) == before
-    assert call(command, folder / "000.png", "-o", out, "--resume") == 0
-    assert call(command, other, "-o", out, "--resume", "--overwrite") == 0 and contents(out) != before
+    done = call(command, other, *words, "--resume", "-v")
+    assert done == 0 and "done before" not in done.out and contents(out) != before
 
 
 def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: Path, tmp_path: Path) -> None:
@@ -133,6 +116,21 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: 
         done = call("to-colmap", folder, "--db", new, *words)
         assert done == 1 and "exists; choose another --db" in done.line
     assert new.read_bytes() == b"theirs"
+
+
+def test_a_journal_of_another_program_is_refused(call: Call, folder: Path, here: Path) -> None:
+    Path(".t.csv.blur2view.jsonl").write_text('{"mine": 1}\n')
+    done = call("triage", folder, "--csv", "t.csv", "--resume")
+    assert done == 1 and "is no journal of blur2view" in done.line and not Path("t.csv").exists()
+
+
+def test_results_say_the_digest_of_their_photograph(run: Call, folder: Path, tmp_path: Path) -> None:
+    import hashlib
+
+    assert run(folder / "000.png", "-o", tmp_path / "out") == 0
+    document = json.loads((tmp_path / "out" / "000.json").read_text())
+    assert document["input_sha256"] == hashlib.sha256((folder / "000.png").read_bytes()).hexdigest()
+    assert len(document["options_sha256"]) == 64 and document["version"]
 
 
 def test_a_video_whose_last_failure_is_its_end_is_not_stopped(

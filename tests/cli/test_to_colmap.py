@@ -13,12 +13,9 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.views import document_of, summary
-from blur2view.colmap.link import ProjectImage
+from blur2view.cli.views import LinkJob, views_line, views_record
 from blur2view.colmap.mapping import mapper_options
-from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.results.to_colmap import ToColmapDocument
-from blur2view.runs.job import Job
+from blur2view.images.source import Source
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
 from tests.colmap.test_link import link_of, only_plan
 from tests.support.colmap_check import check_database
@@ -107,16 +104,6 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
     assert run("--db", tmp_path / "other.db", *CAMERA, *photos)[0] == 0
 
 
-def test_dry_run_writes_nothing(run: Any, photos: list[Path], project: Path, tmp_path: Path) -> None:
-    new, before = tmp_path / "new.db", project.read_bytes()
-    code, out, _ = run("--db", new, "--dry-run", "--csv", tmp_path / "t.csv", *photos)
-    assert code == 0 and "would write 4 images and 2 pairs" in out and not new.exists()
-    code, out, _ = run("--db", project, "--link", "--dry-run", *photos)
-    assert code == 0 and "would write 4 images and 6 pairs" in out
-    assert project.read_bytes() == before
-    assert {path.name for path in tmp_path.iterdir()} == {"photos", "project.db", "t.csv"}
-
-
 def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[Path], project: Path) -> None:
     before = user_rows(project)
     code, out, err = run("--db", project, "--link", *CAMERA, *photos)
@@ -163,27 +150,16 @@ def test_a_bad_and_a_missing_photograph_cost_one_line_each(
     assert "wrote 2 images and 1 pair of 1 photograph" in out
 
 
-def named(plan: ProjectImage) -> Job:
-    """Return a photograph that is linked."""
-    return Job(index=0, path=Path("a/still.png"), name="still.png", target=plan)
-
-
-def test_line_and_document_give_one_reason_and_say_where_depth_and_order_are_from(project: Path) -> None:
+def test_line_and_record_give_one_reason_and_say_where_order_is_from(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
     views = random_views("still.png", len(plan.keypoints), np.random.default_rng(0))
-    unusable = replace(views, usable=np.zeros(len(views.points_open), bool))
-    document = document_of(named(plan), unusable)
-    assert document.reason == "no feature of yours has a smear that can be used"
-    whole = ToColmapDocument(
-        target="p.db", dry_run=False, backup="b.bak", photographs=[document], kept=[], failures=[]
-    )
-    assert f"no matches: {document.reason}" in summary(whole, linked=True)
-    open_ = replace(document_of(named(plan), views), translation_known=False, time_known=True)
-    line, total = summary(replace(whole, photographs=[open_]), linked=True).splitlines()
+    job = LinkJob(index=0, source=Source(path=Path("a/still.png")), name="still.png", plan=plan)
+    record = views_record(job, replace(views, usable=np.zeros(len(views.points_open), bool)))
+    assert record["reason"] == "no feature of yours has a smear that can be used"
+    assert f"no matches: {record['reason']}" in views_line(record, linked=True, verbose=False)
+    open_ = views_record(job, views) | {"translation_known": False, "time_known": True}
+    line = views_line(open_, linked=True, verbose=False)
     assert "translation undecided" in line and "order in time known by neighbours" in line
-    proven = replace(open_, translation_known=True, parallax=Parallax.PROVEN)
-    assert "parallax proven" in summary(replace(whole, photographs=[proven]), linked=True)
-    assert total.endswith("undecided: the depth of their points comes from your other photographs")
 
 
 def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Path], tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from blur2view.cli.outputs import png
+from blur2view.cli.files import png
 from tests.colmap.test_transforms import NAMES, POINTS, WALK
 from tests.support.calls import Call, call_program
 
@@ -39,7 +39,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 def test_instant_ngp_finds_a_mask_beside_each_photograph(scene: Path, call: Call) -> None:
-    words = (scene / "model", "--images", scene / "images", "--masks", scene / "out")
+    words = (scene / "model", "--images", scene / "images", "--masks-from", scene / "out")
     for _ in range(2):  # and replaces its own
         assert call(*words, "-o", scene / "ngp" / "transforms.json").out.endswith(
             "3 frames and their masks\n"
@@ -58,19 +58,27 @@ def test_instant_ngp_finds_a_mask_beside_each_photograph(scene: Path, call: Call
 def test_nerfstudio_finds_a_mask_of_every_frame(scene: Path, call: Call) -> None:
     words = (scene / "model", "--images", scene / "images", "--dialect", "nerfstudio")
     target = scene / "splat" / "transforms.json"
-    assert call(*words, "--masks", scene / "out", "-o", target) == 0
+    assert call(*words, "--masks-from", scene / "out", "-o", target) == 0
     frames = json.loads(target.read_text())["frames"]
     assert len(frames) == len(NAMES)
     for frame in frames:
         mask = np.asarray(Image.open(target.parent / frame["mask_path"]))
         np.testing.assert_array_equal(mask == 0, GREYS == 255)
     (scene / "out" / f"{Path(NAMES[2]).stem}.mask.png").unlink()
-    refused = call(*words, "--masks", scene / "out", "-o", scene / "other.json")
+    refused = call(*words, "--masks-from", scene / "out", "-o", scene / "other.json")
     assert refused == 1 and f"no mask of {NAMES[2]} (1 of 3 are missing)" in refused.line
 
 
 def test_masks_of_other_pictures_are_refused(scene: Path, call: Call) -> None:
-    words = (scene / "model", "--images", scene / "images", "--masks", scene / "out", "-o", scene / "a.json")
+    words = (
+        scene / "model",
+        "--images",
+        scene / "images",
+        "--masks-from",
+        scene / "out",
+        "-o",
+        scene / "a.json",
+    )
     mask = scene / "out" / f"{Path(NAMES[0]).stem}.mask.png"
     mask.write_bytes(png(GREYS[:32]))
     refused = call(*words)
@@ -97,7 +105,7 @@ def test_gsplat_gets_the_model_of_photographs_that_are_there(scene: Path, call: 
     for wrong, complaint in (
         (("-o", scene / "a.json"), "reads a folder"),
         (("-o", scene / "other"), "is not the folder"),
-        (("-o", scene / "b", "--masks", scene / "out"), "takes no masks"),
+        (("-o", scene / "b", "--masks-from", scene / "out"), "takes no masks"),
         (("-o", scene / "b", "--images", scene / "out"), "3 of 3 are missing"),
     ):
         assert complaint in call(*words, *wrong).line

@@ -8,6 +8,7 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.colmap.project import database_matcher, database_names
 from blur2view.exposure.features import Features, features_of, match_features, photograph_matcher, verified
+from blur2view.images.source import Source
 
 SHIFT = np.array([12.0, -5.0])
 
@@ -36,7 +37,7 @@ def write_pair(folder: Path, size: tuple[int, int] = (320, 240), shift: Array = 
 
 
 def test_matches_of_a_shifted_picture_are_its_shift(tmp_path: Path) -> None:
-    points1, points2 = photograph_matcher(write_pair(tmp_path))(0, 1)
+    points1, points2 = photograph_matcher([Source(path=path) for path in write_pair(tmp_path)])(0, 1)
     assert len(points1) > 50
     np.testing.assert_allclose(np.median(points2 - points1, axis=0), SHIFT, atol=0.1)
     assert (np.linalg.norm(points2 - points1 - SHIFT, axis=1) < 2).mean() > 0.95
@@ -70,7 +71,7 @@ def test_matches_of_three_places_for_which_opencv_fails_are_dropped() -> None:
 
 def test_a_photograph_that_cannot_be_read_any_more_matches_nothing(tmp_path: Path) -> None:
     there, _ = write_pair(tmp_path)
-    one, other = photograph_matcher([there, tmp_path / "gone.png"])(0, 1)
+    one, other = photograph_matcher([Source(path=there), Source(path=tmp_path / "gone.png")])(0, 1)
     assert one.shape == other.shape == (0, 2)
 
 

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.camera.exif import read_exif
 from blur2view.errors import ImageError
 from blur2view.images import video
+from blur2view.images.content import read_content
 from blur2view.images.image import read_image
-from blur2view.images.video import EndOfVideo, frame_of, read_frame, rows_towards
+from blur2view.images.source import Source, frame_named
+from blur2view.images.video import EndOfVideo, read_frame, rows_towards
 from tests.images.test_image import tiff
 from tests.support.many_photographs import write_video
 
@@ -93,17 +94,17 @@ def test_the_first_page_of_a_tiff_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), GREY / np.float32(255))
 
 
-def test_frame_is_read_by_its_path_in_any_order(tmp_path: Path) -> None:
+def test_frame_is_read_by_its_number_in_any_order(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "clip.mp4", 40)
     for number in (30, 2, 31, 39):
-        path = clip / f"{number:06d}"
-        assert frame_of(path) == (clip, number)
-        np.testing.assert_allclose(read_image(path).mean(), (20 + 2 * number) / 255, atol=0.02)
+        source = frame_named(f"{clip}/{number:06d}")
+        assert source == Source(path=clip, frame=number) and str(source) == f"{clip}/{number:06d}"
+        picture = read_image(clip, content=read_content(source))
+        np.testing.assert_allclose(picture.mean(), (20 + 2 * number) / 255, atol=0.02)
     assert read_frame(clip, 0).shape == (64, 80, 3)
-    assert read_exif(clip / "000002").focal_px is None
-    with pytest.raises(ImageError, match="is a video; name a frame, for example"):
+    with pytest.raises(ImageError, match="is a video; read its frames"):
         read_image(clip)
-    assert frame_of(tmp_path / "000002") is None
+    assert frame_named(str(tmp_path / "000002")) is None
 
 
 @pytest.mark.parametrize(
@@ -126,7 +127,7 @@ def test_rows_of_a_video_that_is_turned_upright(
     header = content.index(b"tkhd")
     place = content.index(matrix(1, 0, 0, 1), header)
     clip.write_bytes(content[:place] + matrix(*turn) + content[place + 36 :])
-    assert read_image(clip / "000000").shape == shape and rows_towards(clip) == rows
+    assert read_frame(clip, 0).shape == shape and rows_towards(clip) == rows
 
 
 def test_names_of_videos_are_names_of_files_and_open_no_network(tmp_path: Path) -> None:

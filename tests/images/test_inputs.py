@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.cli.outputs import png
+from blur2view.cli.files import png
 from blur2view.errors import ImageError
 from blur2view.images.inputs import Inputs, list_photographs
+from blur2view.images.source import Source
 from blur2view.images.video import frame_numbers
 from tests.support.many_photographs import write_video
 
@@ -18,6 +19,11 @@ from tests.support.many_photographs import write_video
 def listed(*words: object, **options: object) -> Inputs:
     """Return the photographs that words name."""
     return list_photographs([str(word) for word in words], **options)  # type: ignore[arg-type]
+
+
+def paths(*words: object, **options: object) -> list[Path]:
+    """Return their files."""
+    return [one.path for one in listed(*words, **options).sources]
 
 
 @pytest.fixture
@@ -33,11 +39,11 @@ def folder(tmp_path: Path) -> Path:
 
 def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder: Path) -> None:
     found = listed(folder)
-    assert [path.name for path in found.paths] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
-    assert not found.refused and not found.names
+    assert [one.name for one in found.sources] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
+    assert not found.refused and found.names() == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     below = listed(folder, recursive=True)
-    assert below.paths == [*found.paths, folder / "sub/a.tif", folder / "sub/deep/b.heic"]
-    assert {str(name) for name in below.names.values()} == {"sub/a", "sub/deep/b"}
+    assert below.names() == [*found.names(), "sub/a.tif", "sub/deep/b.heic"]
+    assert list(map(str, below.result_names()))[3:] == ["sub/a", "sub/deep/b"]
 
 
 @pytest.mark.parametrize("recursive", [False, True])
@@ -52,9 +58,9 @@ def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path, separat
     text = separator.join([str(folder / "frame_10.jpg"), "", "absent.png", str(folder / "sub")]) + separator
     (tmp_path / "list.txt").write_bytes(text.encode())
     expected = [folder / "frame_10.jpg", Path("absent.png"), folder / "sub/a.tif"]
-    assert listed(f"@{tmp_path / 'list.txt'}").paths == expected
-    assert listed("-", stdin=io.BytesIO(text.encode())).paths == expected
-    assert listed("first.jpg", "-", "last.jpg", stdin=io.BytesIO(text.encode())).paths == [
+    assert paths(f"@{tmp_path / 'list.txt'}") == expected
+    assert paths("-", stdin=io.BytesIO(text.encode())) == expected
+    assert paths("first.jpg", "-", "last.jpg", stdin=io.BytesIO(text.encode())) == [
         Path("first.jpg"), *expected, Path("last.jpg")
     ]  # fmt: skip
 
@@ -77,18 +83,18 @@ def test_names_of_a_list_are_its_lines_but_blanks_and_comments(
         Path(name).touch()
     Path("list").write_bytes(content)
     expected = [Path(name) for name in names]
-    assert listed("@list").paths == listed("-", stdin=io.BytesIO(content)).paths == expected
+    assert paths("@list") == paths("-", stdin=io.BytesIO(content)) == expected
 
 
 def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     found = listed("frame_10.jpg", folder, "sub/../frame_10.jpg", "sub", "sub", "absent.jpg", "./absent.jpg")
-    names = [path.name for path in found.paths]
+    names = [one.name for one in found.sources]
     assert names == ["frame_10.jpg", "c.NEF", "frame_2.JPG", "a.tif", "absent.jpg"]
     (folder / "empty").mkdir()
-    assert len(listed("empty", "empty").paths) == 1
+    assert len(paths("empty", "empty")) == 1
     (folder / "link").symlink_to(folder / "sub/deep")
-    assert len(listed("x.jpg", "link/../x.jpg").paths) == 2  # the second is sub/x.jpg
+    assert len(paths("x.jpg", "link/../x.jpg")) == 2  # the second is sub/x.jpg
 
 
 def test_list_that_may_never_end_or_is_too_large_is_refused(
@@ -103,7 +109,7 @@ def test_list_that_may_never_end_or_is_too_large_is_refused(
         listed("-", stdin=zeros)
     monkeypatch.setattr("blur2view.images.inputs.MAX_LINES", 3)
     for separator in ("\n", "\0", "\u2028"):
-        assert len(listed("-", stdin=io.BytesIO(separator.join("abc").encode())).paths) == 3
+        assert len(paths("-", stdin=io.BytesIO(separator.join("abc").encode()))) == 3
         with pytest.raises(ImageError, match="has 4 lines; name at most 3"):
             listed("-", stdin=io.BytesIO(separator.join("abcd").encode()))
 
@@ -124,9 +130,10 @@ def test_video_stands_for_its_frames_named_after_their_numbers(
 ) -> None:
     video = write_video(tmp_path / "clip.mp4", 25)
     found = listed(video, frames=frames)
-    assert found.paths == [video / f"{number:06d}" for number in numbers]
-    assert list(found.names.values()) == [Path("clip", f"{number:06d}") for number in numbers]
-    assert found.one_video
+    assert found.sources == [Source(path=video, frame=number) for number in numbers]
+    assert found.names() == [f"clip.mp4/{number:06d}" for number in numbers]
+    assert found.result_names() == [Path("clip", f"{number:06d}") for number in numbers]
+    assert found.one_video and listed(video / "000002").sources == [Source(path=video, frame=2)]
 
 
 def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> None:
@@ -137,5 +144,13 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
     assert "none from 1e+308" in reason
     (tmp_path / "text.mp4").write_text("text")
     found = listed(tmp_path / "text.mp4", "a.jpg")
-    assert "cannot be opened as a video" in found.refused[tmp_path / "text.mp4"]
-    assert found.paths == [tmp_path / "text.mp4", Path("a.jpg")] and not found.one_video
+    assert "cannot be opened as a video" in found.refused[Source(path=tmp_path / "text.mp4")]
+    assert [one.path.name for one in found.sources] == ["text.mp4", "a.jpg"] and not found.one_video
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+def test_a_subfolder_that_cannot_be_read_is_refused_by_itself(folder: Path) -> None:
+    (folder / "sub").chmod(0)
+    (reason,) = listed(folder, recursive=True).refused.values()
+    (folder / "sub").chmod(0o755)
+    assert "sub: cannot be read (Permission denied)" in reason

@@ -99,9 +99,9 @@ def environment() -> dict[str, str]:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Return the files of a folder by their names, without manifests."""
+    """Return the files of a folder by their names."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.suffix != ".jsonl"
+        if path.is_file()
     }

@@ -1,6 +1,7 @@
 """The values of options: numbers with their units, frames, paths."""
 
 import math
+import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -114,3 +115,15 @@ def best(text: str) -> Amount:
         PERCENT,
     )
     return Amount(number=value, unit=unit or Amount.unit)
+
+
+def positive(text: str) -> float:
+    """Return a number above 0."""
+    return measured(text, "a number above 0", lambda value, _: value)[0]
+
+
+def dask_address(text: str) -> str:
+    """Return the address of a scheduler, which others than that of TCP do not reach."""
+    if not re.fullmatch(r"tcp://(\[[\d:.a-fA-F]+\]|[^/:\[\]]+):\d{1,5}", text):
+        raise ArgumentTypeError(f"expected tcp://HOST:PORT, got {text}")
+    return text

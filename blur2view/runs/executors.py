@@ -1,4 +1,4 @@
-"""Jobs done in this process or in several, each of which runs the network in one thread."""
+"""What does jobs: this process, or several, each of which runs the network in one thread."""
 
 import os
 import signal
@@ -11,36 +11,60 @@ from multiprocessing import get_context, parent_process
 
 import cv2
 
-from blur2view.runs.job import Done, Job, Outcome, Work, perform
+from blur2view.errors import ImageError, RunError
+from blur2view.runs.job import Done, Job, Outcome, Work, failed, perform
 
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
-Engine = Callable[[Work, Iterator[Job]], Done]
+Executor = Callable[[Work, Iterator[Job]], Done]
 """Does jobs, each taken when there is room for it, and yields it with its outcome when done, in any order."""
 
 
+def executor(count: int) -> Executor:
+    """Return what does jobs: as many processes, or this one if one is enough."""
+    return in_this_process if count == 1 else partial(in_processes, count=count)
+
+
 def in_this_process(work: Work, jobs: Iterator[Job]) -> Done:
-    """Yield the jobs with their outcomes, one after another."""
+    """Yield the jobs with their outcomes, one after another, done by a thread beside.
+
+    So Ctrl-C is answered at once, and not when a network has run.
+    """
     for job in jobs:
-        yield job, perform(work, job)
+        done: list[Outcome | BaseException] = []
+        thread = threading.Thread(target=_note, args=(done, work, job), daemon=True)
+        thread.start()
+        thread.join()
+        (outcome,) = done
+        if isinstance(outcome, BaseException):
+            raise outcome
+        yield job, outcome
+
+
+def _note(done: list[Outcome | BaseException], work: Work, job: Job) -> None:
+    """Append what comes of a job, which may be an error of the program."""
+    try:
+        done.append(perform(work, job))
+    except BaseException as error:
+        done.append(error)
 
 
 def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
     """Yield the jobs with their outcomes, done by several processes, which are killed when it is closed.
 
     A process that dies (of too little memory, of a damaged file that crashes a decoder) takes the jobs in
-    hand with it; each of them is tried once more, alone.
+    hand with it; each of them is tried once more, alone. RunError where no process can be started.
     """
-    executor = _executor(count)
+    pool = _pool(count)
     pending: dict[Future[Outcome], Job] = {}
     try:
         while True:
             while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
                 try:
-                    future = executor.submit(perform, work, job)
+                    future = pool.submit(perform, work, job)
                 except BrokenProcessPool:  # the processes have died meanwhile
-                    _end(executor)
-                    executor = _executor(count)
-                    future = executor.submit(perform, work, job)
+                    _end(pool)
+                    pool = _pool(count)
+                    future = pool.submit(perform, work, job)
                 pending[future] = job
             if not pending:
                 return
@@ -48,25 +72,35 @@ def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
                 job = pending.pop(future)
                 lost = isinstance(future.exception(), BrokenProcessPool)
                 yield job, _alone(work, job) if lost else future.result()
+    except OSError as error:
+        reason = f"{error.strerror or error}; give it fewer with --jobs"
+        raise RunError(f"blur2view cannot start processes ({reason})") from None
     finally:
-        _end(executor)
+        _end(pool)
 
 
 def _alone(work: Work, job: Job) -> Outcome:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
-    executor = _executor(1)
+    pool = _pool(1)
     try:
-        return executor.submit(perform, work, job).result()
+        return pool.submit(perform, work, job).result()
     except BrokenProcessPool:
         why = "the process that read it died, perhaps of too little memory; resize it"
-        return Outcome(error=f"{job.path}: {why}")
+        return failed(job, ImageError(f"{job.source}: {why}"))
     finally:
-        _end(executor)
+        _end(pool)
 
 
-def _executor(count: int) -> ProcessPoolExecutor:
-    """Return processes that start afresh: a fork would copy the threads' locks of the libraries."""
-    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+def _pool(count: int) -> ProcessPoolExecutor:
+    """Return processes that start afresh: a fork would copy the threads' locks of the libraries.
+
+    They import no module of the current folder, whatever it is called.
+    """
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+    except OSError as error:
+        raise RunError(f"blur2view cannot start processes ({error.strerror}); add --jobs 1") from None
 
 
 def _begin() -> None:
@@ -84,17 +118,12 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _end(executor: ProcessPoolExecutor) -> None:
+def _end(pool: ProcessPoolExecutor) -> None:
     """Kill the processes, which write nothing."""
-    processes, results = list((executor._processes or {}).values()), executor._result_queue
-    executor.shutdown(wait=False, cancel_futures=True)
+    processes, results = list((pool._processes or {}).values()), pool._result_queue
+    pool.shutdown(wait=False, cancel_futures=True)
     for process in processes:
         process.kill()
         process.join()
     # without it a thread of the pool waits for ever for the rest of a result (CPython gh-94777)
     results._writer.close()  # type: ignore[attr-defined]
-
-
-def processes(count: int) -> Engine:
-    """Return what does jobs in as many processes, in this one if one is enough."""
-    return in_this_process if count == 1 else partial(in_processes, count=count)
