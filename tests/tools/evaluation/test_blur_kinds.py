@@ -53,20 +53,6 @@ def test_an_aperture_has_the_second_moment_of_its_disc_along_every_axis(radius_p
     assert moments == pytest.approx([moment, moment, 0], rel=0.01, abs=0.05)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_what_stands_still_is_untouched_and_what_moves_is_part_of_the_picture(
-    photographs: Path, seed: int
-) -> None:
-    paths, rng = sorted(photographs.iterdir()), np.random.default_rng(seed)
-    light = made.radiance_of(paths[0])
-    scene, moving = made.passed(rng, light, paths[1:], movers=2)
-    np.testing.assert_array_equal(scene[moving == 0], light[moving == 0])
-    assert 0.03 < (moving > 0).mean() < 1 and moving.min() >= 0 and moving.max() <= 1
-    covered = moving > 0.99
-    assert np.abs(scene - light)[covered].mean() > 0.02
-    assert scene.min() >= 0 and scene.max() <= 1.001
-
-
 @pytest.mark.slow
 def test_whoever_knows_the_truth_has_no_error(photographs: Path) -> None:
     every = pictures(photographs)

@@ -7,11 +7,9 @@ import pytest
 
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import serrmin
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.search import find_plane
 from tools.datasets.degenerate_scenes import KINDS, Kind, draw_scene
-from tools.evaluation.degeneracy import RIGHT, confusions, outcome
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -29,21 +27,3 @@ def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Kind) -> 
         assert plane is not None
         inside = np.mean(np.abs(plane.orders(likelihood).least) < 3)
         assert inside > 0.99 if kind != "general" else inside < 0.9
-
-
-def test_outcomes_name_configurations_and_the_table_counts_what_is_right() -> None:
-    none = np.zeros(3, bool)
-    geometry = TwoViewGeometry(
-        F=None, config=Configuration.PANORAMIC, reason="", inlier_mask=none, second_end_is_open=none
-    )
-    assert outcome(geometry) == "rotation"
-    either = replace(geometry, config=Configuration.PLANAR_OR_PANORAMIC)
-    assert outcome(either) == "rotation or plane"
-    assert outcome(replace(either, F=np.eye(3))) == "open"
-    uncalibrated = replace(either, F=np.eye(3), config=Configuration.UNCALIBRATED)
-    assert outcome(uncalibrated) == "parallax"
-    rows = [(kind, RIGHT[kind][0]) for kind in KINDS for _ in range(3)]
-    lines = confusions([*rows, ("plane", "parallax")])
-    assert len(lines) == 2 + len(KINDS) + 1
-    assert "| 75.0 |" in next(line for line in lines if line.startswith("| plane"))
-    assert lines[-1].endswith(f"| {100 * 18 / 19:.1f} |")

@@ -1,15 +1,11 @@
 """The evaluation of motion masks: its figures on cases whose answer is known."""
 
-from pathlib import Path
-
-import cv2
 import numpy as np
 import pytest
 
-import blur2view
 from blur2view.movers.mask import MotionMask
 from tests.support.motion_scenes import HEIGHT, WIDTH
-from tools.evaluation.segmentation import judge, outlined, overlap
+from tools.evaluation.segmentation import judge, overlap
 from tools.metrics import average_precision
 
 
@@ -41,12 +37,3 @@ def test_masks_are_judged_by_what_moves() -> None:
     assert figures.counts[0].sum() == 19200 and figures.counts[1].sum() == figures.counts[1][9] == 40 * 48
     unseen = judge(static, np.ones_like(static), masked(np.zeros_like(true)))
     assert unseen.iou == 0 and unseen.called == 0 and unseen.precision < 0.2
-
-
-def test_objects_of_photographs_are_read_from_white_outlines(tmp_path: Path) -> None:
-    picture, truth = np.zeros((96, 128, 3), np.uint8), np.zeros((96, 128), np.uint8)
-    truth[:32, :64] = 255
-    cv2.imwrite(str(tmp_path / "a.jpg"), picture)
-    cv2.imwrite(str(tmp_path / "a.truth.png"), truth)
-    (figures,) = outlined(tmp_path, blur2view.SmearNetwork())
-    assert figures.share == pytest.approx(1 / 6) and figures.called == 0 and figures.unobservable == 1
