@@ -7,16 +7,8 @@ from enum import StrEnum
 
 
 class MotionModel(StrEnum):
-    """Model of the motion that F or, without F, H is from; in brackets its number of parameters."""
+    """Model of the camera's motion; in brackets its number of parameters."""
 
-    TRANSLATION = "translation"
-    """F of a translation (2)."""
-    CAMERA = "camera"
-    """F of one ordinary camera, the same at both ends (5, and 3 of the camera held by a prior)."""
-    GENERAL = "general"
-    """Any F (7)."""
-    CALIBRATED = "calibrated"
-    """F of known intrinsics (5)."""
     STILL = "no motion"
     """A camera that holds still (0)."""
     ROTATION = "rotation"
@@ -29,10 +21,8 @@ class MotionModel(StrEnum):
     """Any H (8)."""
     PARALLAX = "parallax"
     """A plane, and parallax along the lines of F (10)."""
-    ROTATION_OR_PLANE = "rotation or plane"
-    """H that is one of the two, undecided which (8)."""
     NONE = "none"
-    """Neither F nor H."""
+    """None: no models were compared."""
 
 
 @dataclass(frozen=True, kw_only=True)

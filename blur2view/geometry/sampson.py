@@ -1,4 +1,4 @@
-"""Sampson distances: of ordered matches, of the better order, of many F at once."""
+"""Sampson distances: of ordered matches, of the better order, of many F on the same smears."""
 
 from __future__ import annotations
 
@@ -42,55 +42,101 @@ def serrmin(F: Array, ends: Array) -> Array:
     return np.minimum(sampson(F, one, other), sampson(F, other, one))
 
 
-class BatchSampson:
-    """SErrMin of M models on N smears, with q, l and the gradients' even and odd parts as products.
+class EndProducts:
+    """Products of the coordinates of smears' ends, by which Sampson distances of F are products of matrices.
 
-    With x, y = p -+ s the squared Sampson distance of one order is (q + l)^2 / (E + O) and of the other
-    (q - l)^2 / (E - O): E is even, O odd in the exchange of the ends. Work is in float32 (relative errors
-    of about 1e-4 of a normalised pixel), so ends (N, 2, 2) should be normalised; results are in squared
-    pixels, ``unit_px`` of which are a normalised unit.
+    With x, y = p -+ s (midpoint and half displacement) and F = S + [a]x the Sampson distances of the two
+    orders are (q + l) / sqrt(E + O) and (q - l) / sqrt(E - O): q is linear in S, l in a (`epipolar`), and the
+    squared gradient |(F x)_12|^2 + |(F^T y)_12|^2 = x^T G1 x + y^T G2 y has an even part E, of entries of
+    G1 + G2, and an odd one O, of entries of G2 - G1, in the exchange of the ends.
+
+    Parameters
+    ----------
+    ends : ndarray of shape (N, 2, 2)
+        Best of order one: in float32 distances err by about 1e-4 of a normalised pixel.
+    sigma : ndarray of shape (N,) or float
+        Unit of the distances of every smear, as its standard deviation.
+    dtype : numpy dtype
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., equation 11.9.
     """
 
-    def __init__(self, ends: Array, unit_px: float) -> None:
+    def __init__(self, ends: Array, sigma: Array | float = 1.0, dtype: type = np.float64) -> None:
         q, skew = quadratic_features(ends)
         p, s = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
         even, odd = _gradient_features(p, s)
-        self._features = [
-            np.ascontiguousarray(part.T, np.float32) for part in (q * unit_px, skew * unit_px, even, odd)
-        ]
-        self.count = len(ends)
+        parts = q.T / sigma, skew.T / sigma, even.T, odd.T
+        self._features: list[FloatArray] = [
+            np.ascontiguousarray(part, dtype) for part in parts
+        ]  # (6 or 3, N)
 
-    def costs(
-        self, F: Array, weight: FloatArray, limit: float, block: slice | NDArray[np.int_] = slice(None)
-    ) -> FloatArray:
-        """Return the sums (M,) of SErrMin times a weight (N,), each at most ``limit``, over a block.
+    def distances(self, F: Array) -> tuple[Array, Array]:
+        """Return signed Sampson distances (2, N) of F (3, 3), ends[:, 0] first and ends[:, 1] first.
 
-        Of models F (M, 3, 3), few at a time, whose residuals stay in the processor's cache.
+        Beside them the lengths (2, N) of their gradients, which `derivatives` takes.
         """
-        rows, weight = _coefficients(F), weight[block]
+        f = _entries(F)
+        root = np.sqrt(np.maximum(self._squared_gradient(f, f)[0], TINY))
+        return self._algebraic(f)[0] / root, root
+
+    def derivatives(self, F: Array, tangents: Array, distance: Array, root: Array | float) -> Array:
+        """Return how the distances of F change (k, 2, N) along tangents (k, 3, 3)."""
+        t = _entries(tangents)
+        change = self._algebraic(t)
+        gradient = self._squared_gradient(_entries(F), t)
+        gradient *= distance / root
+        change -= gradient
+        change /= root
+        return change
+
+    def costs(self, F: Array, limit: float, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
+        """Return the sums (M,) of SErrMin of models F (M, 3, 3) over a block of smears, each at most a limit.
+
+        Few models at a time, whose residuals stay in the processor's cache.
+        """
+        f = _entries(F)
+        rows = [np.asarray(row, self._features[0].dtype) for row in (*_forms(f), *_gradients(f, f))]
         columns = [features[:, block] for features in self._features]
-        total, step = np.empty(len(F), np.float32), max(CHUNK // max(len(weight), 1), 1)
+        total, step = np.empty(len(F), rows[0].dtype), max(CHUNK // max(columns[0].shape[1], 1), 1)
         for start in range(0, len(F), step):
             part = slice(start, start + step)
             q, skew, even, odd = (row[:, part].T @ column for row, column in zip(rows, columns, strict=True))
             least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
-            least *= weight
-            total[part] = np.minimum(least, np.float32(limit), out=least).sum(axis=1)
+            total[part] = np.minimum(least, least.dtype.type(limit), out=least).sum(axis=1)
         return total
 
+    def _algebraic(self, f: Array) -> Array:
+        """Return y^T F x and x^T F y, (k, 2, N), of entries (3, 3, k)."""
+        q, skew = (row.T @ part for row, part in zip(_forms(f), self._features[:2], strict=True))
+        return np.stack([q + skew, q - skew], axis=1)
 
-def _coefficients(F: Array) -> list[FloatArray]:
-    """Return what q, l and the even and odd parts of the gradient are of F (M, 3, 3): (k, M), float32.
+    def _squared_gradient(self, f: Array, t: Array) -> Array:
+        """Return E +- O, (k, 2, N), of entries (3, 3, k), or half their change along others t (3, 3, k)."""
+        even, odd = (row.T @ part for row, part in zip(_gradients(f, t), self._features[2:], strict=True))
+        return np.stack([even + odd, even - odd], axis=1)
 
-    |(F x)_12|^2 = x^T G1 x and |(F^T y)_12|^2 = y^T G2 y; even are entries of G1 + G2, odd of G2 - G1.
-    """
-    f = np.ascontiguousarray(F.reshape(-1, 9).T).reshape(3, 3, -1)  # (3, 3, M)
+
+def _entries(F: Array) -> Array:
+    """Return matrices (3, 3) or (M, 3, 3) as (3, 3, M)."""
+    return np.ascontiguousarray(F.reshape(-1, 9).T).reshape(3, 3, -1)
+
+
+def _forms(f: Array) -> tuple[Array, Array]:
+    """Return the coefficients of q (6, M) and l (3, M): S, the upper half, and a, of entries (3, 3, M)."""
     half = 0.5 * (f + np.swapaxes(f, 0, 1))
     skew = 0.5 * np.stack([f[2, 1] - f[1, 2], f[0, 2] - f[2, 0], f[1, 0] - f[0, 1]])
-    gram1 = f[0, :, None] * f[0] + f[1, :, None] * f[1]
-    gram2 = f[:, None, 0] * f[:, 0] + f[:, None, 1] * f[:, 1]
-    even, odd = (gram1 + gram2)[UPPER], (gram2 - gram1)[:2].reshape(6, -1)
-    return [np.ascontiguousarray(part, np.float32) for part in (half[UPPER], skew, even, odd)]
+    return half[UPPER], skew
+
+
+def _gradients(f: Array, t: Array) -> tuple[Array, Array]:
+    """Return the coefficients of E (6, M) and O (6, M) for f = t, else half their derivatives along t."""
+    gram1 = f[0, :, None] * t[0] + f[1, :, None] * t[1]
+    gram2 = f[:, None, 0] * t[:, 0] + f[:, None, 1] * t[:, 1]
+    both, difference = gram1 + gram2, gram2 - gram1
+    both, difference = (0.5 * (g + np.swapaxes(g, 0, 1)) for g in (both, difference))
+    return both[UPPER], difference[:2].reshape(6, -1)
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:

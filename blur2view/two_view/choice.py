@@ -18,11 +18,10 @@ from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.two_view import constants as c
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.fit_fundamental import Fit
-from blur2view.two_view.fit_homography import HomographyFit, fit_homography
+from blur2view.two_view.fit_fundamental import FundamentalFit
+from blur2view.two_view.fit_homography import HomographyFit, find_plane, fit_homography
 from blur2view.two_view.homography import HomographyFlow, rotation_of
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.search import find_plane
 
 ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
 
@@ -37,14 +36,19 @@ class Choice:
 
     config: Configuration
     sentence: str
-    fit: Fit
+    fit: FundamentalFit
     reports_F: bool = False
     homography: HomographyFit | None = None
     table: ModelTable = field(default_factory=ModelTable)
 
 
 def choose(
-    likelihood: Likelihood, fit: Fit, rng: np.random.Generator, *, has_consensus: bool, rolling: bool
+    likelihood: Likelihood,
+    fit: FundamentalFit,
+    rng: np.random.Generator,
+    *,
+    has_consensus: bool,
+    rolling: bool,
 ) -> Choice:
     """Return what the smears show, given the F of least cost.
 
@@ -55,10 +59,9 @@ def choose(
         sentence = "no motion, the smears are no longer than their errors"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
     sample = likelihood.subset(np.sort(rng.permutation(len(likelihood))[: c.SAMPLE]))
-    plane = find_plane(sample, rng)
-    if plane is None:
-        config = Configuration.UNCALIBRATED if has_consensus else Configuration.UNDEFINED
-        return Choice(config=config, sentence="no homography fits", fit=fit, reports_F=has_consensus)
+    there = FundamentalFit(point=fit.point, likelihood=sample, sign=fit.sign)
+    orders = there.residuals.backward, there.residuals.forward_share < 0.5  # by F, and by depth as well
+    plane = find_plane(sample, fit.point.motion()[0], orders)
     fields = fields_of(sample, plane, rolling)
     plane = fields[MotionModel.PLANE]
     table = table_of(fields, plane.gain_of_parallax(fit.point.matrix()) if has_consensus else None)
@@ -116,10 +119,13 @@ def probabilities(
 
 
 def named(
-    table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: Fit, has_consensus: bool
+    table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: FundamentalFit, has_consensus: bool
 ) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
     parallax = table.probability(MotionModel.PARALLAX) or 0.0
+    if table.winner is not None and table.winner.model is MotionModel.STILL:
+        sentence = f"no motion: probability {table.winner.probability:.2f}"
+        return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit, table=table)
     if parallax >= c.PROVEN_FROM:
         sentence = f"parallax is proven: {figures_of(table)}"
         return Choice(

@@ -38,6 +38,7 @@ WIDER = 3.0  # scale of errors that are worse than stated: they are no parallax
 MIXTURE_ROUNDS = 50  # of expectation-maximisation: bound
 NO_ERROR = 1e-9  # standard deviation that holds an error all over the picture at zero
 FIELD_STEPS, FIELD_TOLERANCE = 12, 1e-3  # Levenberg-Marquardt steps, and the relative decrease that ends them
+PLANE_STEPS, PLANES = 8, (3, 3, 2)  # of reweighting for a start; starts that take a step, a second, a third
 # Prior deviation of the change of a rotation per unit of height over that of the rotation itself.
 ROLLING_SPREAD = 0.5
 
@@ -51,21 +52,13 @@ REST = 0.02  # standard deviations: a smaller step ends a fit; with 0.2 the orde
 # Of several starts those that take a first, a second, a third and a fourth step; then the cheapest alone goes
 # on. With 3 and 2, 3 of 120 exact scenes (`test_estimate`) end in another minimum, and F of RK differs three
 # times as much from seed to seed.
-KEPT = 5, 5, 5, 2
+STARTERS = 5, 5, 5, 2
 TOLERANCE = 1e-5  # relative decrease of the cost that ends a fit
 FREE_TOLERANCE = 1e-2  # of a fit that takes every smear for independent; another goes on from it
 CLEARLY = 6.0  # what that must gain in cost: at 0, 6 more of 210 estimates of network smears fail
 SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: bound
 LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
-# Photographs come from ordinary cameras: where one may be assumed, the general F is for those it plainly does
-# not fit. At odds of 100 to 1 it won a fifth of the scenes, at worse poses (AUC@10 0.686, not 0.706, over 30
-# synthetic scenes with 1 px of noise) and a higher median rho on network smears (0.042, not 0.035).
-ODDS_AGAINST_GENERAL = 1e12
-# A camera that does not rotate is rare too: at even odds the two-parameter F won a third of the frames of
-# RK, at a median rho of 0.066 where the camera's had 0.057.
-ODDS_AGAINST_TRANSLATION = 1e3
-
 # What is refused, and consensus.
 MIN_MATCHES = 20
 MIN_LENGTH_PX = 1.0  # median smear

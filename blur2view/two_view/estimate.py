@@ -161,14 +161,13 @@ def as_recorded(
     if (reason := insufficient_data(matches)) is not None:
         return no_geometry(matches, reason, insufficient_data=True)
     straight = matches if camera is None else undistorted(matches, camera)
-    likelihood, fits = search_and_fit(Likelihood.of(straight, camera), options, rng)
-    best = min(fits, key=lambda fit: fit.score)
-    found = inliers_of(likelihood.pixels(best.point.matrix()), likelihood, options)
+    likelihood, fit = search_and_fit(Likelihood.of(straight, camera), options, rng)
+    found = inliers_of(likelihood.pixels(fit.point.matrix()), likelihood, options)
     has_consensus = found.beyond_chance >= MIN_AGREEMENT
-    choice = choose(likelihood, best, rng, has_consensus=has_consensus, rolling=rolling)
+    choice = choose(likelihood, fit, rng, has_consensus=has_consensus, rolling=rolling)
     pose = None
     if likelihood.intrinsics_known and (choice.reports_F or choice.homography is not None):
-        pose = estimate_pose(likelihood, choice, fits)
+        pose = estimate_pose(likelihood, choice)
     geometry = geometry_of(choice, pose, likelihood, options)
     reasons = choice.sentence, found.figures if pose is None else f"{found.figures}{pose.sentence}"
     return in_order(replace(geometry, reason=": ".join(reasons)), matches, camera)

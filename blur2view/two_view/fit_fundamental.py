@@ -1,4 +1,4 @@
-"""From matches to fitted families of F: the two-parameter one, an ordinary camera's, the general one."""
+"""Fitting F to smears of unknown order: likelihood, Levenberg-Marquardt steps, the scale of the noise."""
 
 from __future__ import annotations
 
@@ -10,19 +10,11 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
-from blur2view.geometry.model_table import MotionModel
 from blur2view.two_view import constants as c
 from blur2view.two_view.levenberg_marquardt import least_of
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, FundamentalModel
 from blur2view.two_view.residuals import OrderedResiduals
-
-PARAMETERS = {MotionModel.TRANSLATION: 2, MotionModel.CAMERA: 5, MotionModel.GENERAL: 7}
-ODDS_AGAINST = {
-    MotionModel.GENERAL: c.ODDS_AGAINST_GENERAL,
-    MotionModel.TRANSLATION: c.ODDS_AGAINST_TRANSLATION,
-    MotionModel.CAMERA: 1.0,
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,15 +69,6 @@ class FundamentalFit:
         return FundamentalFit(point=self.point.step(delta), likelihood=self.likelihood, sign=self.sign)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Fit:
-    """A fitted model: the point of its family."""
-
-    model: MotionModel
-    point: FundamentalModel
-    score: float  # twice a negative log-posterior plus Akaike's penalty, see `fit_best`
-
-
 def distinct(matrices: list[Array]) -> list[Array]:
     """Return matrices (3, 3) without near repetitions, up to scale and transposition."""
     kept: list[Array] = []
@@ -97,7 +80,7 @@ def distinct(matrices: list[Array]) -> list[Array]:
 
 
 def fit_roughly(starts: list[Array], unrotated: Array, likelihood: Likelihood) -> FundamentalModel:
-    """Return the cheapest refinement of the starts, or that of one without rotation if it is clearly cheaper.
+    """Return a camera's F, refined from matrices (3, 3) or, if that is clearly cheaper, one without rotation.
 
     What a wrong start leaves is correlated over the image, as errors of few independent smears are: depths
     and data then count little against the prior, and the fit stays in a local minimum. So a start without
@@ -107,28 +90,17 @@ def fit_roughly(starts: list[Array], unrotated: Array, likelihood: Likelihood) -
     shared = replace(likelihood.matches.shared, effective_share=1.0)
     free = replace(likelihood, matches=replace(likelihood.matches, shared=shared))
     *near, far = (CameraF.from_matrix(F, likelihood.prior) for F in [*starts, unrotated])
-    freely = fit_best(MotionModel.CAMERA, [far], free, c.FREE_TOLERANCE)
-    fit = fit_best(MotionModel.CAMERA, near, likelihood)
-    other = fit_best(MotionModel.CAMERA, [freely.point], likelihood)
-    return (other if other.score < fit.score - c.CLEARLY else fit).point
+    freely = fit_best([far], free, c.FREE_TOLERANCE)
+    fit, other = fit_best(near, likelihood), fit_best([freely.point], likelihood)
+    return (other if other.cost < fit.cost - c.CLEARLY else fit).point
 
 
 def fit_best(
-    model: MotionModel,
-    starts: Sequence[FundamentalModel],
-    likelihood: Likelihood,
-    tolerance: float = c.TOLERANCE,
-) -> Fit:
-    """Return the cheapest refinement of the starts. The score is Akaike's criterion.
-
-    It aims at the least error on unseen smears, as we do. Schwarz's, which aims at the true family, took the
-    two-parameter F in a third of scenes with 8 degrees of noise, at a mean rho of 0.040 instead of 0.037.
-    Of several starts the cheapest KEPT take a step each; only the one that is cheapest then is refined on.
-    """
+    starts: Sequence[FundamentalModel], likelihood: Likelihood, tolerance: float = c.TOLERANCE
+) -> FundamentalFit:
+    """Return the cheapest refinement of the starts, which race (`constants.STARTERS`)."""
     points = [FundamentalFit.likelier(start, likelihood) for start in starts]
-    best = least_of(points, c.KEPT, c.STEPS, tolerance, c.REST)
-    score = best.cost + 2 * PARAMETERS[model] + 2 * float(np.log(ODDS_AGAINST[model])) * likelihood.has_camera
-    return Fit(model=model, point=best.point, score=score)
+    return least_of(points, c.STARTERS, c.STEPS, tolerance, c.REST)
 
 
 def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:

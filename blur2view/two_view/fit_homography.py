@@ -7,19 +7,22 @@ of lengths that err by 4 % would speak against every rotation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import symmetric_skew, unit_lines
+from blur2view.geometry.epipolar import cross_matrix, symmetric_skew, unit_lines
 from blur2view.two_view import constants as c
 from blur2view.two_view.constants import FREEDOM
-from blur2view.two_view.homography import HomographyFlow
+from blur2view.two_view.homography import HomographyFlow, entries_of, velocity_basis
 from blur2view.two_view.levenberg_marquardt import least_of
 from blur2view.two_view.likelihood import Likelihood, mixture
 from blur2view.two_view.residuals import OrderedResiduals
+from blur2view.two_view.reweighted import reweighted_motion
 
 SLOW = 6  # parameters of the errors that vary slowly
 # Their precisions. The first, lengths wrong by a share everywhere, is held at zero: no residual shows it, and
@@ -142,6 +145,25 @@ def fit_homography(
         HomographyFit(likelihood=likelihood, family=field) for field in (start, other) if field is not None
     ]
     return least_of(starts, (2,), c.FIELD_STEPS, c.FIELD_TOLERANCE)
+
+
+def find_plane(likelihood: Likelihood, rotation: Array, orders: Sequence[NDArray[np.bool_]]) -> HomographyFit:
+    """Return the cheapest homography near a rotation vector (3,) or near what follows smears in some order.
+
+    ``orders`` are masks (N,) of the smears whose ends[:, 1] is to be the open end; in each the homography
+    that follows most smears is linear. From these starts the fit decides every order anew. It costs as much
+    as the best of 96 samples of four smears did, refined: of 24 scenes of rotations and planes with
+    independent and shared errors, and of RK, none more by 0.3 in log-posterior.
+    """
+    basis, scale = velocity_basis(likelihood.middle), 2**0.5 * likelihood.sigma_px / likelihood.unit_px
+    entries = [entries_of(cross_matrix(rotation))]
+    for backward in orders:
+        displacement = np.where(backward, -1.0, 1.0) * likelihood.displacement.T
+        start, _ = reweighted_motion(basis, displacement, steps=c.PLANE_STEPS, scale=lambda _: scale)
+        entries.append(start)
+    planes = [HomographyFlow.plane(start, likelihood.prior) for start in entries]
+    starts = [HomographyFit(likelihood=likelihood, family=plane) for plane in planes]
+    return least_of(starts, c.PLANES, 2 * c.FIELD_STEPS, c.FIELD_TOLERANCE)
 
 
 def student(both: Array, widths: Array) -> Array:

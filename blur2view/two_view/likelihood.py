@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import denormalise
+from blur2view.geometry.sampson import EndProducts
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
 from blur2view.two_view.homography import velocity_basis
 from blur2view.two_view.models import CameraPrior, assumed_camera
-from blur2view.two_view.residuals import DepthOdds, EndProducts, OrderedResiduals
+from blur2view.two_view.residuals import DepthOdds, OrderedResiduals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,7 +141,7 @@ class Likelihood:
     @cached_property
     def products(self) -> EndProducts:
         """Products of the ends' coordinates, for residuals."""
-        return EndProducts.of(self.ends, self.sigma_px / self.unit_px)
+        return EndProducts(self.ends, self.sigma_px / self.unit_px)
 
     @cached_property
     def along(self) -> Array:

@@ -20,13 +20,12 @@ import numpy as np
 
 from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, unit_lines
-from blur2view.geometry.model_table import MotionModel
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import half_sphere, plane_basis, rotation_flow, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
-from blur2view.two_view.fit_fundamental import Fit, FundamentalFit, fit_best
+from blur2view.two_view.fit_fundamental import FundamentalFit, fit_best
 from blur2view.two_view.fit_homography import fit_homography
 from blur2view.two_view.homography import cayley
 from blur2view.two_view.likelihood import Likelihood
@@ -123,8 +122,8 @@ def fit_calibrated(
     """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
     rotation, t = directions.best
     starts = [start, CameraF(t=t, R=rotation_matrix(rotation), spread=likelihood.prior)]
-    fits = [fit_best(MotionModel.CAMERA, [start], likelihood) for start in starts]
-    point = cast(CameraF, min(fits, key=lambda fit: fit.score).point)
+    fits = [fit_best([start], likelihood) for start in starts]
+    point = cast(CameraF, min(fits, key=lambda fit: fit.cost).point)
     residuals = likelihood.residuals(point.matrix())
     inliers = likelihood.order_weights(residuals).sum(axis=0)
     return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
@@ -180,7 +179,7 @@ def covariance_of(
     return replace(region, matrix=region.matrix + own)
 
 
-def estimate_pose(likelihood: Likelihood, choice: Choice, fits: list[Fit]) -> EstimatedPose:
+def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
     """Return the pose of known intrinsics for a choice with F or H.
 
     The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
@@ -190,9 +189,8 @@ def estimate_pose(likelihood: Likelihood, choice: Choice, fits: list[Fit]) -> Es
         fit = fit_homography(choice.homography.family, likelihood.fully_correlated)
         vector, spread = fit.family.parameters[:3], fit.covariance()[:3, :3]
         return rotation_alone(vector, spread, "the rotation that explains the smears alone")
-    start = cast(CameraF, next(fit.point for fit in fits if fit.model is MotionModel.CAMERA))
     directions = DirectionLikelihood.of(likelihood)
-    point, pose = fit_calibrated(likelihood, start, directions)
+    point, pose = fit_calibrated(likelihood, cast(CameraF, choice.fit.point), directions)
     mean, region = directions.region(pose)
     covariance = covariance_of(pose, point, likelihood, region)
     fitted = "; E was then fitted to the known intrinsics"

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.rotation import rotation_flow
 
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
@@ -59,54 +58,6 @@ class OrderedResiduals:
     def decided(self) -> OrderedResiduals:
         """Return them with each smear's better order taken for granted, as SErrMin does."""
         return replace(self, prior=np.stack([~self.backward, self.backward]).astype(float))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class EndProducts:
-    """Products of the coordinates of ends: Sampson distances are made of what is linear in them.
-
-    With x = ends[:, 0] and y = ends[:, 1], homogeneous: ``bilinear`` are the entries of y x^T, which F's own
-    multiply to y^T F x; ``squares`` those of x x^T, then of y y^T, which the entries of R^T R and C C^T
-    multiply to |(F x)_12|^2 + |(F^T y)_12|^2; R are the first two rows of F, C its first two columns.
-    Exchanging the ends is transposing F.
-    """
-
-    bilinear: Array  # (9, N)
-    squares: Array  # (18, N)
-
-    @classmethod
-    def of(cls, ends: Array, sigma: Array | float = 1.0) -> EndProducts:
-        """Return those of ends (N, 2, 2); distances are then in standard deviations sigma (N,)."""
-        x, y = np.ascontiguousarray(homogeneous(ends).transpose(1, 2, 0))  # (3, N) each
-        yx, xx, yy = ((a[:, None] * b).reshape(9, -1) for a, b in ((y, x), (x, x), (y, y)))
-        return cls(bilinear=yx / sigma, squares=np.concatenate([xx, yy]))
-
-    def distances(self, F: Array) -> tuple[Array, Array]:
-        """Return signed Sampson distances (2, N) of F (3, 3) and F^T, and lengths (2, N) of their gradients.
-
-        References
-        ----------
-        Hartley and Zisserman, Multiple View Geometry, 2nd ed., equation 11.9.
-        """
-        root = np.sqrt(np.maximum(gradient_entries(F, F[None])[0] @ self.squares, TINY))
-        return np.stack([F, F.T]).reshape(2, 9) @ self.bilinear / root, root
-
-    def derivatives(self, F: Array, tangents: Array, distance: Array, root: Array | float) -> Array:
-        """Return how these distances of F change (k, 2, N) along tangents (k, 3, 3)."""
-        both = np.stack([tangents, np.swapaxes(tangents, 1, 2)], axis=1)
-        change = (both.reshape(-1, 9) @ self.bilinear).reshape(len(tangents), 2, -1)
-        gradient = (gradient_entries(F, tangents).reshape(-1, 18) @ self.squares).reshape(change.shape)
-        gradient *= distance / root
-        change -= gradient
-        change /= root
-        return np.asarray(change)
-
-
-def gradient_entries(F: Array, tangents: Array) -> Array:
-    """Return what multiplies squares to half the squared gradients' derivatives (k, 2, 18), of F and F^T."""
-    of_x = (F[:2].T @ tangents[:, :2]).reshape(-1, 9)
-    of_y = (F[:, :2] @ np.swapaxes(tangents[:, :, :2], 1, 2)).reshape(-1, 9)
-    return np.concatenate([of_x, of_y, of_y, of_x], axis=1).reshape(-1, 2, 18)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

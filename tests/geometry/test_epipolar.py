@@ -7,7 +7,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry import epipolar, sampson
 from blur2view.geometry.rotation import rotation_flow
-from blur2view.geometry.sampson import BatchSampson
+from blur2view.geometry.sampson import EndProducts
 from tests.support.scenes import make_scene
 
 SIMILARITY = np.array([[0.01, 0, -3.0], [0, 0.01, -2.0], [0, 0, 1]])
@@ -76,15 +76,30 @@ def test_true_F_explains_its_smears_and_orders_them() -> None:
 
 
 @pytest.mark.parametrize(("models", "smears"), [(300, 100), (2, sampson.CHUNK + 1)])
-def test_costs_are_cut_and_weighed_sums_of_serrmin_however_many_there_are(models: int, smears: int) -> None:
-    rng, unit_px = np.random.default_rng(9), 500.0
+def test_costs_are_cut_sums_of_serrmin_however_many_there_are(models: int, smears: int) -> None:
+    rng = np.random.default_rng(9)
     F, ends = random_matrices(9, models), rng.uniform(-0.5, 0.5, (smears, 2, 2))
-    weight = rng.uniform(0.5, 2.0, smears).astype(np.float32)
-    batch, exact = BatchSampson(ends, unit_px), sampson.serrmin(F, ends) * unit_px**2
+    sigma = rng.uniform(0.001, 0.01, smears)
+    batch, exact = EndProducts(ends, sigma, np.float32), sampson.serrmin(F, ends) / sigma**2
     assert models * smears > sampson.CHUNK
     for block in (slice(None), np.array([7, 3, 50])):
-        summed = np.minimum(exact[:, block] * weight[block], 900.0).sum(axis=1)
-        assert np.allclose(batch.costs(F, weight, 900.0, block), summed, rtol=1e-3, atol=0.01)
+        summed = np.minimum(exact[:, block], 900.0).sum(axis=1)
+        assert np.allclose(batch.costs(F, 900.0, block), summed, rtol=1e-3, atol=0.01)
+
+
+def test_products_give_signed_sampson_distances_of_both_orders_and_their_derivatives() -> None:
+    rng = np.random.default_rng(1)
+    F, ends, tangents = rng.normal(size=(3, 3)), rng.normal(size=(20, 2, 2)), np.eye(9).reshape(9, 3, 3)
+    products = EndProducts(ends)
+    (ahead, behind), root = products.distances(F)
+    assert np.allclose(ahead**2, sampson.sampson(F, ends[:, 0], ends[:, 1]))
+    assert np.allclose(behind**2, sampson.sampson(F, ends[:, 1], ends[:, 0]))
+    x, y = epipolar.homogeneous(ends[:, 0]), epipolar.homogeneous(ends[:, 1])
+    assert (np.sign(ahead) == np.sign(np.einsum("ni,ij,nj->n", y, F, x))).all()
+    analytic = products.derivatives(F, tangents, np.stack([ahead, behind]), root)
+    for tangent, derivative in zip(tangents, analytic, strict=True):
+        up, down = (products.distances(F + s * 1e-6 * tangent)[0] for s in (1, -1))
+        assert np.allclose((up - down) / 2e-6, derivative, atol=1e-5)
 
 
 def test_epipoles_are_the_null_vectors() -> None:

@@ -39,7 +39,7 @@ def transfer_px(H: Array, scene: KnownMatches) -> float:
     [
         ("pure rotation", Configuration.PANORAMIC, "rotation", Parallax.ABSENT, "no parallax"),
         ("plane", Configuration.PLANAR, "plane", Parallax.ABSENT, "no parallax"),
-        ("general", Configuration.UNCALIBRATED, "camera", Parallax.PROVEN, "parallax is proven"),
+        ("general", Configuration.UNCALIBRATED, "parallax", Parallax.PROVEN, "parallax is proven"),
         ("no motion", Configuration.DEGENERATE, "none", Parallax.ABSENT, "no motion"),
     ],
 )
@@ -56,7 +56,7 @@ def test_every_kind_is_named_and_has_its_model(
             undecided += 1
             continue
         assert geometry.parallax is parallax
-        assert geometry.model == model or kind == "general"
+        assert geometry.model == model
         assert reason in geometry.reason
         assert (geometry.F is not None) == (kind == "general")
         assert (geometry.H is not None) == (kind in ("pure rotation", "plane"))

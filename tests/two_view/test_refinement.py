@@ -6,7 +6,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, symmetric_skew, unit_norm
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
-from blur2view.geometry.sampson import sampson, serrmin
+from blur2view.geometry.sampson import EndProducts, serrmin
 from blur2view.two_view.fit_fundamental import FundamentalFit
 from blur2view.two_view.levenberg_marquardt import levenberg_marquardt
 from blur2view.two_view.likelihood import Likelihood
@@ -18,7 +18,7 @@ from blur2view.two_view.models import (
     GeneralF,
     assumed_camera,
 )
-from blur2view.two_view.residuals import EndProducts, OrderedResiduals
+from blur2view.two_view.residuals import OrderedResiduals
 from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene
 
@@ -38,7 +38,7 @@ def normalised(ends: Array) -> Array:
 
 
 def signed_sampson(F: Array, points1: Array, points2: Array) -> Array:
-    (ahead, _), _ = EndProducts.of(np.stack([points1, points2], axis=1)).distances(F)
+    (ahead, _), _ = EndProducts(np.stack([points1, points2], axis=1)).distances(F)
     return np.asarray(ahead)
 
 
@@ -55,22 +55,6 @@ def refined(
         start = FundamentalFit.likelier(point, likelihood)
     *_, best = levenberg_marquardt(start, steps, tolerance)
     return best
-
-
-def test_derivatives_of_sampson_distances_are_numeric_ones() -> None:
-    rng = np.random.default_rng(1)
-    F, ends, tangents = rng.normal(size=(3, 3)), rng.normal(size=(20, 2, 2)), np.eye(9).reshape(9, 3, 3)
-    products = EndProducts.of(ends)
-    analytic = products.derivatives(F, tangents, *products.distances(F))
-    for tangent, derivative in zip(tangents, analytic, strict=True):
-        ahead, behind = (products.distances(F + s * 1e-6 * tangent)[0] for s in (1, -1))
-        assert np.allclose((ahead - behind) / 2e-6, derivative, atol=1e-6)
-
-
-def test_signed_sampson_squared_is_sampson() -> None:
-    rng = np.random.default_rng(2)
-    F, points1, points2 = rng.normal(size=(3, 3)), rng.normal(size=(9, 2)), rng.normal(size=(9, 2))
-    assert np.allclose(signed_sampson(F, points1, points2) ** 2, sampson(F, points1, points2))
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: type(family).__name__)

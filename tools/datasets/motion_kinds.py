@@ -18,8 +18,8 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.smears.field import smear_ends
 from blur2view.smears.matches import SmearMatches
+from blur2view.two_view.fit_homography import find_plane
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.search import find_plane
 from tools.arguments import Existing, run
 from tools.datasets.testset import SERIES, write_photographed
 from tools.processes import mapped
@@ -65,9 +65,7 @@ def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Ar
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     matches = SmearMatches(ends=ends, sigma_px=0.04 * length + 0.1)
     likelihood = Likelihood(matches=matches, T=T, has_camera=True)
-    plane = find_plane(likelihood, rng)
-    if plane is None:
-        return length * T[0, 0], length * T[0, 0]
+    plane = find_plane(likelihood, np.zeros(3), [np.zeros(len(ends), bool)])
     deviation = 2**0.5 * np.abs(plane.orders(likelihood).least) * likelihood.sigma_px
     return deviation * T[0, 0], length * T[0, 0]
 
