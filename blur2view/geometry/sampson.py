@@ -12,6 +12,18 @@ from blur2view.geometry.epipolar import homogeneous, quadratic_features
 
 FloatArray = NDArray[np.floating[Any]]
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
+# From the entries of F, row by row, to S11, S12, S13, S22, S23, S33 and a, of F = S + [a]x.
+FORMS: Array = np.zeros((9, 9))
+for _k, (_i, _j) in enumerate(zip(*UPPER, strict=True)):
+    FORMS[3 * _i + _j, _k] += 0.5
+    FORMS[3 * _j + _i, _k] += 0.5
+FORMS[[7, 5, 2, 6, 3, 1], [6, 6, 7, 7, 8, 8]] = [0.5, -0.5, 0.5, -0.5, 0.5, -0.5]
+# From G1 + G2 and G2 - G1, symmetrised, to the upper half of the one and two rows of the other.
+GRADIENTS: Array = np.zeros((18, 12))
+GRADIENTS[:9, :6] = FORMS[:, :6]
+for _i, _j in np.ndindex(2, 3):
+    GRADIENTS[9 + 3 * _i + _j, 6 + 3 * _i + _j] += 0.5
+    GRADIENTS[9 + 3 * _j + _i, 6 + 3 * _i + _j] += 0.5
 CHUNK = 16384  # residuals of models at once: beyond the processor's cache each takes 3 to 4 times as long
 
 
@@ -64,79 +76,58 @@ class EndProducts:
     """
 
     def __init__(self, ends: Array, sigma: Array | float = 1.0, dtype: type = np.float64) -> None:
-        q, skew = quadratic_features(ends)
+        q, skew = (part.T / sigma for part in quadratic_features(ends))
         p, s = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
-        even, odd = _gradient_features(p, s)
-        parts = q.T / sigma, skew.T / sigma, even.T, odd.T
-        self._features: list[FloatArray] = [
-            np.ascontiguousarray(part, dtype) for part in parts
-        ]  # (6 or 3, N)
+        even, odd = (part.T for part in _gradient_features(p, s))
+        self.count = len(ends)
+        # both orders side by side, (9, 2 N) and (12, 2 N)
+        self._algebraic = np.ascontiguousarray(np.block([[q, q], [skew, -skew]]), dtype)
+        self._gradient = np.ascontiguousarray(np.block([[even, even], [odd, -odd]]), dtype)
 
     def distances(self, F: Array) -> tuple[Array, Array]:
         """Return signed Sampson distances (2, N) of F (3, 3), ends[:, 0] first and ends[:, 1] first.
 
         Beside them the lengths (2, N) of their gradients, which `derivatives` takes.
         """
-        f = _entries(F)
-        root = np.sqrt(np.maximum(self._squared_gradient(f, f)[0], TINY))
-        return self._algebraic(f)[0] / root, root
+        root = np.sqrt(np.maximum(_gradients(F, F) @ self._gradient, TINY)).reshape(2, -1)
+        return (F.reshape(9) @ FORMS @ self._algebraic).reshape(2, -1) / root, root
 
     def derivatives(self, F: Array, tangents: Array, distance: Array, root: Array | float) -> Array:
         """Return how the distances of F change (k, 2, N) along tangents (k, 3, 3)."""
-        t = _entries(tangents)
-        change = self._algebraic(t)
-        gradient = self._squared_gradient(_entries(F), t)
+        change = (tangents.reshape(-1, 9) @ FORMS @ self._algebraic).reshape(len(tangents), 2, -1)
+        gradient = (_gradients(F, tangents) @ self._gradient).reshape(change.shape)
         gradient *= distance / root
         change -= gradient
         change /= root
-        return change
+        return np.asarray(change)
 
     def costs(self, F: Array, limit: float, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
         """Return the sums (M,) of SErrMin of models F (M, 3, 3) over a block of smears, each at most a limit.
 
         Few models at a time, whose residuals stay in the processor's cache.
         """
-        f = _entries(F)
-        rows = [np.asarray(row, self._features[0].dtype) for row in (*_forms(f), *_gradients(f, f))]
-        columns = [features[:, block] for features in self._features]
+        forms, gradients = F.reshape(-1, 9) @ FORMS, _gradients(F, F)
+        rows = [
+            np.asarray(part, self._gradient.dtype)
+            for part in (*np.split(forms, [6], 1), *np.split(gradients, 2, 1))
+        ]
+        one = self._algebraic[:, : self.count][:, block], self._gradient[:, : self.count][:, block]
+        columns = [*np.split(one[0], [6]), *np.split(one[1], 2)]
         total, step = np.empty(len(F), rows[0].dtype), max(CHUNK // max(columns[0].shape[1], 1), 1)
         for start in range(0, len(F), step):
             part = slice(start, start + step)
-            q, skew, even, odd = (row[:, part].T @ column for row, column in zip(rows, columns, strict=True))
+            q, skew, even, odd = (row[part] @ column for row, column in zip(rows, columns, strict=True))
             least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
             total[part] = np.minimum(least, least.dtype.type(limit), out=least).sum(axis=1)
         return total
 
-    def _algebraic(self, f: Array) -> Array:
-        """Return y^T F x and x^T F y, (k, 2, N), of entries (3, 3, k)."""
-        q, skew = (row.T @ part for row, part in zip(_forms(f), self._features[:2], strict=True))
-        return np.stack([q + skew, q - skew], axis=1)
 
-    def _squared_gradient(self, f: Array, t: Array) -> Array:
-        """Return E +- O, (k, 2, N), of entries (3, 3, k), or half their change along others t (3, 3, k)."""
-        even, odd = (row.T @ part for row, part in zip(_gradients(f, t), self._features[2:], strict=True))
-        return np.stack([even + odd, even - odd], axis=1)
-
-
-def _entries(F: Array) -> Array:
-    """Return matrices (3, 3) or (M, 3, 3) as (3, 3, M)."""
-    return np.ascontiguousarray(F.reshape(-1, 9).T).reshape(3, 3, -1)
-
-
-def _forms(f: Array) -> tuple[Array, Array]:
-    """Return the coefficients of q (6, M) and l (3, M): S, the upper half, and a, of entries (3, 3, M)."""
-    half = 0.5 * (f + np.swapaxes(f, 0, 1))
-    skew = 0.5 * np.stack([f[2, 1] - f[1, 2], f[0, 2] - f[2, 0], f[1, 0] - f[0, 1]])
-    return half[UPPER], skew
-
-
-def _gradients(f: Array, t: Array) -> tuple[Array, Array]:
-    """Return the coefficients of E (6, M) and O (6, M) for f = t, else half their derivatives along t."""
-    gram1 = f[0, :, None] * t[0] + f[1, :, None] * t[1]
-    gram2 = f[:, None, 0] * t[:, 0] + f[:, None, 1] * t[:, 1]
-    both, difference = gram1 + gram2, gram2 - gram1
-    both, difference = (0.5 * (g + np.swapaxes(g, 0, 1)) for g in (both, difference))
-    return both[UPPER], difference[:2].reshape(6, -1)
+def _gradients(F: Array, T: Array) -> Array:
+    """Return the coefficients (..., 12) of E and O for F = T (..., 3, 3), else half their change along T."""
+    gram1 = np.swapaxes(F[..., :2, :], -2, -1) @ T[..., :2, :]
+    gram2 = F[..., :2] @ np.swapaxes(T[..., :2], -2, -1)
+    grams = np.stack([gram1 + gram2, gram2 - gram1], axis=-3)
+    return np.asarray(grams.reshape(*grams.shape[:-3], 18) @ GRADIENTS)
 
 
 def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:

@@ -157,7 +157,8 @@ def search_and_fit(
     point = fit_roughly(starts, simple.matrix(), rough)
     measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
     if measured.has_camera:
-        cameras = [CameraF.from_matrix(F, measured.prior) for F in starts]
+        many = measured.effective_count >= c.LEAST_INDEPENDENT  # few cannot tell such minima apart
+        cameras = [CameraF.from_matrix(F, measured.prior) for F in starts] if many else []
         return measured, fit_best([point, *cameras], measured)
     camera = fit_best([point], measured)
     return measured, fit_best([GeneralF.from_matrix(F) for F in (camera.point.matrix(), *starts)], measured)
