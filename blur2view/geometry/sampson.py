@@ -81,8 +81,8 @@ class EndProducts:
         even, odd = (part.T for part in _gradient_features(p, s))
         self.count = len(ends)
         # both orders side by side, (9, 2 N) and (12, 2 N)
-        self._algebraic = np.ascontiguousarray(np.block([[q, q], [skew, -skew]]), dtype)
-        self._gradient = np.ascontiguousarray(np.block([[even, even], [odd, -odd]]), dtype)
+        self._algebraic: FloatArray = np.ascontiguousarray(np.block([[q, q], [skew, -skew]]), dtype)
+        self._gradient: FloatArray = np.ascontiguousarray(np.block([[even, even], [odd, -odd]]), dtype)
 
     def distances(self, F: Array) -> tuple[Array, Array]:
         """Return signed Sampson distances (2, N) of F (3, 3), ends[:, 0] first and ends[:, 1] first.
