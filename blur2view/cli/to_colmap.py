@@ -211,9 +211,11 @@ class ToColmapOptions:
         total += "" if backup is None else f"; backup {printable(str(backup))}"
         undecided = sum(one["num_matches"] > 0 and not one["translation_known"] for one in records)
         if undecided:
-            depth = "the depth of their points comes from your other photographs"
-            why = depth if self.link else "COLMAP makes no points from those"
-            total += f"; the translation of {undecided} is undecided: {why}"
+            why = "nothing is lost, as the depth of their points comes from your other photographs"
+            if not self.link:
+                why = "COLMAP makes no points from them alone, only beside other photographs (--link)"
+            turned = "their smears fit a camera that only turned as well"
+            lines.append(f"translation undecided in {undecided} of {count}: {turned}; {why}")
         return "\n".join([*lines, total])
 
     def _written_before(self) -> set[str] | None:

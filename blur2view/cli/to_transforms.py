@@ -16,7 +16,8 @@ from blur2view.cli.options import Printing
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap import DIALECTS, GSPLAT
-from blur2view.colmap.models import pictures_of, read_model, refuse_other_model, write_model
+from blur2view.colmap.models import database_of, pictures_of, read_model, refuse_other_model, write_model
+from blur2view.colmap.project import linked_names
 from blur2view.colmap.transforms import (
     MODEL,
     PHOTOGRAPHS,
@@ -26,7 +27,7 @@ from blur2view.colmap.transforms import (
     transforms,
     with_views,
 )
-from blur2view.errors import OutputError
+from blur2view.errors import DatabaseError, OutputError
 from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
 from blur2view.output_files import check_file, is_ours, unwritable, write_beside
 
@@ -146,8 +147,19 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         write_beside({path: data for path, data in files.items() if path.parent == folder})
     line = summary(target, content, verbose=options.printing.verbose, masks=options.masks is not None)
     if left:
-        line += f"\n{printable(str(images))}: lacks {left} photographs of the model, which are left out"
-    return line
+        line = f"{printable(str(images))}: lacks {left} photographs of the model, which are left out\n{line}"
+    return line + _not_in(options.model, model)
+
+
+def _not_in(folder: Path, model: Any) -> str:
+    """Return what to add of linked frames that COLMAP did not register, by the database of the model."""
+    database = database_of(folder)
+    try:
+        linked = set() if database is None else linked_names(database)
+    except DatabaseError:
+        return ""
+    missing = linked.difference(image.name for image in model.images.values() if image.has_pose)
+    return f"; {plural(len(missing), 'linked frame')} not in the model" if missing else ""
 
 
 def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
@@ -219,6 +231,7 @@ def _write_model(options: ToTransformsOptions) -> str:
     model = read_model(options.model)
     kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
     names = set(_present({(images or link) / name: name for name in kept}).values())
+    lacking = _not_in(options.model, model)
     keep_photographs(model, options.model, names)
     refuse_other_model(folder)
     if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
@@ -231,6 +244,7 @@ def _write_model(options: ToTransformsOptions) -> str:
             raise unwritable(options.output, error) from None
     return (
         f"{printable(str(options.output))}: wrote {plural(len(names), 'photograph')} as sharp at mid exposure"
+        + lacking
     )
 
 

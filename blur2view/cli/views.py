@@ -106,7 +106,7 @@ def views_line(one: Mapping[str, Any], *, linked: bool, verbose: bool) -> str:
     if one["translation_known"]:
         moved = "parallax proven" if one["parallax"] == Parallax.PROVEN else "translation known"
     elif not linked:
-        counts = f"none of {one['num_matches']} matches is written as an inlier"
+        counts = f"{one['num_matches']} matches, none of them an inlier"
     sure = int(100 * one["time_confidence"])
     order = f"known by neighbours ({sure} % sure)" if one["time_known"] else "unknown"
     line = f"{name}: {one['action']}, {moved}; {counts}; order in time {order} [{one['config']}]"

@@ -42,7 +42,7 @@ no file has, end it; of cameras it knows `KNOWN`, of masks none, and of blur not
 import os
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -82,9 +82,12 @@ def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[E
     """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer smears.
 
     A bound leaves out those whose smears are unknown, for want of views or points. DatabaseError if none is
-    left, or none of the model has both views.
+    left, none of the model has both views, or a name leads out of the folder of photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
+    for path in map(PurePosixPath, images):
+        if path.is_absolute() or ".." in path.parts:  # masks and links are written by it
+            raise DatabaseError(f"{folder}: image {path} lies outside of the folder of images; rename it")
     photographs = []
     for name in sorted(name for name in images if not name.endswith((OPEN, CLOSE))):
         views = [images[name + end] for end in (OPEN, CLOSE) if name + end in images]
@@ -235,7 +238,10 @@ def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
             f"{folder}: has a camera {kind}, which gsplat does not know; undistort the photographs first "
             "with colmap image_undistorter"
         )
-    for image in posed:
-        if image.name not in names and image.has_pose:  # not with another of its frame
-            model.deregister_frame(image.frame_id)
+    try:
+        for image in posed:
+            if image.name not in names and image.has_pose:  # not with another of its frame
+                model.deregister_frame(image.frame_id)
+    except IndexError:  # images see points that are not there
+        raise DatabaseError(f"{folder}: its model lacks points that it names; let COLMAP write it") from None
     model.tear_down()
