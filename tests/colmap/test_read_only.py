@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.cli.commands import main
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.connection import open_for_writing, open_read_only
 from blur2view.colmap.link import ProjectImage, Step, plan_links
@@ -24,12 +23,6 @@ from blur2view.errors import Blur2ViewError, DatabaseError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
 from tests.support.sql import run_sql
-
-
-def dry_run(path: Path) -> bool:
-    photograph = path.parent.parent / NAMES[0]
-    photograph.write_bytes(b"")
-    return main(["to-colmap", str(photograph), "--db", str(path), "--link", "--dry-run"]) == 0
 
 
 def steps(path: Path) -> list[Step]:
@@ -44,7 +37,6 @@ READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has foun
     "plans": lambda path: steps(path) == [Step.KEEP],
     "placed": lambda path: len(place_views(path, path.parent.parent / "model").placed) == FRAMES,
     "triangulated": lambda path: triangulate_exposure(str(path), NAMES[0]).num_reg_images() == 2,
-    "dry run": dry_run,
     "check": lambda path: check_database(path) == [],
 }
 
