@@ -24,6 +24,7 @@ COMMANDS = {
     "segment": "segment what moves by itself from what the camera's motion explains",
     "to-colmap": "write each photograph as two virtual images, at shutter-open and shutter-close, for COLMAP",
     "place": "put the views of a linked project into COLMAP's model of its frames",
+    "recover": "register the frames of a video that COLMAP's model lacks, as they are too blurred for it",
     "to-transforms": "write a COLMAP model with views as transforms.json, for radiance fields of blurred "
     "photographs",
     "report": "write one HTML page that shows the result of each photograph",

@@ -1,0 +1,84 @@
+"""``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
+
+from collections import Counter
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from blur2view.cli.arguments.option import INPUT, Options, Rows, option
+from blur2view.cli.place import frame_names, refuse_foreign, write_model
+from blur2view.cli.terminal import plural, printable
+from blur2view.colmap.models import FoundModel, find_model, project_text
+from blur2view.errors import DatabaseError
+
+if TYPE_CHECKING:
+    from blur2view.colmap.recovery import Recovery
+
+WRITTEN = """
+DIR: the model with the recovered frames, their views NAME#open and NAME#close, and what they observe in the
+    tracks of its points; COLMAP's binary format and project.ini. What an earlier call wrote is replaced; a
+    model of another's is not
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoverOptions(Options):
+    """The options of ``blur2view recover``.
+
+    Register the frames of a video that COLMAP's model lacks, because they are too blurred for its features. A
+    patch of a registered neighbour is blurred as this frame is, and this frame as the neighbour is: then both
+    carry the same blur, and match. Frames of the model keep their poses; a frame that does not agree with its
+    neighbours is refused.
+    """
+
+    command = "recover"
+    model: Path = option(MISSING, "MODEL", group=INPUT)
+    "folder of COLMAP's model of some frames, or of a mapper's models, of which the largest is taken"
+    photographs: Path = option(MISSING, "FRAMES", group=INPUT)
+    """folder of all frames, of one video: COLMAP's --image_path. Where their numbers leave some out, no two
+    are taken for neighbours"""
+    refine: bool = option(False)
+    "adjust the recovered poses and the model's points together (bundle adjustment); other poses stay"
+    views: bool = option(True, rare=True)
+    "without both ends of the recovered frames' exposures"
+    output: Path = option(MISSING, "DIR", names="-o --output")
+    "where the model goes"
+
+    tables: ClassVar[dict[str, Rows]] = {"what is written": WRITTEN}
+    examples = ("blur2view recover model frames -o all_frames", "blur2view to-transforms all_frames")
+
+    def execute(self) -> int:
+        """Return the exit code, after writing the model."""
+        from blur2view.colmap import recovery  # and SciPy with it, which no help needs
+
+        names = frame_names(self.photographs)
+        model = find_model(self.model)
+        refuse_foreign(self.output)
+        how = recovery.RecoverOptions(refine=self.refine, views=self.views)
+        found = recovery.recover_frames(model.folder, self.photographs, names, how)
+        if not self.quiet:
+            print(summary(self, model, found))
+        if not found.recovered and found.refused:
+            first = next(iter(found.refused.values()))
+            raise DatabaseError(f"{self.model}: none of the frames that it lacks is recovered ({first})")
+        write_model(found.model, self.output, project_text(self.photographs))
+        return 0
+
+
+def summary(options: RecoverOptions, model: FoundModel, found: "Recovery") -> str:
+    """Return a line about the model if it was chosen, one for each refused frame, and one that counts.
+
+    With -v also one for each recovered frame.
+    """
+    lines = []
+    if model.others:
+        lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models")
+    for name, frame in found.recovered.items() if options.verbose else ():
+        points = plural(len(frame.points), "point")
+        lines.append(f"  {printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
+    lines += [f"  {printable(name)} refused: {reason}" for name, reason in found.refused.items()]
+    counts = Counter(registered=len(found.registered), recovered=len(found.recovered))
+    counts["refused"] = len(found.refused)
+    said = ", ".join(f"{count} {word}" for word, count in counts.items())
+    lines.append(f"{printable(str(options.output))}: {plural(sum(counts.values()), 'frame')}: {said}")
+    return "\n".join(lines)

@@ -1,0 +1,414 @@
+"""Frames that a COLMAP model lacks, as they are too blurred for it, put into it.
+
+Where a frame is expected a spline through the poses of the frames before and after it says, and frames that
+are known say how far off such a spline is. From there blur-matched patches of registered neighbours give its
+pose (`blurred_pose`). Both are averaged by their covariances. A frame that does not agree with its
+neighbours, or in which too little is found, is refused with the reason: ``python -m
+tools.evaluation.recovered`` measures what comes of it.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from blur2view.arrays import TINY, Array
+from blur2view.camera.colmap_camera import to_colmap
+from blur2view.colmap.blur_matching import linear_light
+from blur2view.colmap.blurred_pose import BlurredPose, Motion, View, change_of, find_pose, moved_pose
+from blur2view.colmap.models import read_model
+from blur2view.errors import DatabaseError, ImageError
+from blur2view.exposure.time_direction import frame_times
+from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.images.image import read_pixels
+from blur2view.networks.smear_network import SmearNetwork
+
+WORK_SIDE = 960  # pixels: larger photographs are worked on in this size
+NEIGHBOURS = 4  # registered frames, the nearest, in which patches are taken
+REACH = 12  # frames to the nearest registered one
+KNOTS = 3  # known frames on each side through which the spline goes
+TRIALS = 40  # known frames, the nearest, that say how far off the spline is
+MEDIAN_OF_THREE = 1.54  # median length of a vector of three standard deviations of one
+LEAST_POINTS = 30  # that a frame must see
+LEAST_FOUND = 0.1  # share of those looked for
+MOST_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
+MOST_DEPARTURE = 6.0  # standard deviations of the spline
+MOST_CHANGE = 0.7  # of the smears' rotation, by which the neighbours correct it
+INDEPENDENT = 0.1  # of the matches: a point is found in several neighbours, and patches overlap
+KERNEL_ERROR = (
+    0.02  # standard deviation that the blur leaves, of the rotation and translation of the exposure
+)
+LEAST_ERROR_RAD = 2e-4  # of a rotation, in which cameras and points err together
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoverOptions:
+    """How frames are recovered: at the end with a bundle adjustment, and with views of their exposures."""
+
+    refine: bool = False
+    views: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecoveredFrame:
+    """A frame with its pose.
+
+    Parameters
+    ----------
+    name : str
+    pose : ndarray of shape (3, 4)
+        cam_from_world at mid exposure.
+    covariance : ndarray of shape (6, 6)
+        Of a small rotation (radians) and translation (units of the model) of points in the camera.
+    motion : Motion
+        During the exposure, in the sense of time of the frames.
+    points : ndarray of shape (M,)
+        Ids of the model's points that were found.
+    places : ndarray of shape (M, 2)
+        Where, pixels of the frame's own size.
+    residual_px : float
+        Median distance of the places from the points' projections, the same.
+    """
+
+    name: str
+    pose: Array
+    covariance: Array
+    motion: Motion
+    points: Array
+    places: Array
+    residual_px: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recovery:
+    """A model with the frames that it lacked.
+
+    Parameters
+    ----------
+    model : pycolmap.Reconstruction
+        As it was, with the recovered frames, their views NAME#open and NAME#close, and what frames observe
+        in the tracks of its points.
+    registered : tuple of str
+        Frames that it had.
+    recovered : dict
+        By name, in order.
+    refused : dict
+        Why others are not among them, by name.
+    """
+
+    model: Any
+    registered: tuple[str, ...]
+    recovered: Mapping[str, RecoveredFrame]
+    refused: Mapping[str, str]
+
+
+def recover_frames(
+    model: str | os.PathLike[str],
+    frames: str | os.PathLike[str],
+    names: Sequence[str],
+    options: RecoverOptions | None = None,
+    network: SmearNetwork | None = None,
+) -> Recovery:
+    """Return a model with the frames of a video that it lacks.
+
+    Parameters
+    ----------
+    model : path-like
+        Folder of a COLMAP model; it is only read.
+    frames : path-like
+        Folder of the frames, COLMAP's image path.
+    names : sequence of str
+        All frames, in order, as COLMAP names them; where their numbers leave some out, none are neighbours.
+    options : RecoverOptions, optional
+    network : SmearNetwork, optional
+        By default the one that ships.
+
+    Raises
+    ------
+    DatabaseError
+        If the model cannot be read or has fewer than two of the frames.
+    """
+    options = options or RecoverOptions()
+    reconstruction = read_model(Path(model))
+    known = {image.name: image for image in reconstruction.images.values() if image.has_pose}
+    times = dict(zip(names, frame_times(names), strict=True))
+    registered = [name for name in names if name in known]
+    if len(registered) < 2:
+        raise DatabaseError(
+            f"{model}: has {len(registered)} of the {len(names)} frames in {frames}; name the folder that "
+            "COLMAP read them from"
+        )
+    sequence = _Sequence(reconstruction, Path(frames), times, registered, network or SmearNetwork())
+    recovered, refused = sequence.recover([name for name in names if name not in known])
+    ordered = {name: recovered[name] for name in names if name in recovered}
+    for frame in ordered.values():
+        _add_frame(reconstruction, frame, sequence.camera_id(frame.name))
+    if options.refine and ordered:
+        _refine(reconstruction, set(ordered))
+    if options.views:
+        for frame in ordered.values():
+            _add_views(reconstruction, frame)
+    return Recovery(model=reconstruction, registered=tuple(registered), recovered=ordered, refused=refused)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Expected:
+    """Where a spline expects a frame: a pose (3, 4), how it errs, and the motion of half two frames."""
+
+    pose: Array
+    rotation_rad: float  # standard deviation of each of three
+    position: float  # the same, units of the model
+    motion: Array  # (6,)
+
+
+class CameraPath:
+    """Poses cam_from_world (N, 3, 4) of frames at times (N,), and a spline through them."""
+
+    def __init__(self, times: Array, poses: Array) -> None:
+        order = np.argsort(times)
+        self.times, self.poses = np.asarray(times, float)[order], np.asarray(poses)[order]
+
+    def expected(self, time: float) -> Expected:
+        """Return where the spline expects a frame at a time, and how far off it is, by frames that are known.
+
+        These are left out with their neighbours, as far as those of the time are away.
+        """
+        before, after = self.times[self.times < time], self.times[self.times > time]
+        gap = (time - before[-1] if len(before) else np.inf), (after[0] - time if len(after) else np.inf)
+        errors = []
+        for index in np.argsort(np.abs(self.times - time), kind="stable")[:TRIALS]:
+            there, pose = self.times[index], self.poses[index]
+            others = (self.times <= there - gap[0]) | (self.times >= there + gap[1])
+            sides = [np.any(self.times[others] < there), np.any(self.times[others] > there)]
+            if sides == [bool(len(before)), bool(len(after))]:
+                change = change_of(pose, self._at(there, others))
+                errors.append((np.linalg.norm(change[:3]), np.linalg.norm(change[3:])))
+        spread = np.median(errors, axis=0) / MEDIAN_OF_THREE if errors else np.full(2, np.inf)
+        every = np.ones(len(self.times), bool)
+        first, pose, last = (self._at(time + step, every) for step in (-0.5, 0.0, 0.5))
+        rotation_rad, position = map(float, np.maximum(spread, TINY))
+        motion = change_of(first, last)
+        return Expected(pose=pose, rotation_rad=rotation_rad, position=position, motion=motion)
+
+    def _at(self, time: float, used: Array) -> Array:
+        """Return the pose at a time by a cubic through frames before and after.
+
+        By a line where one side is empty. Rotations are those from the nearest frame's, as vectors.
+        """
+        times, poses = self.times[used], self.poses[used]
+        split = int(np.searchsorted(times, time))
+        near = slice(max(0, split - KNOTS), split + KNOTS)
+        if split in (0, len(times)):
+            near = slice(0, 2) if split == 0 else slice(len(times) - 2, len(times))
+        times, poses = times[near], poses[near]
+        middle = poses[np.argmin(np.abs(times - time))]
+        turns = [rotation_vector(pose[:, :3] @ middle[:, :3].T) for pose in poses]
+        centres = [-pose[:, :3].T @ pose[:, 3] for pose in poses]
+        values = np.column_stack([turns, centres])
+        place = (
+            make_interp_spline(times, values, k=min(3, len(times) - 1))(time) if len(times) > 1 else values[0]
+        )
+        R = rotation_matrix(place[:3]) @ middle[:, :3]
+        return np.column_stack([R, -R @ place[3:]])
+
+
+class _Sequence:
+    """The frames of a video, some of them in a model."""
+
+    def __init__(
+        self,
+        model: Any,
+        folder: Path,
+        times: Mapping[str, int],
+        registered: Sequence[str],
+        network: SmearNetwork,
+    ) -> None:
+        self.model, self.folder, self.times, self.network = model, folder, times, network
+        self.images = {image.name: image for image in model.images.values() if image.has_pose}
+        self.registered = sorted(registered, key=lambda name: times[name])
+        self.poses = {name: self.images[name].cam_from_world().matrix() for name in registered}
+        self.looked_at = lru_cache(maxsize=4 * NEIGHBOURS)(self._looked_at)
+
+    def recover(self, names: Sequence[str]) -> tuple[dict[str, RecoveredFrame], dict[str, str]]:
+        """Return the frames of these names that can be recovered, and why others cannot.
+
+        Those next to registered ones first: they are known for the spline through the others.
+        """
+        away = {name: abs(self.times[self._near(name)[0]] - self.times[name]) for name in names}
+        recovered: dict[str, RecoveredFrame] = {}
+        refused: dict[str, str] = {}
+        for name in sorted(names, key=lambda name: (away[name], self.times[name])):
+            if away[name] > REACH:
+                refused[name] = f"no registered frame is within {REACH} frames"
+                continue
+            try:
+                frame = self._recover_one(name)
+            except ImageError as error:
+                frame = str(error)
+            if isinstance(frame, str):
+                refused[name] = frame
+            else:
+                recovered[name], self.poses[name] = frame, frame.pose
+        return recovered, {name: refused[name] for name in names if name in refused}
+
+    def camera_id(self, name: str) -> int:
+        """Return the camera of the nearest registered frame."""
+        return int(self.images[self._near(name)[0]].camera_id)
+
+    def _near(self, name: str) -> list[str]:
+        """Return registered frames, the nearest in time first."""
+        return sorted(self.registered, key=lambda other: abs(self.times[other] - self.times[name]))
+
+    def _looked_at(self, name: str, camera_id: int) -> tuple[Any, Any, Any]:
+        """Return a frame in the working size, its smears and its camera."""
+        pixels = read_pixels(self.folder / name, as_stored=True)
+        height, width = pixels.shape[:2]
+        camera = self.model.cameras[camera_id]
+        if (camera.width, camera.height) != (width, height):
+            raise ImageError(
+                f"{self.folder / name}: is of {width}x{height} pixels, its camera of "
+                f"{camera.width}x{camera.height}; name the folder that COLMAP read"
+            )
+        grid = self.network.predict(pixels)
+        light = linear_light(pixels / np.float32(255 if pixels.dtype == np.uint8 else 65535))
+        scale = min(1.0, WORK_SIDE / max(width, height))
+        if scale < 1:
+            size = round(width * scale), round(height * scale)
+            light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
+            camera = type(camera)(camera)
+            camera.rescale(*size)
+        return light, grid, camera
+
+    def _view(self, name: str, pose: Array, camera_id: int) -> View:
+        light, grid, camera = self.looked_at(name, camera_id)
+        return View(image=light, grid=grid, camera=camera, pose=pose)
+
+    def _recover_one(self, name: str) -> RecoveredFrame | str:
+        """Return a frame with its pose, or why there is none."""
+        near = self._near(name)[:NEIGHBOURS]
+        path = CameraPath(
+            np.array([self.times[one] for one in self.poses]), np.stack(list(self.poses.values()))
+        )
+        expected = path.expected(self.times[name])
+        view = self._view(name, expected.pose, self.camera_id(name))
+        neighbours = [self._view(one, self.poses[one], int(self.images[one].camera_id)) for one in near]
+        seen = [self._points_of(one) for one in near]
+        ids = np.array(sorted(set().union(*seen)))
+        world = np.array([self.model.points3D[number].xyz for number in ids]).reshape(-1, 3)
+        masks = [np.isin(ids, list(one)) for one in seen]
+        found = find_pose(view, neighbours, world, masks, expected.motion)
+        reason = refusal(found, expected)
+        if found is None or reason:
+            return reason
+        scale = self.model.cameras[self.camera_id(name)].width / view.camera.width
+        pose, covariance = weighed(found, expected)
+        return RecoveredFrame(
+            name=name,
+            pose=pose,
+            covariance=covariance,
+            motion=found.motion,
+            points=ids[found.index],
+            places=(found.places + 0.5) * scale - 0.5,
+            residual_px=found.residual_px * scale,
+        )
+
+    def _points_of(self, name: str) -> set[int]:
+        points = (point.point3D_id for point in self.images[name].points2D if point.has_point3D())
+        return {number for number in points if number in self.model.points3D}
+
+
+def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
+    """Return the average of what was found and expected, by their covariances, and its own (6, 6)."""
+    own = np.linalg.pinv(found.information * INDEPENDENT, hermitian=True) + _shared_error(found)
+    if not np.isfinite([expected.rotation_rad, expected.position]).all():
+        return found.pose, own
+    prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) ** 2)
+    gain = own @ np.linalg.inv(own + prior)
+    pose = moved_pose(found.pose, gain @ change_of(found.pose, expected.pose))
+    return pose, own - gain @ own
+
+
+def _shared_error(found: BlurredPose) -> Array:
+    """Return the covariance (6, 6) of what all matches have in common."""
+    turned, moved = (np.linalg.norm(one) for one in np.split(found.motion.rigid, 2))
+    rotation = np.hypot(KERNEL_ERROR * turned, LEAST_ERROR_RAD)
+    return np.diag(np.repeat([rotation, KERNEL_ERROR * moved], 3) ** 2)
+
+
+def refusal(found: BlurredPose | None, expected: Expected) -> str:
+    """Return why a pose is not believed, empty if it is."""
+    if found is None or len(found.index) < max(LEAST_POINTS, LEAST_FOUND * found.tried):
+        count = 0 if found is None else len(found.index)
+        tried = "" if found is None else f" of {found.tried}"
+        return f"{count}{tried} points of its neighbours are found in it"
+    if found.residual_px > MOST_RESIDUAL_PX:
+        return f"its points are {found.residual_px:.1f} px from where the pose has them"
+    change = change_of(found.pose, expected.pose)
+    turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
+    moved = float(np.linalg.norm(change[3:])) / expected.position
+    if max(turned, moved) > MOST_DEPARTURE * MEDIAN_OF_THREE:
+        error = f"{max(turned, moved):.0f} times the path's error"
+        degrees = np.degrees(np.linalg.norm(change[:3]))
+        return f"its pose is off its neighbours' path by {error}, {degrees:.1f} degrees"
+    smears = found.smear_motion[:3]
+    corrected = float(np.linalg.norm(found.motion.rigid[:3] - smears) / (np.linalg.norm(smears) + TINY))
+    if corrected > MOST_CHANGE and np.linalg.norm(smears) > expected.rotation_rad:
+        return f"its smears differ from the blur that its neighbours show by {corrected:.0%}"
+    return ""
+
+
+def _add_frame(model: Any, frame: RecoveredFrame, camera_id: int) -> None:
+    """Add a frame to a model, and what it observes to the tracks."""
+    import pycolmap
+
+    image = _add_image(model, frame.name, camera_id, frame.pose, frame.places)
+    for place, number in enumerate(frame.points):
+        model.add_observation(int(number), pycolmap.TrackElement(image.image_id, place))
+
+
+def _add_views(model: Any, frame: RecoveredFrame) -> None:
+    """Add both ends of a frame's exposure."""
+    image = model.find_image_with_name(frame.name)
+    pose = image.cam_from_world().matrix()
+    none = np.zeros((0, 2))
+    for name, t in ((OPEN, -0.5), (CLOSE, 0.5)):
+        _add_image(model, frame.name + name, image.camera_id, frame.motion.pose_at(t, pose), none)
+
+
+def _add_image(model: Any, name: str, camera_id: int, pose: Array, places: Array) -> Any:
+    """Return a new image of a model, alone in its frame."""
+    import pycolmap
+
+    number = 1 + max(model.images)
+    image = pycolmap.Image(name=name, keypoints=to_colmap(places), camera_id=camera_id, image_id=number)
+    image.frame_id = 1 + max(model.frames)
+    rig = next(rig for rig in model.rigs.values() if rig.has_sensor(model.cameras[camera_id].sensor_id))
+    frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=rig.rig_id)
+    frame.add_data_id(image.data_id)
+    model.add_frame(frame)
+    model.add_image(image)
+    model.frame(image.frame_id).set_cam_from_world(camera_id, pycolmap.Rigid3d(pose))
+    model.register_frame(image.frame_id)
+    return model.images[number]
+
+
+def _refine(model: Any, recovered: set[str]) -> None:
+    """Adjust the poses of recovered frames and the points; the user's frames and cameras stay as they are."""
+    import pycolmap
+
+    options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
+    options.refine_focal_length = options.refine_extra_params = options.refine_principal_point = False
+    options.print_summary, options.min_track_length = False, 2
+    for image in model.images.values():
+        if image.has_pose and not image.name.endswith((OPEN, CLOSE)):
+            config.add_image(image.image_id)
+            if image.name not in recovered:
+                config.set_constant_rig_from_world_pose(image.frame_id)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()

@@ -1,0 +1,185 @@
+"""Frames put into a model that lacks them: exact renderings, refusals, what a user's model keeps."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+import pytest
+
+from blur2view.arrays import Array
+from blur2view.colmap.blur_matching import blurred_along, match_patches
+from blur2view.colmap.blurred_pose import change_of, fit_smears, image_flow
+from blur2view.colmap.recovery import CameraPath, RecoverOptions, Recovery, recover_frames
+from blur2view.errors import DatabaseError
+from tests.support.blurred_plane import BlurredPlane, ExactSmears
+
+PLANE, MISSING = BlurredPlane(), (3, 4)
+REGISTERED = [k for k in range(PLANE.frames) if k not in MISSING]
+
+
+@pytest.fixture(scope="module")
+def network() -> ExactSmears:
+    return ExactSmears(PLANE)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a video and a model that lacks two of its frames."""
+    path = tmp_path_factory.mktemp("video") / "plane"
+    PLANE.write(path, REGISTERED)
+    return path
+
+
+def recover(folder: Path, network: ExactSmears, options: RecoverOptions | None = None) -> Recovery:
+    return recover_frames(folder / "model", folder / "frames", PLANE.names, options, network)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def recovery(folder: Path, network: ExactSmears) -> Recovery:
+    return recover(folder, network)
+
+
+def apart(pose: Array, truth: Array) -> tuple[float, float]:
+    """Return degrees and distance of two poses."""
+    change = change_of(pose, truth)
+    return float(np.degrees(np.linalg.norm(change[:3]))), float(np.linalg.norm(change[3:]))
+
+
+@pytest.mark.parametrize("k", MISSING)
+def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k: int) -> None:
+    times = np.array(REGISTERED, float)
+    expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times])).expected(k)
+    found = recovery.recovered[PLANE.names[k]]
+    inside, errors = PLANE.inside(PLANE.pixels(k)), []
+    for pose in (found.pose, expected.pose):
+        missed = (PLANE.pixels(k, pose) - PLANE.pixels(k))[inside]
+        errors.append(np.sqrt((missed**2).sum(axis=1).mean()))
+    assert errors[0] < min(errors[1] / 10, 0.3)
+    error = change_of(found.pose, PLANE.pose(k))
+    assert error @ np.linalg.solve(found.covariance, error) < 16.8  # 99 % of six degrees of freedom
+
+
+@pytest.mark.parametrize("k", MISSING)
+def test_views_are_both_ends_of_the_exposure_in_order(recovery: Recovery, k: int) -> None:
+    poses = {image.name: image.cam_from_world().matrix() for image in recovery.model.images.values()}
+    for end, t in (("#open", -0.5), ("#close", 0.5)):
+        true = PLANE.pose(k + t * PLANE.share)
+        assert apart(poses[PLANE.names[k] + end], true)[0] < apart(PLANE.pose(k), true)[0] / 5
+
+
+def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: Recovery) -> None:
+    before, after = pycolmap.Reconstruction(folder / "model"), recovery.model
+    for number, image in before.images.items():
+        assert after.images[number].name == image.name
+        assert (after.images[number].cam_from_world().matrix() == image.cam_from_world().matrix()).all()
+        assert after.images[number].num_points2D() == image.num_points2D()
+    image = after.find_image_with_name(PLANE.names[MISSING[0]])
+    frame = recovery.recovered[image.name]
+    assert image.num_points3D == len(frame.points) > 100
+    for place, number in enumerate(frame.points):
+        missed = image.project_point(after.points3D[int(number)].xyz) - image.points2D[place].xy
+        assert np.linalg.norm(missed) < 2
+    assert recovery.registered == tuple(PLANE.names[k] for k in REGISTERED) and not recovery.refused
+
+
+def test_same_call_gives_same_bytes(folder: Path, network: ExactSmears, tmp_path: Path) -> None:
+    written = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        recover(folder, network).model.write(tmp_path / name)
+        written.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
+    assert written[0] == written[1]
+
+
+def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: ExactSmears) -> None:
+    refined = recover(folder, network, RecoverOptions(refine=True, views=False)).model
+    for image in refined.images.values():
+        k = PLANE.names.index(image.name)
+        degrees, _ = apart(image.cam_from_world().matrix(), PLANE.pose(k))
+        assert degrees < (0.3 if k in MISSING else 1e-9)
+
+
+def other_picture(path: Path) -> None:
+    noise = np.random.default_rng(5).normal(size=(180, 240)).astype(np.float32)
+    cv2.imwrite(str(path), np.clip(128 + 400 * cv2.GaussianBlur(noise, (0, 0), 3), 0, 255))
+
+
+def small_picture(path: Path) -> None:
+    cv2.imwrite(str(path), np.full((90, 120, 3), 99, np.uint8))
+
+
+def broken_picture(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:300])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (other_picture, "points of its neighbours"),
+        (small_picture, "its camera of 240x180"),
+        (broken_picture, "damaged"),
+    ],
+)
+def test_frame_that_does_not_fit_is_refused_with_the_reason(
+    tmp_path: Path, network: ExactSmears, spoil: Callable[[Path], None], reason: str
+) -> None:
+    PLANE.write(tmp_path / "plane", REGISTERED)
+    spoil(tmp_path / "plane" / "frames" / PLANE.names[4])
+    found = recover(tmp_path / "plane", network)
+    assert list(found.recovered) == [PLANE.names[3]] and list(found.refused) == [PLANE.names[4]]
+    assert reason in found.refused[PLANE.names[4]]
+
+
+def test_model_of_other_frames_is_an_error(folder: Path, network: ExactSmears) -> None:
+    with pytest.raises(DatabaseError, match="0 of the 1 frames"):
+        recover_frames(folder / "model", folder / "frames", ["g.png"], network=network)  # type: ignore[arg-type]
+
+
+def test_blurs_commute() -> None:
+    noise = np.random.default_rng(1).normal(size=(200, 240)).astype(np.float32)
+    scene = 128 + 200 * cv2.GaussianBlur(noise, (0, 0), 1.5)
+    one, other = (np.full((200, 240, 2), smear, np.float32) for smear in ((18.0, 3.0), (-4.0, 14.0)))
+    shift = np.array([2.3, -1.6])
+    moved = cv2.warpAffine(scene, np.column_stack([np.eye(2), shift]), (240, 200), flags=cv2.INTER_CUBIC)
+    first, second = blurred_along(scene, one)[0], blurred_along(moved, other)[0]
+    points = np.stack(np.meshgrid(np.arange(50.0, 200, 30), np.arange(50.0, 160, 30)), axis=-1).reshape(-1, 2)
+    alike = match_patches(blurred_along(first, other)[0], blurred_along(second, one)[0], points, 1)
+    assert alike.found.all() and (alike.correlation > 0.98).all()
+    assert np.abs(alike.moved - shift).max() < 0.1
+    unlike = match_patches(first, second, points, 1)
+    assert np.median(unlike.correlation[unlike.found]) < 0.9 or unlike.found.mean() < 0.5
+
+
+def test_a_bend_moves_the_centroid_by_a_twelfth() -> None:
+    image = np.zeros((81, 81), np.float32)
+    image[40, 40] = 1
+    path = np.full((81, 81, 2), (24.0, 0.0), np.float32)
+    bend = np.full((81, 81, 2), (0.0, 12.0), np.float32)
+    blurred, by_path, by_bend = blurred_along(image, path, bend, moments=True)
+    rows, columns = np.indices(image.shape)
+    assert [np.sum(rows * blurred) - 40, np.sum(columns * blurred) - 40] == pytest.approx([1, 0], abs=0.05)
+    assert [by_path.sum(), by_bend.sum()] == pytest.approx([0, 1 / 12], abs=0.003)
+
+
+@pytest.mark.parametrize("expected", [(0.01, 0.04, 0.0), (-0.04, 0.001, 0.01)])
+def test_motion_of_smears_has_the_sense_that_is_expected(expected: tuple[float, ...]) -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-1, 1, (60, 2)), rng.uniform(2, 5, 60)])
+    flow, true = image_flow(PLANE.camera, points), np.array([0.02, 0.05, -0.01, 0.01, 0.0, 0.02])
+    smears = (flow @ true) * rng.choice([-1, 1], (60, 1))
+    found = fit_smears(flow, smears, np.full(60, 0.5), np.append(expected, true[3:]))
+    sense = np.sign(found[:3] @ np.array(expected))
+    assert sense == 1 and np.abs(np.abs(found[:3]) - np.abs(true[:3])).max() < 0.01
+
+
+def test_spline_of_a_cubic_path_is_exact_and_says_so() -> None:
+    def pose(time: float) -> Array:
+        return np.column_stack([np.eye(3), [0.1 * time, 0.01 * time**2, 0.001 * time**3]])
+
+    times = np.array([0.0, 1, 2, 3, 5, 6, 7, 8, 9])
+    expected = CameraPath(times, np.stack([pose(time) for time in times])).expected(4.0)
+    assert apart(expected.pose, pose(4.0)) == pytest.approx((0, 0), abs=1e-6)
+    assert expected.rotation_rad < 1e-6 and expected.position < 1e-6
+    assert expected.motion[3:] == pytest.approx(pose(4.5)[:, 3] - pose(3.5)[:, 3])

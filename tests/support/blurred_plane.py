@@ -1,0 +1,146 @@
+"""A video of a slanted, textured plane, exactly blurred, and COLMAP's model of some of its frames."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from blur2view.arrays import AnyArray, Array
+from blur2view.colmap.blur_matching import GAMMA
+from blur2view.colmap.blurred_pose import projected
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.smears.field import to_double_angle
+from blur2view.smears.grid import SmearGrid
+
+SIZE, FOCAL, STRIDE, INSTANTS = (240, 180), 220.0, 32, 25
+PLANE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.25, 0.1, 4.0]])  # columns x, y, z of (u, v, 1)
+TEXEL = 0.02  # units of the plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlurredPlane:
+    """Frames f_0.png, ... of a camera that shakes, each exposed for ``share`` of the interval."""
+
+    frames: int = 9
+    share: float = 0.6
+    seed: int = 0
+
+    @property
+    def names(self) -> list[str]:
+        """The frames."""
+        return [f"f_{k}.png" for k in range(self.frames)]
+
+    @property
+    def camera(self) -> pycolmap.Camera:
+        """The camera, which errs in nothing."""
+        width, height = SIZE
+        params = [FOCAL, FOCAL, width / 2, height / 2]
+        return pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params, camera_id=1)
+
+    def pose(self, time: float) -> Array:
+        """Return cam_from_world (3, 4) at a time in frames."""
+        waves = np.sin(np.array([1.7, 1.5, 1.2]) * time + np.array([0.0, 1.0, 2.0]))
+        R = rotation_matrix(np.array([0.03, 0.05, 0.02]) * waves + np.array([0, 0.012, 0]) * time)
+        centre = np.array([0.03, 0.01, 0.015]) * time + 0.02 * waves[::-1]
+        return np.column_stack([R, -R @ centre])
+
+    def texture(self) -> AnyArray:
+        """Return the plane's brightness in linear light, 0 to 1."""
+        noise = np.random.default_rng(self.seed).normal(size=(400, 500)).astype(np.float32)
+        fine, coarse = (cv2.GaussianBlur(noise, (0, 0), sigma) * sigma for sigma in (1.5, 4.0))
+        return np.asarray(np.clip(0.4 + 0.12 * (fine + coarse) / (fine + coarse).std(), 0, 1))
+
+    def render(self, time: float, share: float | None = None) -> AnyArray:
+        """Return a frame, uint8 RGB: the mean over instants of its exposure."""
+        texture, light = self.texture(), np.zeros(SIZE[::-1], np.float32)
+        height, width = texture.shape
+        plane = np.array([[TEXEL, 0, -TEXEL * width / 2], [0, TEXEL, -TEXEL * height / 2], [0, 0, 1.0]])
+        K = np.array([[FOCAL, 0, (SIZE[0] - 1) / 2], [0, FOCAL, (SIZE[1] - 1) / 2], [0, 0, 1.0]])
+        for t in (np.arange(INSTANTS) + 0.5) / INSTANTS - 0.5:
+            pose = self.pose(time + t * (self.share if share is None else share))
+            H = K @ (pose[:, :3] @ PLANE + np.outer(pose[:, 3], [0, 0, 1])) @ plane
+            light += cv2.warpPerspective(texture, H, SIZE, flags=cv2.INTER_CUBIC)
+        coded = np.clip(light / INSTANTS, 0, 1) ** (1 / GAMMA)
+        grey = np.rint(255 * coded).astype(np.uint8)
+        return np.repeat(grey[..., None], 3, axis=2)
+
+    def points(self) -> Array:
+        """Return points (N, 3) of the plane."""
+        u, v = np.meshgrid(np.linspace(-2.5, 2.5, 24), np.linspace(-1.8, 1.8, 18))
+        return np.asarray(np.column_stack([u.ravel(), v.ravel(), np.ones(u.size)]) @ PLANE.T)
+
+    def pixels(self, time: float, pose: Array | None = None) -> Array:
+        """Return our pixels (N, 2) of the points at a time, or from another pose."""
+        pose = self.pose(time) if pose is None else pose
+        return projected(self.camera, self.points() @ pose[:, :3].T + pose[:, 3])
+
+    @staticmethod
+    def inside(pixels: Array) -> NDArray[np.bool_]:
+        """Return which pixels (N, 2) are in the picture."""
+        return np.asarray(np.all((pixels > 0) & (pixels < np.array(SIZE) - 1), axis=1))
+
+    def smears(self, time: float) -> SmearGrid:
+        """Return exact smears of a frame on a network's grid."""
+        shape = tuple(-(-side // STRIDE) for side in SIZE[::-1])
+        empty = SmearGrid(cells=np.zeros((*shape, 4), np.float32), stride=STRIDE, shape=SIZE[::-1])
+        cells, pose = empty.points().reshape(-1, 2), self.pose(time)
+        rays = np.column_stack([(cells - (np.array(SIZE) - 1) / 2) / FOCAL, np.ones(len(cells))])
+        world_rays = rays @ pose[:, :3]
+        centre = -pose[:, :3].T @ pose[:, 3]
+        normal = np.cross(PLANE[:, 0], PLANE[:, 1])
+        far = normal @ (PLANE[:, 2] - centre) / (world_rays @ normal)
+        world = centre + far[:, None] * world_rays
+        first, last = (self.pose(time + t * self.share) for t in (-0.5, 0.5))
+        ends = [projected(self.camera, world @ one[:, :3].T + one[:, 3]) for one in (first, last)]
+        d = to_double_angle(ends[1] - ends[0])
+        sigma = np.column_stack([np.full(len(d), 0.5), np.full(len(d), 0.05)])
+        filled = np.hstack([d, sigma]).reshape(*shape, 4).astype(np.float32)
+        return SmearGrid(cells=filled, stride=STRIDE, shape=SIZE[::-1])
+
+    def write(self, folder: Path, registered: Collection[int], sharp: Collection[int] = ()) -> None:
+        """Write ``frames``, all of them, and ``model``, of those registered, whose points have tracks."""
+        (folder / "frames").mkdir(parents=True)
+        for k, name in enumerate(self.names):
+            picture = self.render(k, 0.0 if k in sharp else None)
+            cv2.imwrite(str(folder / "frames" / name), picture)
+        model = pycolmap.Reconstruction()
+        model.add_camera_with_trivial_rig(self.camera)
+        world = self.points()
+        numbers = [model.add_point3D(xyz, pycolmap.Track()) for xyz in world]
+        seen = {k: self.inside(self.pixels(k)) for k in registered}
+        often = np.sum(list(seen.values()), axis=0) > 1
+        for k in registered:
+            shown = np.flatnonzero(seen[k] & often)
+            keypoints = self.pixels(k)[shown] + 0.5
+            image = pycolmap.Image(name=self.names[k], keypoints=keypoints, camera_id=1, image_id=10 + k)
+            model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(self.pose(k)))
+            for place, index in enumerate(shown):
+                model.add_observation(numbers[index], pycolmap.TrackElement(10 + k, place))
+        for index in np.flatnonzero(~often):
+            model.delete_point3D(numbers[index])
+        (folder / "model").mkdir()
+        model.write(folder / "model")
+
+
+@dataclass(eq=False)
+class ExactSmears:
+    """In the place of a network: exact smears of the frames, which are recognised by their pixels."""
+
+    plane: BlurredPlane
+    sharp: Collection[int] = ()
+
+    def __post_init__(self) -> None:
+        pictures = [self.plane.render(k, 0.0 if k in self.sharp else None) for k in range(self.plane.frames)]
+        self.known = {picture.tobytes(): k for k, picture in enumerate(pictures)}
+
+    def predict(self, image: AnyArray) -> SmearGrid:
+        """Return the smears of a frame; those of the first one of a picture that is none."""
+        k = self.known.get(image.tobytes(), 0)
+        grid = self.plane.smears(k)
+        if k in self.sharp:
+            grid.cells[..., :2] = 0
+        return grid
