@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from blur2view.cli.arguments.option import INPUT, Options, Rows, option
-from blur2view.cli.place import frame_names, refuse_foreign, write_model
+from blur2view.cli.place import frame_names
 from blur2view.cli.terminal import plural, printable
-from blur2view.colmap.models import FoundModel, find_model, project_text
+from blur2view.colmap.models import FoundModel, database_of, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 WRITTEN = """
 DIR: the model with the recovered frames, their views NAME#open and NAME#close, and what they observe in the
     tracks of its points; COLMAP's binary format and project.ini. What an earlier call wrote is replaced; a
-    model of another's is not
+    model of another program is not
 """
 
 
@@ -53,7 +53,7 @@ class RecoverOptions(Options):
 
         names = frame_names(self.photographs)
         model = find_model(self.model)
-        refuse_foreign(self.output)
+        refuse_other_model(self.output)
         how = recovery.RecoverOptions(refine=self.refine, views=self.views)
         found = recovery.recover_frames(model.folder, self.photographs, names, how)
         if not self.quiet:
@@ -61,7 +61,7 @@ class RecoverOptions(Options):
         if not found.recovered and found.refused:
             first = next(iter(found.refused.values()))
             raise DatabaseError(f"{self.model}: none of the frames that it lacks is recovered ({first})")
-        write_model(found.model, self.output, project_text(self.photographs))
+        write_model(found.model, self.output, self.photographs, database_of(model.folder))
         return 0
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.colmap_camera import from_colmap, to_colmap
+from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap.blur_matching import (
     APART,
     HALF_PATCH,
@@ -30,8 +30,15 @@ from blur2view.colmap.blur_matching import (
     same_sense,
     sampled,
 )
-from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.colmap.exposure_motion import (
+    Motion,
+    doubt_of,
+    fit_pose,
+    fit_smears,
+    image_flow,
+    projected,
+    relative,
+)
 from blur2view.smears.grid import SmearGrid
 
 Mask = NDArray[np.bool_]
@@ -45,7 +52,6 @@ LEVELS = (3, 1, 0)  # of the tracker's pyramid in each round
 FLOOR_PX = 0.3  # standard deviation of a place beside what the patch itself says
 KERNEL_PATCHES = 600  # of a neighbour, from which the blur is corrected
 KERNEL_DOUBT = 0.3  # standard deviation of a correction of the blur, of its rotation
-FIT_STEPS, POSE_STEPS = 12, 20
 FEWEST = 6  # points of which a pose is made
 
 
@@ -86,22 +92,6 @@ class View:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """How a camera moves while its shutter is open, t from -1/2 to 1/2: points by ``rigid`` t + ``bend`` t^2.
-
-    A rotation vector and a translation (6,), and a rotation vector (3,).
-    """
-
-    rigid: Array
-    bend: Array
-
-    def pose_at(self, t: float, pose: Array) -> Array:
-        """Return cam_from_world (3, 4) at an instant, from that of mid exposure."""
-        R = rotation_matrix(self.rigid[:3] * t + self.bend * t * t)
-        return np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + self.rigid[3:] * t])
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class BlurredPose:
     """What neighbours say of a photograph's pose.
 
@@ -130,94 +120,6 @@ class BlurredPose:
     places: Array
     residual_px: float
     tried: int
-
-
-def projected(camera: Any, points: Array) -> Array:
-    """Return our pixels (N, 2) of points (N, 3) of a pycolmap.Camera; NaN behind it."""
-    pixels = from_colmap(np.asarray(camera.img_from_cam(points), float).reshape(-1, 2))
-    return np.where(points[:, 2:] > 0, pixels, np.nan)
-
-
-def image_flow(camera: Any, points: Array) -> Array:
-    """Return how pixels of points (N, 3) move, (N, 2, 6), per unit of a rotation and translation of these."""
-    step = 1e-4 * points[:, 2:]
-    slopes = [
-        (projected(camera, points + step * axis) - projected(camera, points - step * axis)) / (2 * step)
-        for axis in np.eye(3)
-    ]
-    slope = np.stack(slopes, axis=-1)
-    return np.concatenate([-slope @ cross_matrix(points), slope], axis=-1)
-
-
-def relative(there: Array, here: Array) -> tuple[Array, Array]:
-    """Return rotation (3, 3) and translation (3,) from one camera's frame to another's, by their poses."""
-    R = there[:, :3] @ here[:, :3].T
-    return R, there[:, 3] - R @ here[:, 3]
-
-
-def moved_pose(pose: Array, step: Array) -> Array:
-    """Return a pose (3, 4) after a rotation vector and translation (6,) of points in its camera."""
-    R = rotation_matrix(step[:3])
-    return np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + step[3:]])
-
-
-def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Array:
-    """Return the rigid motion (6,) of smears (N, 2) without sign, in the sense of an expected one (6,).
-
-    Cauchy's weights. Smears hardly see the translation, which is about that expected for as long as they are
-    (`doubt_of`). The expected rotation may be wrong, so that others are tried, too.
-    """
-    length = float(np.median(np.linalg.norm(smears, axis=1)))
-    reach = np.linalg.norm(flow[:, :, :3], axis=1).mean(axis=0) + TINY  # (3,) pixels per radian
-    share = length / max(float(np.median(np.linalg.norm(flow @ expected, axis=1))), TINY)
-    start = expected * min(share, 1.0)
-    starts = [start]
-    for x, y, z in ((1, 0, 0), (0, 1, 0), (0, 0, 2), (0.7, 0.7, 0), (0.7, -0.7, 0)):
-        starts.append(np.append(np.array([x, y, z]) * length / reach, start[3:]))
-    precision = np.append(np.zeros(3), np.full(3, doubt_of(expected) ** -2))
-    found = [_fit_from(one, flow, smears, sigma, precision) for one in starts]
-    motion = min(found, key=lambda one: one[0])[1]
-    return -motion if motion[:3] @ expected[:3] < 0 else motion
-
-
-def doubt_of(expected: Array) -> float:
-    """Return the standard deviation of the three parts of the translation of an expected motion (6,)."""
-    return float(np.linalg.norm(expected[3:])) + TINY
-
-
-def _fit_from(
-    start: Array, flow: Array, smears: Array, sigma: Array, precision: Array
-) -> tuple[float, Array]:
-    """Return cost and motion (6,) of `fit_smears` from one start, whose translation is what is expected."""
-    motion, prior = start, np.append(np.zeros(3), start[3:])
-    for _ in range(FIT_STEPS):
-        missed = same_sense(smears, flow @ motion) - flow @ motion
-        weight = 1 / (sigma**2 + (missed**2).sum(axis=1))
-        weighted = flow * weight[:, None, None]
-        normal = np.tensordot(weighted, flow, ((0, 1), (0, 1))) + np.diag(precision)
-        right = np.tensordot(weighted, same_sense(smears, flow @ motion), ((0, 1), (0, 1)))
-        motion = np.linalg.lstsq(normal, right + precision * prior, rcond=None)[0]
-    return float(np.log1p((missed**2).sum(axis=1) / sigma**2).sum()), motion
-
-
-def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the pose (3, 4) of places (N, 2) of points (N, 3), and its information (6, 6), from a first one.
-
-    Least squares of places with covariance (N, 2, 2), Cauchy's weights (Triggs et al. 2000).
-    """
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    for _ in range(POSE_STEPS):
-        points = world @ pose[:, :3].T + pose[:, 3]
-        points[:, 2] = np.maximum(points[:, 2], TINY)
-        missed = (whiten @ (places - projected(camera, points))[..., None])[..., 0]
-        rows = whiten @ image_flow(camera, points)
-        weighted = rows / (1 + (missed**2).sum(axis=1))[:, None, None]
-        normal = np.tensordot(weighted, rows, ((0, 1), (0, 1)))
-        step = np.linalg.lstsq(normal, np.tensordot(weighted, missed, ((0, 1), (0, 1))), rcond=None)[0]
-        pose = moved_pose(pose, step)
-        if np.abs(step[:3]).max() < 1e-7:
-            break
-    return pose, normal
 
 
 class _Lattice:
@@ -426,9 +328,3 @@ class _Search:
         pixels = self.lattice.everywhere(where)
         picture = resampled(neighbour.image, pixels, cv2.INTER_CUBIC)
         return picture, pixels, field
-
-
-def change_of(first: Array, second: Array) -> Array:
-    """Return the rotation and translation (6,) of points in a camera that lead from one pose to another."""
-    R = second[:, :3] @ first[:, :3].T
-    return np.append(rotation_vector(R), second[:, 3] - R @ first[:, 3])

@@ -10,8 +10,9 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.colmap.blur_matching import blurred_along, match_patches
-from blur2view.colmap.blurred_pose import change_of, fit_smears, image_flow
-from blur2view.colmap.recovery import CameraPath, RecoverOptions, Recovery, recover_frames
+from blur2view.colmap.camera_path import CameraPath
+from blur2view.colmap.exposure_motion import change_of, fit_smears, image_flow
+from blur2view.colmap.recovery import RecoverOptions, Recovery, recover_frames
 from blur2view.errors import DatabaseError
 from tests.support.blurred_plane import BlurredPlane, ExactSmears
 

@@ -1,0 +1,41 @@
+"""``blur2view recover``: what it prints and writes, with the network that ships."""
+
+from pathlib import Path
+
+import pycolmap
+import pytest
+
+from tests.support.blurred_plane import BlurredPlane
+from tests.support.calls import call_program
+
+PLANE = BlurredPlane(frames=7)
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("video") / "plane"
+    PLANE.write(folder, [0, 1, 2, 4, 5, 6])
+    return folder
+
+
+def test_every_frame_is_counted_and_written(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = call_program(capsys, "recover", video / "model", video / "frames", "-o", tmp_path / "all", "-v")
+    assert done == 0
+    printed = done.out.splitlines()
+    assert printed[-1] == f"{tmp_path / 'all'}: 7 frames: 6 registered, 1 recovered, 0 refused"
+    assert printed[0].startswith(f"  {PLANE.names[3]} recovered by ")
+    names = {image.name for image in pycolmap.Reconstruction(tmp_path / "all").images.values()}
+    assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
+    assert call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json") == 0
+
+
+def test_folder_of_other_frames_is_named(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "other.png").write_bytes((video / "frames" / PLANE.names[0]).read_bytes())
+    done = call_program(capsys, "recover", video / "model", tmp_path / "frames", "-o", tmp_path / "all")
+    assert done == 1 and "has 0 of the 1 frames" in done.line
+    assert not (tmp_path / "all").exists()
