@@ -1,13 +1,14 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
-from collections import Counter
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
-from blur2view.cli.arguments.option import INPUT, Options, Rows, option
-from blur2view.cli.place import frame_names
-from blur2view.cli.terminal import plural, printable
+from blur2view.cli.adapter import group, option
+from blur2view.cli.options import Printing
+from blur2view.cli.place import SHOWN, frame_names
+from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import FoundModel, database_of, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
 
@@ -22,7 +23,7 @@ DIR: the model with the recovered frames, their views NAME#open and NAME#close, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecoverOptions(Options):
+class RecoverOptions:
     """The options of ``blur2view recover``.
 
     Register the frames of a video that COLMAP's model lacks, because they are too blurred for its features. A
@@ -31,54 +32,67 @@ class RecoverOptions(Options):
     neighbours is refused.
     """
 
-    command = "recover"
-    model: Path = option(MISSING, "MODEL", group=INPUT)
-    "folder of COLMAP's model of some frames, or of a mapper's models, of which the largest is taken"
-    photographs: Path = option(MISSING, "FRAMES", group=INPUT)
-    """folder of all frames, of one video: COLMAP's --image_path. Where their numbers leave some out, no two
-    are taken for neighbours"""
-    refine: bool = option(False)
-    "adjust the recovered poses and the model's points together (bundle adjustment); other poses stay"
-    views: bool = option(True, rare=True)
-    "without both ends of the recovered frames' exposures"
-    output: Path = option(MISSING, "DIR", names="-o --output")
-    "where the model goes"
+    model: Path = option(
+        MISSING,
+        "folder of COLMAP's model of some frames, or of a mapper's models, of which the largest is taken",
+        "MODEL",
+    )
+    photographs: Path = option(
+        MISSING,
+        """folder of all frames, of one video: COLMAP's --image_path. Where their numbers leave some out, no
+        two are taken for neighbours""",
+        "FRAMES",
+    )
+    refine: bool = option(
+        False,
+        "adjust the recovered poses and the model's points together (bundle adjustment); other poses stay",
+    )
+    views: bool = option(True, "without both ends of the recovered frames' exposures", rare=True)
+    output: Path = option(MISSING, "where the model goes", "DIR", names="-o --output")
+    printing: Printing = group(Printing)
 
-    tables: ClassVar[dict[str, Rows]] = {"what is written": WRITTEN}
     examples = ("blur2view recover model frames -o all_frames", "blur2view to-transforms all_frames")
+
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {"what is written": WRITTEN}
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
         from blur2view.colmap import recovery  # and SciPy with it, which no help needs
 
-        names = frame_names(self.photographs)
-        model = find_model(self.model)
-        refuse_other_model(self.output)
-        how = recovery.RecoverOptions(refine=self.refine, views=self.views)
-        found = recovery.recover_frames(model.folder, self.photographs, names, how)
-        if not self.quiet:
+        with waiting("recovering frames"):
+            names = frame_names(self.photographs)
+            model = find_model(self.model)
+            refuse_other_model(self.output)
+            how = recovery.RecoverOptions(refine=self.refine, views=self.views)
+            found = recovery.recover_frames(model.folder, self.photographs, names, how)
+            if found.refused and not found.recovered:
+                first = next(iter(found.refused))
+                about = f"{self.model}: none of the {len(found.refused)} frames that it lacks is recovered"
+                raise DatabaseError(f"{about}; {first}: {found.refused[first]}")
+            write_model(found.model, self.output, self.photographs, database_of(model.folder))
+        if not self.printing.quiet:
             print(summary(self, model, found))
-        if not found.recovered and found.refused:
-            first = next(iter(found.refused.values()))
-            raise DatabaseError(f"{self.model}: none of the frames that it lacks is recovered ({first})")
-        write_model(found.model, self.output, self.photographs, database_of(model.folder))
         return 0
 
 
 def summary(options: RecoverOptions, model: FoundModel, found: "Recovery") -> str:
-    """Return a line about the model if it was chosen, one for each refused frame, and one that counts.
+    """Return a line about the model if it was chosen, one for refused frames each, and one that counts all.
 
-    With -v also one for each recovered frame.
+    With -v all refused frames and the recovered ones, too.
     """
     lines = []
     if model.others:
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models")
-    for name, frame in found.recovered.items() if options.verbose else ():
+    for name, frame in found.recovered.items() if options.printing.verbose else ():
         points = plural(len(frame.points), "point")
-        lines.append(f"  {printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
-    lines += [f"  {printable(name)} refused: {reason}" for name, reason in found.refused.items()]
-    counts = Counter(registered=len(found.registered), recovered=len(found.recovered))
-    counts["refused"] = len(found.refused)
-    said = ", ".join(f"{count} {word}" for word, count in counts.items())
-    lines.append(f"{printable(str(options.output))}: {plural(sum(counts.values()), 'frame')}: {said}")
+        lines.append(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
+    refused = [f"{printable(name)} refused: {reason}" for name, reason in found.refused.items()]
+    shown = refused if options.printing.verbose else refused[:SHOWN]
+    lines += [*shown, *([f"and {len(refused) - len(shown)} more (-v)"] if len(refused) > len(shown) else [])]
+    count = plural(len(found.registered) + len(found.recovered) + len(refused), "frame")
+    said = f"{len(found.registered)} registered, {len(found.recovered)} recovered, {len(refused)} refused"
+    lines.append(f"{printable(str(options.output))}: of {count} {said}")
     return "\n".join(lines)

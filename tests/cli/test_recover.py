@@ -24,8 +24,8 @@ def test_every_frame_is_counted_and_written(
     done = call_program(capsys, "recover", video / "model", video / "frames", "-o", tmp_path / "all", "-v")
     assert done == 0
     printed = done.out.splitlines()
-    assert printed[-1] == f"{tmp_path / 'all'}: 7 frames: 6 registered, 1 recovered, 0 refused"
-    assert printed[0].startswith(f"  {PLANE.names[3]} recovered by ")
+    assert printed[-1] == f"{tmp_path / 'all'}: of 7 frames 6 registered, 1 recovered, 0 refused"
+    assert printed[0].startswith(f"{PLANE.names[3]} recovered by ")
     names = {image.name for image in pycolmap.Reconstruction(tmp_path / "all").images.values()}
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
     assert call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json") == 0
