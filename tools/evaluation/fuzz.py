@@ -270,7 +270,7 @@ def complaints(folder: Path, before: dict[str, object], done: CompletedProcess[s
     for name in before.keys() | after.keys():
         if name in before and before[name] != after.get(name) and not (linked and name.startswith(linked)):
             found.append(f"changes or removes {name}")
-        if name not in before and not name.removeprefix(".").startswith(asked):
+        if name not in before and not name.removeprefix(".").startswith((*asked, "blur2view")):
             found.append(f"leaves {name}")
     strays = {path.name for path in folder.parent.iterdir()} - {folder.name, "whole", "bin", "sockets"}
     found += [f"leaves {name} outside" for name in sorted(strays)]
