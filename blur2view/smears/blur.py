@@ -71,7 +71,7 @@ class Blur:
     ----------
     kind : BlurKind
     smear_px, smear_sigma_px : float or None
-        Length of the photograph's smear and its standard deviation, pixels: `length_of`; None where hardly
+        Length of the photograph's smear and its standard deviation, pixels: `with_length`; None where hardly
         anything shows texture.
     direction_deg : float or None
         Of the mean smear (in double angle, where opposite smears are one), 0 to 180 degrees, from the x axis
@@ -107,24 +107,17 @@ class Blur:
             case _:
                 return str(self.kind)
 
+    @property
+    def is_short(self) -> bool:
+        """Whether the smear is no longer than its standard deviation: that is no blur."""
+        return (self.smear_px or 0.0) <= (self.smear_sigma_px or 0.0)
+
     def at_rest(self) -> Blur:
         """Return the blur of the same photograph of which it is known that the camera did not move."""
         if not self.kind.of_camera:
             return self
         kind = BlurKind.OUT_OF_FOCUS if self.kind is BlurKind.OUT_OF_FOCUS_AND_MOVED else BlurKind.SHARP
         return replace(self, kind=BlurKind.CAMERA_AT_REST if self.moving_share > MOVING_SHARE else kind)
-
-    @property
-    def width_px(self) -> float | None:
-        """Width of all of the blur as the length of a smear, pixels; None where nothing is told."""
-        if self.smear_px is None:
-            return None
-        return float(np.hypot(self.smear_px, 3**0.5 * (self.defocus_px or 0.0)))
-
-    @property
-    def sharpness(self) -> float | None:
-        """1 / (1 + width in pixels), above 0; None where nothing is told."""
-        return None if self.width_px is None else 1 / (1 + self.width_px)
 
 
 def blur_of(
@@ -139,9 +132,9 @@ def blur_of(
     (h, w) is the share of each cell that moves by itself, by default 0, and ``camera_moved`` the probability
     that the camera did, by default as the blur of the cells has it.
     """
-    length, sigma, direction = length_of(grid)
-    kind = BlurKind.CANNOT_TELL if length is None else BlurKind.CAMERA_MOVED
-    smeared = Blur(kind=kind, smear_px=length, smear_sigma_px=sigma, direction_deg=direction)
+    smeared = with_length(Blur(kind=BlurKind.CAMERA_MOVED), grid)
+    if smeared.smear_px is None:
+        smeared = replace(smeared, kind=BlurKind.CANNOT_TELL)
     if grid.kinds is None or grid.radius_px is None:
         return smeared
     kinds = np.asarray(grid.kinds, float)
@@ -150,17 +143,18 @@ def blur_of(
     if told.mean() < LEAST_TOLD:
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
-    kind = kind_of(kinds * (1 - share[..., None]), float(share.mean()), camera_moved)
-    if length is not None and sigma is not None and length <= sigma:  # that is no blur
-        kind = replace(smeared, kind=kind, moving_share=float(share.mean())).at_rest().kind
+    moving_share = float(share.mean())
+    kind = kind_of(kinds * (1 - share[..., None]), moving_share, camera_moved)
+    if smeared.is_short:
+        kind = replace(smeared, kind=kind, moving_share=moving_share).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
     radius, spread = weighted_median(grid.radius_px, weight)
     if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
         kind = BlurKind.OUT_OF_FOCUS
-    return replace(
-        smeared, kind=kind, defocus_px=radius, defocus_sigma_px=spread, moving_share=float(share.mean())
-    )
+    blur = Blur(kind=kind, defocus_px=radius, defocus_sigma_px=spread, moving_share=moving_share)
+    of_kind = kinds[..., [SMEARED, BOTH] if kind.of_camera else [SHARP, OUT_OF_FOCUS]].sum(-1)
+    return with_length(blur, grid, of_kind * (1 - share))
 
 
 def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float | None = None) -> BlurKind:
@@ -188,7 +182,7 @@ def in_doubt(grid: SmearGrid) -> bool:
         return False
     smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
     still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
-    length = length_of(grid)[0] or 0.0
+    length = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid).smear_px or 0.0
     return bool(smeared > LEAST_SMEARED and (still > MOST_STILL or length < PLAIN_PX))
 
 
@@ -209,24 +203,29 @@ def near_border(shape: tuple[int, int]) -> NDArray[np.float64]:
     return np.where(near[0][:, None] | near[1], BORDER_WEIGHT, 1.0)[..., None]
 
 
-def length_of(grid: SmearGrid) -> tuple[float | None, float | None, float | None]:
-    """Return length, standard deviation (pixels) and direction (degrees) of a photograph's smear; or None.
+def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None = None) -> Blur:
+    """Return the blur with length, deviation and direction of the photograph's smear; as it is if smooth.
 
     Length and deviation are medians over the cells, each weighed by how well it knows its length, so that
-    plain surfaces, which know nothing, do not pull them: ``1 / (c^2 + (sigma / (length + 2 px))^2)``.
+    plain surfaces, which know nothing, do not pull them: ``1 / (c^2 + (sigma / (length + 2 px))^2)``, and by
+    the probability ``of_kind`` (h, w) that it is blurred as the photograph is, by default 1.
     """
     smears, sigma = grid.smears(), grid.sigma_px
     seen = sigma < UNSEEN_PX
     if seen.mean() < LEAST_TOLD:
-        return None, None, None
+        return blur
     weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORT_PX)) ** 2).astype(float)
     if grid.kinds is not None:
         weight = weight * (1 - grid.kinds[..., CANNOT_TELL])
-    length, _ = weighted_median(smears.length_px, weight)
-    deviation, _ = weighted_median(sigma, weight)
-    x, y = (to_double_angle(smears.displacement) * weight[..., None]).sum((0, 1)) / weight.sum()
-    common = np.hypot(x, y) > COMMON_DIRECTION * (smears.length_px * weight).sum() / weight.sum()
-    return length, deviation, float(np.degrees(np.arctan2(y, x)) / 2 % 180) if common else None
+    weight = weight if of_kind is None else weight * of_kind
+    x, y = (to_double_angle(smears.displacement) * weight[..., None]).sum((0, 1))
+    common = np.hypot(x, y) > COMMON_DIRECTION * (smears.length_px * weight).sum()
+    return replace(
+        blur,
+        smear_px=weighted_median(smears.length_px, weight)[0],
+        smear_sigma_px=weighted_median(sigma, weight)[0],
+        direction_deg=float(np.degrees(np.arctan2(y, x)) / 2 % 180) if common else None,
+    )
 
 
 def weighted_median(values: Floats, weight: NDArray[np.float64]) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Smears in a file, ``.smear.npz``: the network's own grid in half precision, or every pixel.
+"""Smears in a file, ``.smear.npz``: the network's own grid in half precision.
 
 A half has eleven bits: a smear's length and direction change by a 4000th at most, a hundredth of what the
 network errs by, and a photograph of 20 megapixels takes 0.2 MB, where all its pixels take 320.
@@ -16,23 +16,18 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.errors import OutputError
 from blur2view.input_files import MAX_PIXELS, open_regular
-from blur2view.smears.field import to_double_angle
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.noise import WINDOW_PX
 
-GRID, BLUR, FIELD = "smear_grid", "blur_grid", "displacement"
-"""Arrays of which the first or the last tells either kind of file."""
-MOST_GRID, MOST_FIELD = 1 << 26, 9 * MAX_PIXELS  # bytes of an array; a grid's has some millions
+GRID, BLUR = "smear_grid", "blur_grid"
+MOST_BYTES = 1 << 26  # of an array; a grid's has some millions
 DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
           RuntimeError, MemoryError, zipfile.BadZipFile)  # fmt: skip
 """What the readers of ZIP and NPY raise of damaged bytes; RuntimeError of an archive with a password."""
 
 
-def stored_smears(grid: SmearGrid, *, full_field: bool = False) -> dict[str, AnyArray]:
-    """Return the arrays of a file by name: of the grid or, with ``full_field``, of every pixel."""
-    if full_field:
-        field = grid.at_pixels()
-        return {FIELD: field.displacement, "sigma_px": field.sigma_px, "sigma_rad": field.sigma_rad}
+def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
+    """Return the arrays of a file by name."""
     place = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
     blur = {} if grid.blur is None else {BLUR: grid.blur.astype(np.float16)}
     named = {name: np.array(value) for name, value in place.items()}
@@ -45,7 +40,7 @@ def load_smears(path: str | Path) -> SmearGrid:
     Parameters
     ----------
     path : path-like
-        The file, of either kind, with ``--full-field`` (then a cell is a pixel) or without.
+        The file.
 
     Returns
     -------
@@ -68,27 +63,21 @@ def load_smears(path: str | Path) -> SmearGrid:
 
 
 def _arrays(stored: Any) -> Iterator[tuple[str, AnyArray]]:
-    """Yield the arrays of an open file by name; ValueError of one that is larger than any of ours.
+    """Yield the arrays of an open file by name; ValueError of one that is larger than any grid's.
 
     `numpy.savez` compresses nothing: what unfolds to more than the file has is refused before it does.
     """
-    most = MOST_GRID if GRID in stored.files else MOST_FIELD
     for member in stored.zip.infolist():
-        if member.compress_type != zipfile.ZIP_STORED or member.file_size > most:
+        if member.compress_type != zipfile.ZIP_STORED or member.file_size > MOST_BYTES:
             raise ValueError(f"{member.filename} is compressed or too large")
         name = member.filename.removesuffix(".npy")
         yield name, stored[name]
 
 
 def _grid(arrays: dict[str, AnyArray]) -> SmearGrid:
-    if GRID in arrays:
-        cells, (height, width) = arrays[GRID].astype(np.float32), map(int, arrays["shape"])
-        stride, window_px = int(arrays["stride"]), int(arrays.get("window_px", WINDOW_PX))
-        blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
-    else:
-        smears = np.asarray(to_double_angle(arrays[FIELD]))
-        cells = np.dstack([smears, arrays["sigma_px"], arrays["sigma_rad"]]).astype(np.float32)
-        (height, width), stride, window_px, blur = cells.shape[:2], 1, WINDOW_PX, None
+    cells, (height, width) = arrays[GRID].astype(np.float32), map(int, arrays["shape"])
+    stride, window_px = int(arrays["stride"]), int(arrays.get("window_px", WINDOW_PX))
+    blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
     if not (np.isfinite(cells).all() and (blur is None or np.isfinite(blur).all())):
         raise ValueError("smears must be finite")
     if height * width > MAX_PIXELS:

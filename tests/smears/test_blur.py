@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import Blur, BlurKind, blur_of, in_doubt
+from blur2view.smears.blur import blur_of, in_doubt
 from blur2view.smears.blur_kinds import KINDS, radii_px, read_radii, softmax
 from blur2view.smears.grid import SmearGrid
 from tests.support.grids import grid_of
@@ -52,14 +52,11 @@ def test_a_photograph_has_the_name_of_what_blurred_it(kinds: NDArray[np.int_], e
     assert blur_of(grid(kinds), moving=moving).kind == expected
 
 
-def test_radius_is_of_what_is_sharpest_and_the_width_of_all_blur() -> None:
+def test_radius_is_of_what_is_sharpest() -> None:
     mixed = grid(within(0, 1, 0.6))
     assert mixed.blur is not None
     mixed.blur[..., 0] = np.where(within(0, 1, 0.6) == 0, 1.1, 6.0)
     assert blur_of(mixed).defocus_px == pytest.approx(1.1)
-    blur = Blur(kind=BlurKind.CAMERA_MOVED, smear_px=3.0, defocus_px=4 / 3**0.5)
-    assert blur.width_px == pytest.approx(5) and blur.sharpness == pytest.approx(1 / 6)
-    assert Blur(kind=BlurKind.CANNOT_TELL).width_px is None
 
 
 def test_share_that_moves_is_what_was_asked_for() -> None:

@@ -19,7 +19,7 @@ from scipy.stats import spearmanr
 
 import blur2view
 from blur2view.arrays import AnyArray, Array
-from blur2view.smears.blur import length_of
+from blur2view.smears.blur import blur_of
 from tools.arguments import Existing, Target, run
 from tools.datasets.testset import read_test_set
 from tools.evaluation.blur_kinds import laplacian_variance
@@ -68,7 +68,7 @@ def main(scenes: Existing, *, photos: list[Existing] | None = None, out: Target 
     for end in ("", "_open"):  # as the shutter opened: sharp
         for scene in read_test_set(scenes):
             image = blur2view.read_image(scene.image_path.with_name(f"{scene.name}{end}.png"))
-            true_px, smear_px = 0.0 if end else scene.median_px, length_of(network.predict(image))[0]
+            true_px, smear_px = 0.0 if end else scene.median_px, blur_of(network.predict(image)).smear_px
             said.append((true_px, smear_px or 0.0, -laplacian_variance(image)))  # which blur lowers
     order, smeared = [], said[: len(said) // 2]
     for name, some in {"rendered": smeared, "rendered, and their sharp first instants": said}.items():

@@ -20,6 +20,7 @@ import numpy as np
 
 import blur2view
 from blur2view.arrays import AnyArray
+from blur2view.results.photograph import Photograph
 from blur2view.smears.blur import Blur, BlurKind
 from tools.arguments import Existing, run
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
@@ -69,8 +70,9 @@ class Seen:
 def seen(picture: Picture, estimator: Estimator) -> Seen:
     """Return what is said of a picture."""
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
-    said, moves = estimator(image).blur, 0.0 if picture.moving is None else (picture.moving > 0).mean()
-    blur = {"ours: width of the blur": said.width_px or 0.0}
+    estimate = estimator(image)
+    said, moves = estimate.blur, 0.0 if picture.moving is None else (picture.moving > 0).mean()
+    blur = {"ours: width of the blur": Photograph.of(estimate, name="").width_px or 0.0}
     blur["variance of the Laplacian"] = -laplacian_variance(image)
     return Seen(picture=replace(picture, file=b"", moving=None), said=said, blur=blur, moves=float(moves))
 

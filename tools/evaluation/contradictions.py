@@ -51,6 +51,9 @@ def contradictions(one: Photograph) -> Iterator[str]:
     if use == "blurred" and not one.has_geometry:
         yield "use is blurred without a geometry"
     if not moved:
+        most = max(MAX_SMEAR_PX, one.smear_sigma_px or 0.0)
+        if one.blur != "cannot tell" and (one.smear_px or 0.0) > most:
+            yield f"blur is {one.blur}, smear {one.smear_px} +/- {one.smear_sigma_px} px"
         if one.has_geometry or one.config != "DEGENERATE":
             yield f"blur is {one.blur}, config {one.config}"
         if "radius" in one.verdict and f"{radius:.1f} px" not in one.verdict:
