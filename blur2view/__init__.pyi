@@ -5,7 +5,6 @@ from blur2view.colmap.cameras import camera_of_database as camera_of_database
 from blur2view.colmap.database import write_database as write_database
 from blur2view.colmap.mapping import global_options as global_options
 from blur2view.colmap.mapping import mapper_options as mapper_options
-from blur2view.colmap.mapping import triangulate_exposure as triangulate_exposure
 from blur2view.colmap.placement import Placement as Placement
 from blur2view.colmap.placement import place_views as place_views
 from blur2view.errors import Blur2ViewError as Blur2ViewError

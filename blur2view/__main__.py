@@ -13,6 +13,7 @@ def program() -> int:
                 setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), "r" if name == "stdin" else "w"))
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(name, "1")  # of NumPy, read on import: sums depend on the number of threads
+        os.environ.setdefault("GLOG_logtostderr", "1")  # pycolmap leaves no log files in the temporary folder
         if not sys.warnoptions:
             warnings.simplefilter("ignore")
         # libpng, libtiff and OpenCV print to 2, in words that name no file; what we say goes where 2 led

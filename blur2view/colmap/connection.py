@@ -6,11 +6,13 @@ Linking (`blur2view.colmap.link`) writes to the file, in one transaction: its jo
 moment. A changed copy renamed over the original would lose what others write meanwhile, and its log.
 """
 
+import errno
 import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory, gettempdir
 
 from blur2view.errors import DatabaseError
 from blur2view.input_files import open_regular
@@ -76,6 +78,19 @@ def _refuse_views(database: sqlite3.Connection) -> None:
     }
     if odd := sorted(views & {*TABLES.split()}):
         raise ValueError(f"its {odd[0]} is a view, where COLMAP has a table; remove it")
+
+
+@contextmanager
+def temporary_database() -> Iterator[Path]:
+    """Give the path of a database that pycolmap may make; OSError where temporary files cannot be written."""
+    try:
+        with TemporaryDirectory() as folder:
+            yield Path(folder) / "rows.db"
+    except RuntimeError as error:
+        if "factory" not in str(error):  # what pycolmap says of any database that it cannot open
+            raise
+        where = f"no database can be written in {gettempdir()}: make room there, or set TMPDIR"
+        raise OSError(errno.EIO, where) from None
 
 
 @contextmanager

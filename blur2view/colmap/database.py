@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.colmap_camera import colmap_camera, to_colmap
-from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only
+from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only, temporary_database
 from blur2view.colmap.project import MAX_IMAGES, VIEWS_TABLE, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -76,8 +75,7 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
 
     cameras: list[Any] = []
     ids: list[Pair] = []
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "new.db"
+    with temporary_database() as path:
         with pycolmap.Database.open(path) as opened, pycolmap.DatabaseTransaction(opened):
             for views in photographs:
                 camera = colmap_camera_of(views.camera, views.size)

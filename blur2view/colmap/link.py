@@ -13,13 +13,12 @@ from datetime import datetime
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.colmap_camera import from_colmap
-from blur2view.colmap.connection import connect, open_for_writing, open_read_only
+from blur2view.colmap.connection import connect, open_for_writing, open_read_only, temporary_database
 from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (
     CAMERA_SENSOR,
@@ -169,8 +168,7 @@ def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, E
     import pycolmap
 
     any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
-    with TemporaryDirectory() as folder:
-        beside = Path(folder) / "rows.db"
+    with temporary_database() as beside:
         with pycolmap.Database.open(beside) as opened, pycolmap.DatabaseTransaction(opened):
             opened.write_camera(any_camera)
             for image, views in links:

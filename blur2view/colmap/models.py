@@ -183,8 +183,8 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
 
 def _same_model(one: Any, other: Any) -> bool:
     """Return whether two models have the same cameras and the same counts of all else."""
-    counts = ("num_rigs", "num_frames", "num_images", "num_reg_images", "num_points3D")
-    counts += ("compute_num_observations",)
+    counts = ["num_rigs", "num_frames", "num_images", "num_reg_images", "num_points3D"]
+    counts += ["compute_num_observations"]
     same = all(getattr(one, count)() == getattr(other, count)() for count in counts)
     return same and dict(one.cameras) == dict(other.cameras)
 

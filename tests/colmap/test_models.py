@@ -93,7 +93,7 @@ def test_a_model_is_replaced_only_where_it_is_as_it_was_written(model: Path, tmp
     with pytest.raises(OutputError, match=r"rigs\.bin: is not of an earlier call"):
         refuse_other_model(model)
     refined = pycolmap.Reconstruction(out)
-    refined.cameras[1].params = refined.cameras[1].params * 1.01
+    refined.cameras[1].params = (1.01 * refined.cameras[1].params).tolist()
     refined.write(out)
     with pytest.raises(OutputError, match="was changed since it was written"):
         refuse_other_model(out)

@@ -115,7 +115,9 @@ def test_tiff_that_no_decoder_reads_right_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_a_fourth_band_that_is_no_alpha_is_left_out(tmp_path: Path, dtype: type) -> None:
-    pixels = np.random.default_rng(2).integers(0, 256, (20, 30, 4)).astype(dtype)  # infrared, nearly black
+    pixels: np.ndarray = (
+        np.random.default_rng(2).integers(0, 256, (20, 30, 4)).astype(dtype)
+    )  # infrared, nearly black
     # a file of data, the four numbers of bits, and its tags
     end, bits = 8 + pixels.nbytes, 8 * pixels.itemsize
     tags = {256: 30, 257: 20, 258: end, 259: 1, 262: 2, 273: 8, 277: 4, 278: 20, 279: pixels.nbytes, 338: 0}
