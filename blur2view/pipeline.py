@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,7 @@ from blur2view.networks.model_file import Execution
 from blur2view.networks.protocol import Detail, SmearReader
 from blur2view.networks.smear_network import SmearNetwork, photograph_of
 from blur2view.networks.threads import one_thread
-from blur2view.smears.blur import Blur, blur_of, in_doubt
+from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
@@ -222,6 +222,8 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearG
     Seen from a camera at rest, what moves must not pass for the camera's motion.
     """
     grid = network.predict(image, detail=detail)
+    if detail is Detail.RANKING and is_close(grid):
+        grid = network.predict(image, detail=Detail.GEOMETRY)
     if not in_doubt(grid):
         return grid, blur_of(grid, image), None
     moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
@@ -230,24 +232,13 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearG
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileEstimate:
-    """The estimate of one photograph's file."""
+    """The estimate of a photograph's file, and what the file alone says."""
 
-    path: Path  # as the user named it
-    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
     estimate: Estimate
-    run: Run
+    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
     read_s: float  # spent on decoding
-    exposure_s: float | None = None  # of the options or else of EXIF
-    frame: int | None = None  # its number in a video
-    timestamp_s: float | None = None  # its time there
-    warnings: tuple[str, ...] = ()  # of options that EXIF contradicts
-    timed: bool = True  # whether results say how long it took
-
-    @property
-    def timings_s(self) -> dict[str, float] | None:
-        """Return the seconds of each step: read, predict, select and solve; None if nobody wants them."""
-        steps = {"read_s": self.read_s, **asdict(self.estimate.timings)}
-        return {name.removesuffix("_s"): value for name, value in steps.items()} if self.timed else None
+    exposure_s: float | None  # of the options or else of EXIF
+    warnings: tuple[str, ...]  # of options that EXIF contradicts
 
 
 def estimate_file(
@@ -283,10 +274,8 @@ def estimate_file(
         detail=detail,
     )
     return FileEstimate(
-        path=path,
-        image=image,
         estimate=result,
-        run=run,
+        image=image,
         read_s=read_s,
         exposure_s=run.exposure_s or exif.exposure_s,
         warnings=(  # an option is believed all the same

