@@ -1,20 +1,24 @@
 """Options: dataclasses that commands are composed of, and their way to argparse and back.
 
-A command is a frozen dataclass. A field that `option` made is an option of its own; a field whose type is a
-dataclass is a group of options that commands share, whose docstring is the group's title and, behind a colon,
-what stands above its options. Defaults and helps stand in these fields alone.
+A command is a frozen dataclass. Its docstring has a line for each of its fields, in their order, as the help
+shows it: ``--every N: of a video take one frame in N``, and those below ``Rarely:`` in --help-all alone. The
+field has type and default: a flag, a value, words that are repeated (``list[str] | None``), or an argument if
+its line has no name; ``Annotated[float, convert]`` says what makes the value of a word. A field whose type is
+a dataclass is a group of options that commands share: its docstring begins with the group's title and, behind
+a colon, what stands above its options; those that it lists as ``either`` exclude each other.
 """
 
 import argparse
 import copy
+import inspect
 import re
 import shutil
 from argparse import BooleanOptionalAction
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, Field, field, fields, is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, NoReturn, get_args
+from typing import Annotated, Any, NoReturn, get_args, get_origin
 
 from blur2view.cli.terminal import printable
 from blur2view.cli.values import file_path, whole
@@ -22,6 +26,7 @@ from blur2view.errors import CameraError
 
 CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: whole(1), float: float}
 """What makes a value of a word, by the type of the field; ValueError or ArgumentTypeError of a wrong one."""
+ENTRY, RARELY = re.compile(r"((?:-[\w-]+(?:, )?)*) ?([A-Z]*): (.*)"), "Rarely:"
 ALIKE = 0.8  # of what was meant to what was written
 MESSAGES = {
     "^argument ": "",
@@ -39,42 +44,37 @@ EXIT_CODES = """
 """
 
 
-def option(
-    default: Any,
-    help: str,
-    metavar: str | None = None,
-    *,
-    names: str = "",
-    either: str = "",
-    convert: Callable[[str], Any] | None = None,
-    choices: Sequence[str] | None = None,
-    rare: bool = False,
-) -> Any:
-    """Return the field of an option.
-
-    It is called ``names``, by default --NAME, a flag that is true without it --no-NAME, and one that may also
-    be None both; one of None or words may be repeated; without a default (`MISSING`) and names it is an
-    argument. Options with one word of ``either`` exclude each other. ``convert`` is by default that of
-    `CONVERT`. What is ``rare`` stands in --help-all alone.
-    """
-    shown = {"help": " ".join(help.split()), "metavar": metavar, "choices": choices}
-    metadata = {"names": names.split(), "either": either, "convert": convert, "rare": rare, "shown": shown}
-    return field(default=default, metadata=metadata)
-
-
 def group(kind: type) -> Any:
     """Return the field of a group of options, all as they are by default."""
     return field(default_factory=kind)
 
 
-def values_of(options: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the names and values of a command's options, groups resolved."""
-    for one in fields(options):
-        value = getattr(options, one.name)
-        if is_dataclass(one.type):
-            yield from values_of(value)
-        elif "shown" in one.metadata:
-            yield one.name, value
+@dataclass(kw_only=True)
+class Entry:
+    """What a docstring says of an option."""
+
+    names: list[str]
+    metavar: str
+    help: str
+    rare: bool
+
+
+def described(kind: type) -> tuple[str, list[Entry]]:
+    """Return what a dataclass of options says of itself, and of each option."""
+    about: list[str] = []
+    entries: list[Entry] = []
+    rare = False
+    for line in inspect.cleandoc(kind.__doc__ or "").splitlines():
+        if match := ENTRY.fullmatch(line):
+            names, metavar, text = match.groups()
+            entries.append(Entry(names=re.findall(r"[^, ]+", names), metavar=metavar, help=text, rare=rare))
+        elif line == RARELY:
+            rare = True
+        elif entries:
+            entries[-1].help += f" {line.strip()}" * bool(line)
+        else:
+            about.append(line)
+    return "\n".join(about).strip(), entries
 
 
 class Layout(argparse.HelpFormatter):
@@ -97,31 +97,32 @@ class CommandParser(argparse.ArgumentParser):
     def __init__(self, command: str, kind: Any) -> None:
         super().__init__(prog=f"blur2view {command}", formatter_class=Layout, allow_abbrev=False)
         self.command, self.kind = command, kind
-        self.description = " ".join(kind.__doc__.partition("\n\n")[2].split())
+        self.description = " ".join(described(kind)[0].partition("\n\n")[2].split())
         self.epilog = "\n  ".join(["examples:", *kind.examples])
         text = "show all options, files and JSON keys, and exit"
         self.add_argument("--help-all", nargs=0, action=_HelpAll, help=text)
         self._sections: dict[str, Any] = {}
-        self._add(kind, "options", "")
+        self._add(kind, "")
 
-    def _add(self, kind: Any, title: str, place: str) -> None:
-        """Add the options of a dataclass, of which the names of values begin with a ``place``."""
+    def _add(self, kind: Any, place: str) -> None:
+        """Add the options of a dataclass, whose values are found at a ``place`` in the command."""
+        about, entries = described(kind)
+        title, _, about = about.removesuffix(".").partition(": ") if place else ("options", "", "")
+        own = [one for one in fields(kind) if not is_dataclass(one.type)]
+        if own and title not in self._sections:
+            text = f"{' '.join(about.split())}." if about else None
+            self._sections[title] = self.add_argument_group(title, text)
+        either = None
+        for one, entry in zip(own, entries, strict=True):
+            section = self._sections[title]
+            if one.name in getattr(kind, "either", ()):
+                section = either = either or section.add_mutually_exclusive_group()
+            names, settings = _settings(one, entry, f"{place}{one.name}")
+            action = section.add_argument(*names, **settings)
+            vars(action).update(help=entry.help, metavar=entry.metavar or None, rare=entry.rare)
         for one in fields(kind):
             if is_dataclass(one.type):
-                self._add(one.type, " ".join((one.type.__doc__ or "").split()), f"{place}{one.name}.")
-            elif "shown" in one.metadata:
-                self._add_option(one, title, f"{place}{one.name}")
-
-    def _add_option(self, one: Field[Any], title: str, dest: str) -> None:
-        name, _, about = title.rstrip(".").partition(": ")
-        either = one.metadata["either"]
-        if name not in self._sections:
-            self._sections[name] = self.add_argument_group(name, f"{about}." if about else None)
-        if either and either not in self._sections:
-            self._sections[either] = self._sections[name].add_mutually_exclusive_group()
-        names, settings = _settings(one, dest)
-        action = self._sections[either or name].add_argument(*names, **settings)
-        vars(action).update(one.metadata["shown"], rare=one.metadata["rare"])
+                self._add(one.type, f"{place}{one.name}.")
 
     def read(self, words: Sequence[str]) -> Any:
         """Return the options that words state; wrong usage ends the program with one line."""
@@ -194,23 +195,23 @@ def add_table(parser: Any, title: str, rows: str | Mapping[str, str]) -> None:
         section._group_actions.append(argparse.Action([], "", metavar=name, help=text.replace("%", "%%")))
 
 
-def _settings(one: Field[Any], dest: str) -> tuple[list[str], dict[str, Any]]:
+def _settings(one: Field[Any], entry: Entry, dest: str) -> tuple[list[str], dict[str, Any]]:
     """Return what argparse must know to read an option: its names, and how."""
-    needed, names, flag = one.default is MISSING, one.metadata["names"], one.name.replace("_", "-")
-    kinds = get_args(one.type) or (one.type,)
-    convert = one.metadata["convert"] or next((CONVERT[kind] for kind in kinds if kind in CONVERT), None)
-    how: dict[str, Any] = {"type": convert}
-    if one.type is bool:
+    kind, convert = get_args(one.type) if get_origin(one.type) is Annotated else (one.type, None)
+    kinds, needed = get_args(kind) or (kind,), one.default is MISSING
+    how: dict[str, Any] = {
+        "type": convert or next((CONVERT[part] for part in kinds if part in CONVERT), None)
+    }
+    if kind is bool:
         how = {"action": "store_false" if one.default else "store_true"}
-        flag = f"no-{flag}" if one.default else flag
-    elif one.type == bool | None:
+    elif kind == bool | None:
         how = {"action": BooleanOptionalAction}
-    elif one.type == list[str] | None:
-        how = {"action": "append"}
-    if needed and not names:
-        return [dest], how | ({"nargs": "+"} if one.type == list[str] else {})
+    elif kind == list[str] | None:
+        how |= {"action": "append"}
+    if not entry.names:
+        return [dest], how | ({"nargs": "+"} if kind == list[str] else {})
     how |= {"required": True} if needed else {"default": one.default}
-    return names or [f"--{flag}"], how | {"dest": dest}
+    return entry.names, how | {"dest": dest}
 
 
 def _made(kind: Any, values: Mapping[str, Any], place: str) -> Any:
@@ -221,6 +222,5 @@ def _made(kind: Any, values: Mapping[str, Any], place: str) -> Any:
             if is_dataclass(one.type)
             else values[f"{place}{one.name}"]
             for one in fields(kind)
-            if is_dataclass(one.type) or "shown" in one.metadata
         }
     )

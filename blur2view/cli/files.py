@@ -12,7 +12,6 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.adapter import option
 from blur2view.cli.options import InTime, Lens, Resuming
 from blur2view.cli.photographs import Files, Photographs, found_file, found_line, note_line
 from blur2view.cli.terminal import printable
@@ -30,26 +29,20 @@ FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 
 @dataclass(frozen=True, kw_only=True)
 class Folder:
-    """output."""
+    """output.
 
-    effect = False
+    -o, --output DIR: write files of each photograph, see below, into DIR, in place of those of an earlier
+        call
+    --json: print one JSON document instead of the summaries, see below
+    Rarely:
+    --jsonl: instead print the JSON document of each photograph on one line as soon as it is done, in their
+        order; of one that fails image and error
+    """
 
-    output: Path | None = option(
-        None,
-        """write files of each photograph, see below, into DIR, in place of those of an earlier call""",
-        "DIR",
-        names="-o --output",
-    )
-    json: bool = option(
-        False, "print one JSON document instead of the summaries, see below", either="printed"
-    )
-    jsonl: bool = option(
-        False,
-        """instead print the JSON document of each photograph on one line as soon as it is done, in their
-        order; of one that fails image and error""",
-        either="printed",
-        rare=True,
-    )
+    effect, either = False, ("json", "jsonl")
+    output: Path | None = None
+    json: bool = False
+    jsonl: bool = False
 
 
 def run_into_folder(

@@ -4,14 +4,22 @@ The result of a photograph depends on every option but those of groups without a
 """
 
 import sys
-from dataclasses import MISSING, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 from blur2view.camera.intrinsics import Intrinsics
-from blur2view.cli import values
-from blur2view.cli.adapter import option
-from blur2view.colmap.cameras import StoredCamera, stored_camera
+from blur2view.cli.values import (
+    dask_address,
+    exposure_s,
+    focal_px,
+    frame_or_seconds,
+    positive,
+    seconds,
+    whole,
+)
+from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
@@ -22,56 +30,43 @@ from blur2view.two_view.options import EstimatorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Printing:
-    """printing."""
+    """printing.
 
-    effect = False
+    -v, --verbose: print all details, as of an estimate its reason, matrices, models and timings
+    -q, --quiet: print failures only
+    """
 
-    verbose: bool = option(
-        False,
-        "print all details, as of an estimate its reason, matrices, models and timings",
-        names="-v --verbose",
-        either="verbosity",
-    )
-    quiet: bool = option(False, "print failures only", names="-q --quiet", either="verbosity")
+    effect, either = False, ("verbose", "quiet")
+    verbose: bool = False
+    quiet: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """input."""
+    """input.
 
-    effect = False
-
-    images: list[str] = option(
-        MISSING,
-        """photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard input;
+    INPUT: photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard input;
         JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8 or 16 bits, with the extras heic
         and raw also HEIC and RAW. Frames of a video are named VIDEO/000120 by their number. A list names one
         of these on each line, as seen from here or else from the list's folder (blank lines are passed over,
-        and those that begin with # and name no file). What is named twice is done once""",
-        "INPUT",
-    )
-    recursive: bool = option(False, "folders stand for their subfolders, too")
-    every: int = option(1, "of a video take one frame in N (default: all)", "N")
-    first: float = option(
-        0,
-        "the first frame of a video: a number from 0, or a time as 12.5s",
-        "FRAME",
-        names="--from",
-        convert=values.frame_or_seconds,
-        rare=True,
-    )
-    last: float | None = option(
-        None, "the last frame, included", "FRAME", names="--to", convert=values.frame_or_seconds, rare=True
-    )
-    max_memory: float = option(
-        MAX_MEMORY_GIB,
-        """refuse photographs whose estimate takes more memory of its process, of which --jobs starts many;
-        masks take up to half as much again (default: %(default)s, enough for 32 megapixels, with masks for
-        24)""",
-        "GIB",
-        convert=values.positive,
-        rare=True,
-    )
+        and those that begin with # and name no file). What is named twice is done once
+    --recursive: folders stand for their subfolders, too
+    --every N: of a video take one frame in N (default: all)
+    Rarely:
+    --from FRAME: the first frame of a video: a number from 0, or a time as 12.5s
+    --to FRAME: the last frame, included
+    --max-memory GIB: refuse photographs whose estimate takes more memory of its process, of which --jobs
+        starts many; masks take up to half as much again (default: %(default)s, enough for 32 megapixels,
+        with masks for 24)
+    """
+
+    effect = False
+    images: list[str]
+    recursive: bool = False
+    every: int = 1
+    first: Annotated[float, frame_or_seconds] = 0
+    last: Annotated[float | None, frame_or_seconds] = None
+    max_memory: Annotated[float, positive] = MAX_MEMORY_GIB
 
     def inputs(self) -> Inputs:
         """Return the photographs; ImageError of a list that cannot be read."""
@@ -82,108 +77,37 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class InTime:
-    """order in time."""
+    """order in time.
 
-    sequence: bool | None = option(
-        None,
-        """the photographs are a video in this order: those before and after each one show which end of its
-        exposure came first, so that rates are one series; with --no-sequence not even the frames of a video
-        do (default: those of a video)""",
-    )
-    timestamps: Path | None = option(
-        None,
-        """times of the photographs: a table that names each in one column and has its time in another, as
-        EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as 1403636579.763.png)""",
-        "TABLE",
-        rare=True,
-    )
+    --sequence: the photographs are a video in this order: those before and after each one show which end of
+        its exposure came first, so that rates are one series; with --no-sequence not even the frames of a
+        video do (default: those of a video)
+    Rarely:
+    --timestamps TABLE: times of the photographs: a table that names each in one column and has its time in
+        another, as EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as
+        1403636579.763.png)
+    """
 
-
-@dataclass(frozen=True, kw_only=True)
-class Many:
-    """many photographs: Ctrl-C, a kill or a power cut loses only the photographs in hand."""
-
-    effect = False
-
-    jobs: int | None = option(
-        None,
-        "processes, of one thread each; any number gives the same bytes (default: one per core)",
-        "N",
-        either="processes",
-    )
-    dask: str | None = option(
-        None,
-        """let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker tcp://HOST:8786;
-        --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers need this blur2view
-        (pip install '.[dask]'). A scheduler is trusted like a shell: who reaches it can run programs on the
-        workers and here; blur2view itself listens nowhere. Not with a database's camera, nor with --link""",
-        "ADDRESS",
-        either="processes",
-        convert=values.dask_address,
-        rare=True,
-    )
-    max_failures: int | None = option(None, "stop when as many photographs have failed", "N", rare=True)
-
-    def check(self, lens: "Lens") -> None:
-        """Raise ValueError where a camera is wanted that workers of a cluster cannot look up."""
-        if self.dask is not None and lens.database is not None:
-            raise ValueError("the workers of --dask see no database; write its camera out")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Resuming:
-    """many photographs."""
-
-    effect = False
-
-    resume: bool = option(
-        False,
-        """go on: skip photographs that an earlier call has done with the same content, options, network and
-        version, as their results say; do the others, also over their earlier results""",
-    )
-
-    def check(self, *outputs: Path | None) -> None:
-        """Raise ValueError where there is nothing to go on with."""
-        if self.resume and not any(outputs):
-            raise ValueError(
-                "--resume goes on with results in a file or folder; name it, as with -o or --csv"
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Table:
-    """output."""
-
-    effect = False
-
-    csv: Path | None = option(
-        None,
-        "write a table with a row for each photograph; blur2view triage --help-all names its columns",
-        "FILE",
-    )
+    sequence: bool | None = None
+    timestamps: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """camera: Known intrinsics give the essential matrix E and the pose. Without these options the focal
-    length of EXIF, where there is one, is a hint, and nothing is called calibrated. What is stated here is
-    believed; if EXIF says 1.4 times as much or as little, a line says so.
-    """  # noqa: D205
+    """camera: Known intrinsics give the essential matrix E and the pose.
 
-    focal: float | None = option(
-        None,
-        "focal length in pixels; the principal point is the photograph's centre",
-        "PX",
-        convert=values.pixels,
-    )
-    camera: str | None = option(
-        None,
-        """instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for example
-        "SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR, one of another size is
-        scaled), a COLMAP database as "project.db" (the camera of the image of this name) or "project.db:ID",
-        or "exif" to take the focal length of EXIF for true""",
-        "CAMERA",
-    )
+    Without these options the focal length of EXIF, where there is one, is a hint, and nothing is called
+    calibrated. What is stated here is believed; if EXIF says 1.4 times as much or as little, a line says so.
+
+    --focal PX: focal length in pixels; the principal point is the photograph's centre
+    --camera CAMERA: instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for
+        example "SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR, one of another size
+        is scaled), a COLMAP database as "project.db" (the camera of the image of this name) or
+        "project.db:ID", or "exif" to take the focal length of EXIF for true
+    """
+
+    focal: Annotated[float | None, focal_px] = None
+    camera: str | None = None
 
     def __post_init__(self) -> None:
         self.intrinsics()
@@ -201,92 +125,62 @@ class Lens:
 
     def intrinsics(self) -> Intrinsics:
         """Return what is stated of the camera; ValueError or CameraError of what is none."""
-        stored: StoredCamera | None = stored_camera(self.camera or "")
-        return Intrinsics(focal_px=self.focal, camera=stored or self.camera)
+        return Intrinsics(focal_px=self.focal, camera=stored_camera(self.camera or "") or self.camera)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rates:
-    """camera."""
+    """camera.
 
-    exposure: float | None = option(
-        None,
-        """exposure time in seconds, as 0.04, 1/25 or 40ms, with --focal or --camera: the angular velocity is
-        the rotation over it (default: that of EXIF)""",
-        "S",
-        convert=values.exposure,
-    )
-    readout: float | None = option(
-        None,
-        """of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the first row
-        to that of the last one; rows are those of the file as stored. A point that moves with the rows is
-        seen for longer, so the motion differs with the order in time: one is given, of both that which has
-        less parallax, the other is backward in the JSON document""",
-        "S",
-        convert=values.seconds,
-        rare=True,
-    )
-    gyroscope: bool = option(
-        False,
-        """with --focal or --camera: give rates the sign that a gyroscope along the camera's axes shows, which
-        is the negative of the scene's""",
-        rare=True,
-    )
+    --exposure S: exposure time in seconds, as 0.04, 1/25 or 40ms, with --focal or --camera: the angular
+        velocity is the rotation over it (default: that of EXIF)
+    Rarely:
+    --readout S: of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the
+        first row to that of the last one; rows are those of the file as stored. A point that moves with the
+        rows is seen for longer, so the motion differs with the order in time: one is given, of both that
+        which has less parallax, the other is backward in the JSON document
+    --gyroscope: with --focal or --camera: give rates the sign that a gyroscope along the camera's axes
+        shows, which is the negative of the scene's
+    """
 
-    def __post_init__(self) -> None:
-        if self.readout is not None:
-            RollingShutter(readout_s=self.readout, exposure_s=self.exposure or 1.0)  # which checks it
+    exposure: Annotated[float | None, exposure_s] = None
+    readout: Annotated[float | None, seconds] = None
+    gyroscope: bool = False
 
     def check(self, lens: Lens) -> None:
-        """Raise ValueError where rates are asked for without intrinsics."""
+        """Raise ValueError where rates are asked for without intrinsics, or no shutter is as slow."""
         for name in ("exposure", "readout", "gyroscope"):
             if getattr(self, name) and not lens.stated:
                 raise ValueError(f"--{name} is about rates and poses, which need --focal or --camera")
+        if self.readout is not None:
+            RollingShutter(readout_s=self.readout, exposure_s=self.exposure or 1.0)  # which checks it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Estimating:
-    """estimation: A smear is the path of a scene point in the picture while the shutter was open; its two
-    ends are a match whose order in time is unknown.
-    """  # noqa: D205
+    """estimation: A smear is the path of a scene point in the picture while the shutter was open.
 
-    beta: float = option(
-        SelectOptions.beta,
-        f"""share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be used, the
-        most certain ones; at most {SelectOptions.max_matches} of them, spread evenly, are (default:
-        %(default)s)""",
-        "SHARE",
-        rare=True,
-    )
-    max_error: float = option(
-        EstimatorOptions.max_error_px,
-        """a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in the better
-        of both orders, is below a tenth of its length and below this many pixels, or below two of its own
-        standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)""",
-        "PX",
-        rare=True,
-    )
-    seed: int = option(
-        0,
-        "of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)",
-        "N",
-        convert=values.whole(0),
-        rare=True,
-    )
-    model: str | None = option(
-        None,
-        "a smear network, written by tools/training/export_reader.py (default: the shipped one)",
-        "ONNX",
-        rare=True,
-    )
-    provider: str | None = option(
-        None,
-        """let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has, for example
-        onnxruntime-gpu; results differ by rounding (default: the processor)""",
-        "NAME",
-        rare=True,
-    )
-    timings: bool = option(True, "without timings: equal calls give equal bytes", rare=True)
+    Its two ends are a match whose order in time is unknown.
+
+    Rarely:
+    --beta SHARE: share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be
+        used, the most certain ones (default: %(default)s)
+    --max-error PX: a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in
+        the better of both orders, is below a tenth of its length and below this many pixels, or below two of
+        its own standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)
+    --seed N: of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)
+    --model ONNX: a smear network, written by tools/training/export_reader.py (default: the shipped one)
+    --provider NAME: let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has,
+        for example onnxruntime-gpu; results differ by rounding (default: the processor)
+    --no-timings: without timings: equal calls give equal bytes
+    """
+
+    beta: float = SelectOptions.beta
+    max_error: float = EstimatorOptions.max_error_px
+    seed: Annotated[int, whole(0)] = 0
+    model: str | None = None
+    provider: str | None = None
+    timings: bool = True
 
     def __post_init__(self) -> None:
         self.select()
@@ -299,3 +193,58 @@ class Estimating:
     def options(self) -> EstimatorOptions:
         """Return those of the estimator; ValueError of an error that is none."""
         return EstimatorOptions(max_error_px=self.max_error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Many:
+    """many photographs: Ctrl-C, a kill or a power cut loses only the photographs in hand.
+
+    --jobs N: processes, of one thread each; any number gives the same bytes (default: one per core)
+    Rarely:
+    --dask ADDRESS: let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker
+        tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers
+        need this blur2view (pip install '.[dask]'). A scheduler is trusted like a shell: who reaches it can
+        run programs on the workers and here; blur2view itself listens nowhere. Not with a database's camera,
+        nor with --link
+    --max-failures N: stop when as many photographs have failed
+    """
+
+    effect, either = False, ("jobs", "dask")
+    jobs: int | None = None
+    dask: Annotated[str | None, dask_address] = None
+    max_failures: int | None = None
+
+    def check(self, lens: Lens) -> None:
+        """Raise ValueError where a camera is wanted that workers of a cluster cannot look up."""
+        if self.dask is not None and lens.database is not None:
+            raise ValueError("the workers of --dask see no database; write its camera out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resuming:
+    """many photographs.
+
+    --resume: go on: skip photographs that an earlier call has done with the same content, options, network
+        and version, as their results say; do the others, also over their earlier results
+    """
+
+    effect = False
+    resume: bool = False
+
+    def check(self, *outputs: Path | None) -> None:
+        """Raise ValueError where there is nothing to go on with."""
+        if self.resume and not any(outputs):
+            raise ValueError(
+                "--resume goes on with results in a file or folder; name it, as with -o or --csv"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """output.
+
+    --csv FILE: write a table with a row for each photograph; blur2view triage --help-all names its columns
+    """
+
+    effect = False
+    csv: Path | None = None

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from blur2view.cli.adapter import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.values import share
@@ -33,28 +33,22 @@ class PlaceOptions:
     Put the views that blur2view to-colmap --link has written to a project, NAME#open and NAME#close, into
     COLMAP's model of the frames. The frames stay where they are; their poses are the camera's path, on which
     the smears say how long an exposure was.
+
+    DB: the project with the views
+    MODEL: folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken
+    FRAMES: folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some
+        out, no two are taken for neighbours
+    -o, --output DIR: where the model goes
+    Rarely:
+    --fraction F: exposure time over frame interval, at most 1, if it is known (default: measured from the
+        smears)
     """
 
-    database: Path = option(MISSING, "the project with the views", "DB")
-    model: Path = option(
-        MISSING,
-        "folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken",
-        "MODEL",
-    )
-    photographs: Path = option(
-        MISSING,
-        """folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some out,
-        no two are taken for neighbours""",
-        "FRAMES",
-    )
-    fraction: float | None = option(
-        None,
-        "exposure time over frame interval, at most 1, if it is known (default: measured from the smears)",
-        "F",
-        convert=share,
-        rare=True,
-    )
-    output: Path = option(MISSING, "where the model goes", "DIR", names="-o --output")
+    database: Path
+    model: Path
+    photographs: Path
+    output: Path
+    fraction: Annotated[float | None, share] = None
     printing: Printing = group(Printing)
 
     examples = (

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view import __version__
-from blur2view.cli.adapter import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Table
 from blur2view.cli.photographs import End, Photographs, is_folder
 from blur2view.cli.terminal import printable, verdict_line
@@ -37,17 +37,15 @@ uncertainty: standard deviation (sigma) of a smear that the network predicts, pi
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """output."""
+    """output.
+
+    -o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless all fail
+    --no-mask: without the motion mask: faster
+    """
 
     effect = False
-
-    output: Path = option(
-        Path("report.html"),
-        "the page (default: %(default)s); one of an earlier call is replaced, unless all fail",
-        "HTML",
-        names="-o --output",
-    )
-    mask: bool = option(True, "without the motion mask: faster")
+    output: Path = Path("report.html")
+    mask: bool = True
 
     def __post_init__(self) -> None:
         if self.output.suffix.lower() in (".pdf", ".json", ".csv"):

@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from blur2view.cli.adapter import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Reading, Resuming, Table
 from blur2view.cli.photographs import Photographs
 from blur2view.cli.terminal import printable, seconds_lines
-from blur2view.cli.values import probability
+from blur2view.cli.values import one_of, probability
 from blur2view.cli.work import Setup
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
 from blur2view.movers.mask import MotionLabel, MotionMask, segment
@@ -47,24 +48,18 @@ class SegmentOptions:
     field through the smears and, where there is one, F. How far a smear departs from both, how sure it is of
     itself, and where the photograph is blurred otherwise than the camera's motion blurs it, is weighed by a
     second network; outlines follow the photograph's edges.
+
+    --threshold P: probability from which on a connected part moves (default: %(default)s); a lower one
+        misses less of what moves, and marks more of what stands still
+    --masks NAME: also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio
+        NAME.png, 0 where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated
+        (blur2view to-transforms --masks-from DIR puts them where these trainers look)
     """
 
     reading: Reading
     folder: Folder = group(Folder)
-    threshold: float = option(
-        THRESHOLD,
-        """probability from which on a connected part moves (default: %(default)s); a lower one misses less
-        of what moves, and marks more of what stands still""",
-        "P",
-        convert=probability,
-    )
-    masks: list[str] | None = option(
-        None,
-        """also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0
-        where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated (blur2view
-        to-transforms --masks-from DIR puts them where these trainers look)""",
-        choices=[*map(str, MaskFormat)],
-    )
+    threshold: Annotated[float, probability] = THRESHOLD
+    masks: Annotated[list[str] | None, one_of(*MaskFormat)] = None
     table: Table = group(Table)
     lens: Lens = group(Lens)
     estimating: Estimating = group(Estimating)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Collection, Mapping
 from contextlib import ExitStack
-from dataclasses import MISSING, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.adapter import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Reading, Resuming, Table
 from blur2view.cli.photographs import End, Photographs, found_line, note_line
 from blur2view.cli.terminal import plural, printable, waiting
@@ -66,18 +66,20 @@ NOT_HERE = """
 
 @dataclass(frozen=True, kw_only=True)
 class Database:
-    """output."""
+    """output.
+
+    --db DB: the database: a new one, or with --link yours
+    --json: print one JSON document instead of the summaries, see below
+    Rarely:
+    --replace: with --link: write anew what an earlier call has written (after new features, a new network)
+    --no-backup: with --link: do not copy the database to DB.<time>.bak first
+    """
 
     effect = False
-
-    db: Path = option(MISSING, "the database: a new one, or with --link yours", "DB", names="--db")
-    replace: bool = option(
-        False,
-        "with --link: write anew what an earlier call has written (after new features, a new network)",
-        rare=True,
-    )
-    backup: bool = option(True, "with --link: do not copy the database to DB.<time>.bak first", rare=True)
-    json: bool = option(False, "print one JSON document instead of the summaries, see below")
+    db: Path
+    json: bool = False
+    replace: bool = False
+    backup: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,23 +94,22 @@ class ToColmapOptions:
     blur2view.mapper_options() has the mapper's options, as its defaults refuse such short baselines, and
     help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
     place puts them into its model.
+
+    --link: add to a database that holds the photographs and their features
+    --sequence: the photographs are a video in this order, whatever they are called: neighbours show which
+        view came first. Without it those do that lie in one folder and whose names differ by one in their
+        number, which is as good where no frame is left out; with --no-sequence nothing is concluded from
+        neighbours
+    Rarely:
+    --skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks
+        it
     """
 
     reading: Reading
     database: Database
-    link: bool = option(False, "add to a database that holds the photographs and their features")
-    skip_movers: bool = option(
-        False,
-        """with --link: leave features on what moves by itself unmatched, as blur2view segment marks it""",
-        rare=True,
-    )
-    sequence: bool | None = option(
-        None,
-        """the photographs are a video in this order, whatever they are called: neighbours show which view
-        came first. Without it those do that lie in one folder and whose names differ by one in their number,
-        which is as good where no frame is left out; with --no-sequence nothing is concluded from
-        neighbours""",
-    )
+    link: bool = False
+    sequence: bool | None = None
+    skip_movers: bool = False
     table: Table = group(Table)
     lens: Lens = group(Lens)
     estimating: Estimating = group(Estimating)

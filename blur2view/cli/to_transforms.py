@@ -4,17 +4,17 @@ import json
 import os
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Annotated, Any
 
 from blur2view import __version__
-from blur2view.cli import values
-from blur2view.cli.adapter import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.files import png
 from blur2view.cli.options import Printing
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
 from blur2view.colmap.models import database_of, pictures_of, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import linked_names
@@ -56,45 +56,28 @@ class ToTransformsOptions:
     and gsplat know no blur and take each frame as sharp at mid exposure; --max-smear leaves out what is not.
     The world is the model's, in its unit. help("blur2view.colmap.transforms") has all conventions with their
     sources.
+
+    MODEL: folder of a COLMAP model with views
+    --images DIR: folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
+        MODEL/project.ini, or else images beside the file)
+    --exposure S: exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the
+        velocities shows in a photograph (default: %(default)g, velocities per exposure)
+    --masks-from DIR: results of blur2view segment of these photographs, whose masks are put where the
+        trainer reads them
+    --max-smear PX: leave out photographs whose median smear is longer, in pixels, or unknown (default: keep
+        all)
+    -o, --output JSON: the file, for gsplat a folder (default: %(default)s); one of an earlier call is
+        replaced
+    --dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)
     """
 
-    model: Path = option(MISSING, "folder of a COLMAP model with views", "MODEL")
-    photographs: Path | None = option(
-        None,
-        """folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
-        MODEL/project.ini, or else images beside the file)""",
-        "DIR",
-        names="--images",
-    )
-    exposure: float = option(
-        1.0,
-        """exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the velocities
-        shows in a photograph (default: %(default)g, velocities per exposure)""",
-        "S",
-        convert=values.exposure,
-    )
-    masks: Path | None = option(
-        None,
-        """results of blur2view segment of these photographs, whose masks are put where the trainer reads
-        them""",
-        "DIR",
-        names="--masks-from",
-    )
-    max_smear: float | None = option(
-        None,
-        "leave out photographs whose median smear is longer, in pixels, or unknown (default: keep all)",
-        "PX",
-        convert=values.radius,
-    )
-    output: Path = option(
-        Path("transforms.json"),
-        "the file, for gsplat a folder (default: %(default)s); one of an earlier call is replaced",
-        "JSON",
-        names="-o --output",
-    )
-    dialect: str = option(
-        DIALECTS[0], "for which trainer (default: %(default)s)", choices=(*DIALECTS, GSPLAT)
-    )
+    model: Path
+    photographs: Path | None = None
+    exposure: Annotated[float, exposure_s] = 1.0
+    masks: Path | None = None
+    max_smear: Annotated[float | None, radius] = None
+    output: Path = Path("transforms.json")
+    dialect: Annotated[str, one_of(*DIALECTS, GSPLAT)] = DIALECTS[0]
     printing: Printing = group(Printing)
 
     examples = (

@@ -7,10 +7,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 from blur2view.arrays import Array
 from blur2view.cli import values
-from blur2view.cli.adapter import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
 from blur2view.cli.photographs import End, Finished, Photographs, found_line, is_folder, note_line
 from blur2view.cli.terminal import plural, printable, waiting
@@ -75,29 +76,26 @@ LIST = f"""
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """output."""
+    """output.
 
-    effect = False
+    --keep LIST: write the list of photographs to keep, see below
+    --extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
+    --blurred: keep the blurred ones, too, that geometry can use
+    --best N: keep the N sharpest, or as 50%%, by the width of all of the blur
+    --every-best N: keep the sharpest of every N neighbours, and of each view among them
+    Rarely:
+    --keep-for-poses LIST: write a list of the sharp ones and the blurred ones of use
+    --keep-for-training LIST: write a list of the sharp ones
+    """
 
-    keep: Path | None = option(None, "write the list of photographs to keep, see below", "LIST")
-    keep_for_poses: Path | None = option(
-        None, "write a list of the sharp ones and the blurred ones of use", "LIST", rare=True
-    )
-    keep_for_training: Path | None = option(None, "write a list of the sharp ones", "LIST", rare=True)
-    extract: Path | None = option(
-        None, "write the photographs to keep into a folder, frames of videos as PNG, see below", "DIR"
-    )
-    blurred: bool = option(False, "keep the blurred ones, too, that geometry can use", either="choice")
-    best: Amount | None = option(
-        None,
-        "keep the N sharpest, or as 50%%, by the width of all of the blur",
-        "N",
-        convert=values.best,
-        either="choice",
-    )
-    every_best: int | None = option(
-        None, "keep the sharpest of every N neighbours, and of each view among them", "N", either="choice"
-    )
+    effect, either = False, ("blurred", "best", "every_best")
+    keep: Path | None = None
+    extract: Path | None = None
+    blurred: bool = False
+    best: Annotated[Amount | None, values.best] = None
+    every_best: int | None = None
+    keep_for_poses: Path | None = None
+    keep_for_training: Path | None = None
 
     @property
     def lists(self) -> dict[str, Path]:
@@ -133,37 +131,24 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class Sharp:
-    """what is sharp."""
+    """what is sharp.
+
+    --max-smear PX: the longest smear of a sharp photograph, in pixels, as 0.3%% of the picture's width, or
+        with --gsd as 3cm (default: 3, up to which half of its SIFT features are still matched; with --gsd 1,
+        a ground sample)
+    --max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
+    --sequence: the photographs of a folder are the frames of a video: near the limit each is as sharp as the
+        one before
+    Rarely:
+    --gsd LENGTH: the ground sample distance, as 2cm, of aerial photographs: those smeared within one are
+        sharp
+    """
 
     effect = False
-
-    max_smear: Amount | None = option(
-        None,
-        f"""the longest smear of a sharp photograph, in pixels, as 0.3%% of the picture's width, or with --gsd
-        as 3cm (default: {MAX_SMEAR}, up to which half of its SIFT features are still matched; with --gsd 1, a
-        ground sample)""",
-        "PX",
-        convert=values.smear,
-    )
-    gsd: float | None = option(
-        None,
-        "the ground sample distance, as 2cm, of aerial photographs: those smeared within one are sharp",
-        "LENGTH",
-        convert=values.metres,
-        rare=True,
-    )
-    max_defocus: float = option(
-        MAX_DEFOCUS_PX,
-        "the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)",
-        "PX",
-        convert=values.radius,
-    )
-    in_order: bool = option(
-        False,
-        """the photographs of a folder are the frames of a video: near the limit each is as sharp as the one
-        before""",
-        names="--sequence",
-    )
+    max_smear: Annotated[Amount | None, values.smear] = None
+    max_defocus: Annotated[float, values.radius] = MAX_DEFOCUS_PX
+    in_order: bool = False
+    gsd: Annotated[float | None, values.metres] = None
 
     def __post_init__(self) -> None:
         if self.max_smear is not None and self.max_smear.unit == METRES and self.gsd is None:

@@ -78,10 +78,10 @@ SECONDS = "seconds as 0.04 or 1/25, more than 2 with their unit as 3s or 40ms"
 share = quantity("a share above 0 and at most 1", lambda value, _: 0 < value <= 1)
 probability = quantity("a probability above 0 and below 1", lambda value, _: 0 < value < 1)
 seconds = quantity(SECONDS, lambda value, unit: unit or value <= LONG_S, ms=1000, s=1)
-exposure = quantity(
+exposure_s = quantity(
     SECONDS, lambda value, unit: value > SHORTEST_S and (unit or value <= LONG_S), ms=1000, s=1
 )
-pixels = quantity(
+focal_px = quantity(
     "pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres from the photograph)",
     lambda value, unit: unit or value >= SHORT_PX,
     px=1,
@@ -127,3 +127,14 @@ def dask_address(text: str) -> str:
     if not re.fullmatch(r"tcp://(\[[\d:.a-fA-F]+\]|[^/:\[\]]+):\d{1,5}", text):
         raise ArgumentTypeError(f"expected tcp://HOST:PORT, got {text}")
     return text
+
+
+def one_of(*names: str) -> Callable[[str], str]:
+    """Return what reads one of these names."""
+
+    def name(text: str) -> str:
+        if text not in names:
+            raise ArgumentTypeError(f"expected {', '.join(names[:-1])} or {names[-1]}, got {text}")
+        return text
+
+    return name

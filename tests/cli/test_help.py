@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.adapter import CommandParser, group, option
+from blur2view.cli.adapter import CommandParser, group
 from blur2view.cli.options import Printing
 from blur2view.results.photograph import explanations
 from tests.support.calls import call_program
@@ -23,9 +23,13 @@ class CountOptions:
     """The options of ``blur2view count``.
 
     Count.
+
+    Rarely:
+    --floor SHARE: least share that moves
+        (default: %(default)s)
     """
 
-    floor: float = option(0.5, "least share that moves (default: %(default)s)", "SHARE", rare=True)
+    floor: float = 0.5
     printing: Printing = group(Printing)
     examples = ("blur2view count",)
 
