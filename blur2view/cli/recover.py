@@ -1,6 +1,5 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
-from blur2view.cli.place import frame_names
+from blur2view.cli.place import SHOWN, frame_names
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import FoundModel, database_of, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
@@ -59,35 +58,37 @@ class RecoverOptions:
         """Return the exit code, after writing the model."""
         from blur2view.colmap import recovery  # and SciPy with it, which no help needs
 
-        names = frame_names(self.photographs)
-        model = find_model(self.model)
-        refuse_other_model(self.output)
-        how = recovery.RecoverOptions(refine=self.refine, views=self.views)
-        with waiting("looking for frames"):
+        with waiting("recovering frames"):
+            names = frame_names(self.photographs)
+            model = find_model(self.model)
+            refuse_other_model(self.output)
+            how = recovery.RecoverOptions(refine=self.refine, views=self.views)
             found = recovery.recover_frames(model.folder, self.photographs, names, how)
+            if found.refused and not found.recovered:
+                first = next(iter(found.refused))
+                about = f"{self.model}: none of the {len(found.refused)} frames that it lacks is recovered"
+                raise DatabaseError(f"{about}; {first}: {found.refused[first]}")
+            write_model(found.model, self.output, self.photographs, database_of(model.folder))
         if not self.printing.quiet:
             print(summary(self, model, found))
-        if not found.recovered and found.refused:
-            first = next(iter(found.refused.values()))
-            raise DatabaseError(f"{self.model}: none of the frames that it lacks is recovered ({first})")
-        write_model(found.model, self.output, self.photographs, database_of(model.folder))
         return 0
 
 
 def summary(options: RecoverOptions, model: FoundModel, found: "Recovery") -> str:
-    """Return a line about the model if it was chosen, one for each refused frame, and one that counts.
+    """Return a line about the model if it was chosen, one for refused frames each, and one that counts all.
 
-    With -v also one for each recovered frame.
+    With -v all refused frames and the recovered ones, too.
     """
     lines = []
     if model.others:
         lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models")
     for name, frame in found.recovered.items() if options.printing.verbose else ():
         points = plural(len(frame.points), "point")
-        lines.append(f"  {printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
-    lines += [f"  {printable(name)} refused: {reason}" for name, reason in found.refused.items()]
-    counts = Counter(registered=len(found.registered), recovered=len(found.recovered))
-    counts["refused"] = len(found.refused)
-    said = ", ".join(f"{count} {word}" for word, count in counts.items())
-    lines.append(f"{printable(str(options.output))}: {plural(sum(counts.values()), 'frame')}: {said}")
+        lines.append(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
+    refused = [f"{printable(name)} refused: {reason}" for name, reason in found.refused.items()]
+    shown = refused if options.printing.verbose else refused[:SHOWN]
+    lines += [*shown, *([f"and {len(refused) - len(shown)} more (-v)"] if len(refused) > len(shown) else [])]
+    count = plural(len(found.registered) + len(found.recovered) + len(refused), "frame")
+    said = f"{len(found.registered)} registered, {len(found.recovered)} recovered, {len(refused)} refused"
+    lines.append(f"{printable(str(options.output))}: of {count} {said}")
     return "\n".join(lines)
