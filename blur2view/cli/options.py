@@ -234,9 +234,7 @@ class Resuming:
     def check(self, *outputs: Path | None) -> None:
         """Raise ValueError where there is nothing to go on with."""
         if self.resume and not any(outputs):
-            raise ValueError(
-                "--resume goes on with results in a file or folder; name it, as with -o or --csv"
-            )
+            raise ValueError("--resume goes on with results that are kept; name them, as with -o")
 
 
 @dataclass(frozen=True, kw_only=True)
