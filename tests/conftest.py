@@ -1,4 +1,4 @@
-"""Fixtures: tiny networks, pictures that they read, a browser. Markers that follow from what a test needs.
+"""Fixtures: tiny networks, pictures that they read. Markers that follow from what a test needs.
 
 Without torch (``pip install '.[test]'``) the tests that need it are not collected, which the header says.
 """
@@ -32,13 +32,11 @@ def pytest_report_header() -> list[str]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what needs torch or a browser; start with the checks of the repository, which take longest."""
+    """Mark what needs torch; start with the checks of the repository, which take longest."""
     for item in items:
         path = item.path.relative_to(Path(__file__).parent)
         if any(path.match(pattern) for pattern in NEEDS_TORCH):
             item.add_marker("train")
-        if "browser" in getattr(item, "fixturenames", ()):
-            item.add_marker("browser")
     items.sort(key=lambda item: item.get_closest_marker("lint") is None)
 
 
