@@ -26,7 +26,8 @@ def main(photograph: Existing, *, out: Target) -> None:
     with tempfile.TemporaryDirectory() as folder:
         report, shot = Path(folder) / "report.html", Path(folder) / "shot.png"
         cli.main(["report", str(photograph), "-o", str(report)])
-        subprocess.run([chromium, *OPTIONS, f"--screenshot={shot}", report.as_uri()], check=True, capture_output=True)
+        words = [chromium, *OPTIONS, f"--screenshot={shot}", report.as_uri()]
+        subprocess.run(words, check=True, capture_output=True)
         print(f"{report.stat().st_size / 1e6:.2f} MB")
         with Image.open(shot) as shown:
             write_picture(out, np.asarray(shown.convert("RGB")))
