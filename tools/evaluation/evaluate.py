@@ -115,7 +115,7 @@ def main(scenes: Path, *, model: Existing | None = None, out: Target | None = No
     pairs = [(scene, network.predict(scene.image)) for scene in read_test_set(scenes)]
     figures = evaluate_smears(*pooled((scene, grid.at_pixels()) for scene, grid in pairs))
     fundamentals = evaluate_fundamentals(pairs)
-    words = f"Model {network.model_id}, {figures.images} rendered images."
+    words = f"Model {network.model_id}, {figures.images} images."
     text = joined(words, smear_tables(figures), record_table(HEAD, ROW, fundamentals))
     publish(text, out)
 

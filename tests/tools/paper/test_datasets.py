@@ -11,6 +11,7 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.sampson import sampson
 from tools import arguments
 from tools.datasets.testset import read_test_set
+from tools.evaluation import evaluate
 from tools.paper import datasets
 
 WIDTH, HEIGHT, FRAMES = 96, 64, 4
@@ -109,8 +110,8 @@ def shifted(pixels: float) -> Array:
     return np.asarray(cv2.warpAffine(large, move, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC).clip(0, 255))
 
 
-def test_videos_have_chained_flow_and_rbi_its_own_blur(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_videos_have_chained_flow_and_rbi_its_own_blur_and_all_can_be_evaluated(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for k in range(1, 7):  # exposures of three frames: 1 to 3 and 4 to 6
         write(tmp_path / "set" / "test" / "GOPR0384_03_00" / f"{k:06d}.png", shifted(3.0 * k))
@@ -133,6 +134,8 @@ def test_videos_have_chained_flow_and_rbi_its_own_blur(
     gopro = np.asarray(cv2.imread(str(tmp_path / "gopro" / "0000.png")), float)[..., ::-1]
     light = np.mean([(shifted(k) / 255) ** 2.2 for k in np.linspace(3, 9, 31)], axis=0)
     assert np.median(np.abs(gopro / 255 - light ** (1 / 2.2))) < 0.02
+    evaluate.main(tmp_path / "gopro")
+    assert ", 2 images." in capsys.readouterr().out
 
 
 def test_what_is_missing_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
