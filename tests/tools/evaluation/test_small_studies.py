@@ -1,4 +1,4 @@
-"""Small studies: smears against measured ones, rates, poses and times, of known cases."""
+"""Small studies: poses and times of known cases."""
 
 from pathlib import Path
 
@@ -6,32 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.smears.field import SmearField
 from tests.support.scenes import make_scene
 from tools.evaluation import benchmark
-from tools.evaluation.gyroscope import measured_smears
-from tools.evaluation.smear_figures import evaluate_smears
 from tools.metrics import pose_error_deg, pose_of
-
-
-def field_of(displacement: tuple[float, float], sigma_rad: np.ndarray) -> SmearField:
-    """Return one smear everywhere."""
-    shape = sigma_rad.shape
-    return SmearField(
-        displacement=np.full((*shape, 2), displacement, np.float32),
-        sigma_px=np.ones(shape, np.float32),
-        sigma_rad=sigma_rad,
-    )
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_turn_and_a_factor_are_measured(sign: int) -> None:
-    turned = 1.2 * 20 * np.array([np.cos(0.05), np.sin(0.05)])
-    smear = np.full((8, 12, 2), (20 * sign, 0), np.float16)
-    field = field_of(tuple(turned), np.full((32, 48), 0.1, np.float32))
-    figures = evaluate_smears(measured_smears(field, {"smear": smear}))
-    assert figures.direction_deg == pytest.approx(np.degrees(0.05), rel=1e-4)
-    assert figures.length_ratio == pytest.approx(1.2, rel=0.01) and figures.length_spread < 1e-6
 
 
 @pytest.mark.parametrize("seed", range(5))
