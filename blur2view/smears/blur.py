@@ -28,7 +28,7 @@ BORDER, BORDER_WEIGHT = 0.15, 3.0
 MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
 CLOSE_MOVED, CLOSE_BOTH = 0.15, 0.1
-"""Of the shares that decide if the camera moved, and if it is out of focus, too: what is close to the limit."""
+"""Of the shares that decide if the camera moved, and if it is out of focus, too: what is close to a limit."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
 LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0

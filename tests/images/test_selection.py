@@ -42,3 +42,13 @@ def test_the_only_photograph_of_a_view_is_kept_however_blurred() -> None:
 def test_what_shows_no_texture_is_kept_only_where_nothing_else_is() -> None:
     dark = np.zeros((72, 96))
     assert sharpest_of_each([None, 3.0, None, None], ["a"] * 4, 2, lambda one: dark) == {1, 2}
+
+
+def test_ten_frames_of_a_still_view_are_one_view() -> None:
+    rng = np.random.default_rng(1)
+    scene = np.cumsum(np.cumsum(rng.normal(size=(240, 320, 3)), 0), 1)  # like a photograph, of 1 / f
+    scene = 0.5 + 0.1 * (scene - scene.mean()) / scene.std()
+    frames = [np.clip(scene + rng.normal(0, 0.03, scene.shape), 0, 1).astype(np.float32) for _ in range(10)]
+    views = [thumbnail(frame) for frame in frames]
+    lengths = rng.uniform(1, 2, 10).tolist()
+    assert sharpest_of_each(lengths, ["a"] * 10, 10, views.__getitem__) == {int(np.argmin(lengths))}
