@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -59,8 +60,14 @@ def room_of(path: Path) -> str:
     return path.parts[1].removesuffix(".py")
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Yield the dotted name of every import in a file, also of those inside functions."""
+@cache
+def imported(path: Path) -> tuple[str, ...]:
+    """Return the dotted name of every import in a file, also of those inside functions."""
+    return tuple(imports(path))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Yield what `imported` returns."""
     for node in ast.walk(ast.parse((ROOT / path).read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -89,23 +96,23 @@ def third_party(path: Path) -> set[str]:
 PACKAGE_SOURCES = [path for path in SOURCES if path.parts[0] == "blur2view"]
 
 
-@pytest.mark.parametrize("path", PACKAGE_SOURCES, ids=str)
-def test_room_uses_only_rows_above_it(path: Path) -> None:
-    room = room_of(path)
-    used = {room_of(MODULE[name]) for name in own_imports(path)} - {room}
-    assert not {other for other in used if RANK[other] >= RANK[room]}
+def test_rooms_use_only_rows_above_them() -> None:
+    for path in PACKAGE_SOURCES:
+        room = room_of(path)
+        used = {room_of(MODULE[name]) for name in own_imports(path)} - {room}
+        assert not {other for other in used if RANK[other] >= RANK[room]}, path
 
 
 def test_no_module_imports_itself_by_way_of_others() -> None:
     TopologicalSorter({name: own_imports(path) for name, path in MODULE.items()}).prepare()
 
 
-@pytest.mark.parametrize("folder", FOLDERS, ids=str)
-def test_room_is_small(folder: Path) -> None:
-    modules = [path for path in (ROOT / folder).glob("*.py") if path.name != "__init__.py"]
-    assert len(modules) <= MOST_MODULES
-    for path in modules:
-        assert len(path.read_text().splitlines()) <= MOST_LINES[folder.parts[0]], path
+def test_rooms_are_small() -> None:
+    for folder in FOLDERS:
+        modules = [path for path in (ROOT / folder).glob("*.py") if path.name != "__init__.py"]
+        assert len(modules) <= MOST_MODULES, folder
+        for path in modules:
+            assert len(path.read_text().splitlines()) <= MOST_LINES[folder.parts[0]], path
 
 
 def test_the_package_has_few_files_beside_its_rooms() -> None:
@@ -117,9 +124,9 @@ def test_loops_know_no_geometry(loop: str) -> None:
     assert own_imports(MODULE[f"blur2view.two_view.{loop}"]) == {"blur2view.arrays"}
 
 
-@pytest.mark.parametrize("path", PACKAGE_SOURCES, ids=str)
-def test_package_uses_neither_torch_nor_tools(path: Path) -> None:
-    assert third_party(path) <= (NUMERIC if room_of(path) in ARRAYS_ONLY else PACKAGE_MAY_USE)
+def test_package_uses_neither_torch_nor_tools() -> None:
+    for path in PACKAGE_SOURCES:
+        assert third_party(path) <= (NUMERIC if room_of(path) in ARRAYS_ONLY else PACKAGE_MAY_USE), path
 
 
 def test_dependencies_are_what_the_package_imports() -> None:
@@ -132,9 +139,9 @@ def test_dependencies_are_what_the_package_imports() -> None:
         assert re.split(r"[<>=!~]", requirement)[0] == DISTRIBUTION.get(name, name)
 
 
-@pytest.mark.parametrize("path", [path for path in SOURCES if path.parts[0] == "tools"], ids=str)
-def test_tools_do_not_use_tests(path: Path) -> None:
-    assert not {"tests", "conftest"} & {name.split(".")[0] for name in imported(path)}
+def test_tools_do_not_use_tests() -> None:
+    for path in SOURCES:
+        assert not {"tests", "conftest"} & {name.split(".")[0] for name in imported(path)}, path
 
 
 def test_version_stands_in_one_place() -> None:
