@@ -24,9 +24,10 @@ SIGNS = {
     ".png": (b"Software\0" + SIGNED_BY.encode(),),
     ".html": (b'name="generator" content="blur2view ',),
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
+    ".gcsv": (f"id,{SIGNED_BY}\n".encode(),),
 }
 """What files hold, by their suffix: keys, the first array of NPZ, the text of PNG, a tag, a comment."""
-KINDS = {"page": ".html", "file": ".json", "point cloud": ".ply"}
+KINDS = {"page": ".html", "file": ".json", "point cloud": ".ply", "log": ".gcsv"}
 """Suffixes of files that may be called anything, by what they are."""
 SUMS = f".{SIGNED_BY}.sha256"  # beside what has no signature
 HALF_WRITTEN = f".{SIGNED_BY}.tmp"  # ending of what is not yet renamed

@@ -4,12 +4,13 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.cli.adapter import group
+from blur2view.cli.adapter import group, option
 from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
 from blur2view.cli.photographs import Photographs
@@ -52,6 +53,21 @@ FILES = """
 
 
 @dataclass(frozen=True, kw_only=True)
+class Log:
+    """output."""
+
+    effect = False
+
+    gyroflow: Path | None = option(
+        None,
+        """write the rates of a video as a log for Gyroflow, called as the video but .gcsv, with --focal or
+        --camera: those of frames of which it is known which end of the exposure came first""",
+        "FILE",
+        rare=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimateOptions:
     """The options of ``blur2view estimate``.
 
@@ -68,6 +84,7 @@ class EstimateOptions:
     in_time: InTime = group(InTime)
     lens: Lens = group(Lens)
     rates: Rates = group(Rates)
+    log: Log = group(Log)
     estimating: Estimating = group(Estimating)
     many: Many = group(Many)
     resuming: Resuming = group(Resuming)
@@ -84,6 +101,8 @@ class EstimateOptions:
     def __post_init__(self) -> None:
         self.rates.check(self.lens)
         self.resuming.check(self.folder.output, self.table.csv)
+        if self.log.gyroflow is not None and not self.lens.stated:
+            raise ValueError("--gyroflow is about rates, which need --focal or --camera")
         self.many.check(self.lens)
 
     @staticmethod
@@ -108,6 +127,7 @@ class EstimateOptions:
             resuming=self.resuming,
             listed="estimates",
             endings=ENDINGS,
+            log=self.log.gyroflow,
         )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
@@ -16,8 +17,10 @@ from blur2view.cli.options import InTime, Lens, Resuming
 from blur2view.cli.photographs import Files, Photographs, found_file, found_line, note_line
 from blur2view.cli.terminal import printable
 from blur2view.errors import OutputError
+from blur2view.exposure.gyroflow import gyroflow_log
 from blur2view.images.inputs import Inputs
-from blur2view.output_files import SIGNED_BY, check_file, real_paths, writable_folders
+from blur2view.output_files import SIGNED_BY, check_file, real_paths, writable_folders, write_file
+from blur2view.results.photograph import Photograph
 from blur2view.runs.job import Job, Outcome, Work
 from blur2view.runs.journal import journal_beside
 from blur2view.runs.loop import Find, Keep
@@ -56,12 +59,13 @@ def run_into_folder(
     listed: str,
     endings: Sequence[str],
     beside: Callable[[Path], Sequence[Path]] = lambda name: (),
+    log: Path | None = None,
 ) -> int:
     """Return the exit code, after the work on every photograph, which has files if a folder is named.
 
     They are called by the photograph's stem and these ``endings``, in the order of writing, JSON last;
     ``beside`` gives further files of a photograph by its name, below the folder, which are written first.
-    With --json the documents are printed as a list of this name.
+    With --json the documents are printed as a list of this name; a ``log`` of their rates is Gyroflow's.
     """
     output, table, setup = folder.output, photographs.table, photographs.setup
     setup.network()  # which is named first if it is none
@@ -71,9 +75,10 @@ def run_into_folder(
         opened.enter_context(writable_folders(output, *sorted({path.parent for path in paths})))
         find: Find = lambda job: None  # noqa: E731
         keep: Keep = lambda job, outcome: None  # noqa: E731
-        if table is not None:
-            opened.enter_context(writable_folders(table.parent))
-            photographs.check({"--csv": (table, "table")}, paths, in_time.timestamps, lens.database)
+        of_all = {"--csv": (table, "table"), "--gyroflow": (log, "log")}
+        if targets := {name: (path, what) for name, (path, what) in of_all.items() if path is not None}:
+            opened.enter_context(writable_folders(*(path.parent for path, _ in targets.values())))
+            photographs.check(targets, paths, in_time.timestamps, lens.database)
         if output is not None:
             find = partial(found_file, setup) if resuming.resume else find
         elif table is not None:
@@ -87,14 +92,36 @@ def run_into_folder(
             find=find,
             keep=keep,
             show=partial(_shown, folder),
-            keeps=folder.json,
+            keeps=folder.json or log is not None,
             total=not folder.json and not folder.jsonl,
             resumes=output is not None or table is not None,
         )
+    if log is not None:
+        records = [one.photograph for one in finished.outcomes if not one.error]
+        write_file(log, gyroflow_of(records, photographs.inputs).encode())
     if folder.json:
         done = [one.photograph.plain() for one in finished.outcomes if not one.error]
         print(json.dumps({listed: done, "failures": finished.failures}, indent=2, allow_nan=False))
     return finished.exit_code
+
+
+def gyroflow_of(records: Sequence[Photograph], inputs: Inputs) -> str:
+    """Return Gyroflow's log of the frames of a video whose rates and direction of time are known.
+
+    OutputError without any.
+    """
+    known = [
+        (one.timestamp_s, [(1 if one.gyroscope else -1) * rate for rate in (one.wx, one.wy, one.wz)])
+        for one in records
+        if one.time_known and one.exposure_s and one.timestamp_s is not None
+        if one.wx is not None and one.wy is not None and one.wz is not None
+    ]
+    if not known:
+        raise OutputError(
+            "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"
+        )
+    video = inputs.sources[0].path.name if inputs.one_video else ""
+    return gyroflow_log([time for time, _ in known], np.array([rate for _, rate in known]), video)
 
 
 def _shown(folder: Folder, job: Job, outcome: Outcome) -> str | None:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.output_files import SIGNED_BY
 
 ORIENTATION = "yxz"
 TICK_S = 1e-6  # of the column of times
@@ -47,7 +48,7 @@ def gyroflow_log(times_s: Sequence[float], rates: Array, video: str) -> str:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["GYROFLOW IMU LOG"])
-    rows.writerows([("version", "1.3"), ("id", "blur2view"), ("orientation", ORIENTATION)])
+    rows.writerows([("version", "1.3"), ("id", SIGNED_BY), ("orientation", ORIENTATION)])
     rows.writerow(("videofilename", " ".join(video.split())[:MOST_NAME]))
     rows.writerows([("tscale", f"{TICK_S:f}"), ("gscale", "1.0")])
     rows.writerow(("t", "gx", "gy", "gz"))

@@ -14,6 +14,7 @@ from blur2view.arrays import Array
 from blur2view.cli import commands as cli
 from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.rotation import rotation_flow, rotation_vector
+from tests.exposure.test_gyroflow import parsed
 from tests.support.calls import Call
 from tests.support.many_photographs import write_photographs
 from tests.support.swinging import EXPOSURE_S, FOCAL_PX, FRAMES_PER_S, SIZE, Swing, swing
@@ -45,9 +46,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the video, its table and the files of its frames."""
     folder = tmp_path_factory.mktemp("swing")
     video = swinging().write(folder / "swing.avi")
-    assert (
-        estimate(video, *CAMERA, "--csv", folder / "t.csv", "-o", folder / "out", "-q", "--no-timings") == 0
-    )
+    files = ("--csv", folder / "t.csv", "--gyroflow", folder / "swing.gcsv", "-o", folder / "out")
+    assert estimate(video, *CAMERA, *files, "-q", "--no-timings") == 0
     return folder
 
 
@@ -65,6 +65,15 @@ def test_rates_of_a_swinging_camera_have_their_signs_and_sizes(results: Path) ->
     np.testing.assert_allclose(stamps, np.arange(FRAMES) / FRAMES_PER_S, atol=1e-5)
     assert {row["rate_unit"] for row in rows} == {"rad/s"}
     assert np.mean([float(row["time_confidence"]) > 0.8 for row in rows]) > 0.9
+
+
+def test_gyroflow_gets_what_a_gyroscope_on_the_camera_shows(results: Path) -> None:
+    header, seconds, rates = parsed((results / "swing.gcsv").read_text())
+    assert header["videofilename"] == "swing.avi"
+    rows = [row for row in table(results / "t.csv") if row["rate_unit"] and float(row["time_confidence"]) > 0]
+    np.testing.assert_allclose(seconds, [float(row["timestamp_s"]) for row in rows], atol=1e-5)
+    x, y, z = -rates_of(rows).T  # about x right, y down, z forwards
+    np.testing.assert_allclose(rates, np.column_stack([-y, -x, -z]), atol=1e-4)
 
 
 def test_all_that_a_document_says_is_of_one_order_in_time(results: Path) -> None:
