@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.cli.adapter import group, option
+from blur2view.cli..py import group, option
 from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
 from blur2view.cli.photographs import Photographs
