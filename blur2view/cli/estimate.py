@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.cli..py import group, option
+from blur2view.cli.adapter import group
 from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
 from blur2view.cli.photographs import Photographs
@@ -54,17 +54,15 @@ FILES = """
 
 @dataclass(frozen=True, kw_only=True)
 class Log:
-    """output."""
+    """output.
+
+    Rarely:
+    --gyroflow FILE: write the rates of a video as a log for Gyroflow, called as the video but .gcsv, with
+        --focal or --camera: those of frames of which it is known which end of the exposure came first
+    """
 
     effect = False
-
-    gyroflow: Path | None = option(
-        None,
-        """write the rates of a video as a log for Gyroflow, called as the video but .gcsv, with --focal or
-        --camera: those of frames of which it is known which end of the exposure came first""",
-        "FILE",
-        rare=True,
-    )
+    gyroflow: Path | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
