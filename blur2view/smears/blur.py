@@ -29,6 +29,8 @@ MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
 CLOSE_MOVED, CLOSE_BOTH = 0.15, 0.1
 """Of the shares that decide if the camera moved, and if it is out of focus, too: what is close to a limit."""
+CLOSE_LENGTH = 1.33
+"""Of the length over its deviation, what is close to 1."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
 LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
@@ -179,15 +181,19 @@ def is_close(grid: SmearGrid) -> bool:
     """Whether a photograph's kind of blur is so close that more windows may show another.
 
     Of 204 photographs, sharp, softened, out of focus and smeared, of which a quarter of the windows was read,
-    3 had another kind than of all windows, and of 18 this is true, the 3 among them.
+    3 had another kind than of all windows; this is true of 18, the 3 among them.
     """
     if grid.kinds is None:
         return False
     kinds = np.asarray(grid.kinds, float)
     sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
     moved, told = smeared + both, sharp + defocused + smeared + both
-    is_open = abs(moved - MOVED * told) < CLOSE_MOVED * told
-    return bool(is_open or (moved > MOVED * told and abs(both - 0.5 * moved) < CLOSE_BOTH * moved))
+    if abs(moved - MOVED * told) < CLOSE_MOVED * told:
+        return True
+    whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
+    ratio = (whole.smear_px or 0.0) / (whole.smear_sigma_px or 1.0)
+    is_near = abs(both - 0.5 * moved) < CLOSE_BOTH * moved or 1 / CLOSE_LENGTH < ratio < CLOSE_LENGTH
+    return bool(moved > MOVED * told and is_near)
 
 
 def in_doubt(grid: SmearGrid) -> bool:

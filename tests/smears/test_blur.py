@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import blur_of, in_doubt
+from blur2view.smears.blur import blur_of, in_doubt, is_close
 from blur2view.smears.blur_kinds import KINDS, radii_px, read_radii, softmax
 from blur2view.smears.grid import SmearGrid
 from tests.support.grids import grid_of
@@ -113,6 +113,16 @@ def test_cells_that_are_surely_sharp_know_it_and_a_length_below_its_deviation_is
     assert blur_of(smeared).kind == "camera moved"
     smeared.cells[..., 2] = 19.0  # of 9 px
     assert blur_of(smeared).kind == "sharp"
+
+
+def test_a_kind_is_close_where_a_little_more_would_show_another() -> None:
+    halves = np.where(np.arange(COLUMNS) < COLUMNS // 2, 0, 2)[None].repeat(ROWS, 0)
+    both = np.where(np.arange(COLUMNS) < COLUMNS // 2, 3, 2)[None].repeat(ROWS, 0)
+    assert is_close(grid(halves)) and is_close(grid(both))
+    assert not any(is_close(grid(within(k, k))) for k in range(4))
+    one = grid(within(2, 2))  # of 9 px
+    one.cells[..., 2] = 8.0
+    assert is_close(one)
 
 
 def test_logits_are_read_as_probabilities_and_radii() -> None:
