@@ -134,13 +134,6 @@ def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
     assert values.exposure_s == pytest.approx(0.04)
 
 
-@pytest.mark.parametrize(("unit", "mm"), [(2, 25.4), (3, 10.0), (4, 1.0)])
-def test_resolution_of_the_sensor_has_its_unit_and_size(tmp_path: Path, unit: int, mm: float) -> None:
-    plane = {"FocalPlaneXResolution": 100 * mm, "FocalPlaneResolutionUnit": unit, "ExifImageWidth": 1280}
-    halved = read_exif(photograph(tmp_path / "plane.jpg", FocalLength=50.0, **plane))
-    assert halved.focal_px == pytest.approx(2500)  # 50 mm at 100 px/mm, resized to half
-
-
 def test_intrinsics_choose_the_camera(database: Path) -> None:
     path, exif = Path("walks/b.jpg"), ExifValues(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
     assert Intrinsics().of(path, SIZE, ExifValues()) is None
@@ -158,17 +151,6 @@ def test_intrinsics_choose_the_camera(database: Path) -> None:
     assert string is not None and string.distorted
 
 
-def test_intrinsics_that_do_not_fit() -> None:
-    with pytest.raises(ValueError, match="not both"):
-        Intrinsics(focal_px=500.0, camera="exif")
-    with pytest.raises(CameraError, match="neither"):
-        Intrinsics(camera="nonsense")
-    with pytest.raises(CameraError, match="a.jpg.*EXIF names no focal length"):
-        Intrinsics(camera="exif").of(Path("a.jpg"), SIZE, ExifValues())
-    with pytest.raises(CameraError, match="a.jpg.*is for 640x480"):
-        Intrinsics(camera=RADIAL).of(Path("a.jpg"), (480, 640), ExifValues())
-
-
 @pytest.mark.parametrize("count", [0, 4, 5, 8])
 def test_camera_of_opencv_has_its_rays(count: int) -> None:
     K = np.array([[500.0, 0, 322.5], [0, 510.0, 238.0], [0, 0, 1]])
@@ -181,13 +163,3 @@ def test_camera_of_opencv_has_its_rays(count: int) -> None:
     np.testing.assert_allclose(found.rays(pixels), rays, atol=1e-9)
     np.testing.assert_allclose(found.K, K)
     assert found.known and found.source == "opencv"
-
-
-def test_what_opencv_gives_otherwise_is_refused() -> None:
-    K = np.diag([500.0, 500, 1])
-    for dist in (np.zeros(3), np.r_[np.zeros(8), 0.1, 0, 0, 0], np.zeros(6)):
-        with pytest.raises(ValueError, match="0, 4, 5 or 8"):
-            Camera.from_opencv(K, dist, SIZE)
-    with pytest.raises(ValueError, match="K must be"):
-        Camera.from_opencv(np.eye(4), None, SIZE)
-    assert Camera.from_opencv(K, np.zeros((1, 14)), (640, 480)).model == "PINHOLE"

@@ -17,7 +17,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.two_view_geometry import Configuration, TimeDirection
+from blur2view.geometry.two_view_geometry import Configuration
 from tests.support.colmap_check import check_database
 from tests.support.colmap_projects import some_views
 from tests.support.sql import run_sql
@@ -100,16 +100,6 @@ def test_cameras_say_how_sure_they_are() -> None:
     assert stored(Camera(K=CAMERA.K, width=640, height=480)) == ("PINHOLE", [525, 525, 320, 240], True)
     lens = Camera.from_string("OPENCV 640 480 500 510 320 240 0.1 0.01 0 0")
     assert stored(lens) == ("OPENCV", list(lens.params), True)
-
-
-def test_time_direction_is_marked(tmp_path: Path) -> None:
-    path = tmp_path / "new.db"
-    known = replace(make_views("b.jpg"), time=TimeDirection(known=True, confidence=0.8))
-    write_database(path, [make_views("a.jpg"), known])
-    columns = "photograph, role, config, time_known, time_confidence"
-    of = {"a.jpg": ("CALIBRATED", 0, 0.0), "b.jpg": ("CALIBRATED", 1, 0.8)}
-    expected = [(name, role, *values) for name, values in of.items() for role in ("open", "close")]
-    assert run_sql(path, f"SELECT {columns} FROM blur2view_views") == expected
 
 
 def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_camera import fundamental_to_colmap
 from blur2view.colmap.connection import open_for_writing
 from blur2view.colmap.link import ProjectImage, Step, plan_links, write_links
 from blur2view.colmap.project import image_names
@@ -142,21 +141,3 @@ def test_views_of_what_has_changed_are_made_again_on_demand(path: Path, edit: st
     assert user_rows(path) == before
     assert is_kept(path)
     assert not [line for line in check_database(path) if "#" in line]  # about our views
-
-
-@pytest.mark.parametrize("end", ["open", "close"])
-def test_a_view_that_was_deleted_is_made_again(path: Path, end: str) -> None:
-    link(path, "a_001.jpg")
-    before = user_rows(path)
-    run_sql(path, f"DELETE FROM images WHERE name = 'a_001.jpg#{end}'")  # cascades to keypoints, not to pairs
-    link(path, "a_001.jpg", replace=True)
-    ids = names_of(path)
-    first, last = ids["a_001.jpg#open"], ids["a_001.jpg#close"]
-    assert (first < last) == (end == "close")  # the new one has the larger id
-    expected = link_of(only_plan(path, replace=True))[1].geometry.F
-    with pycolmap.Database.open(path) as database:
-        F = database.read_two_view_geometry(first, last).F
-    assert F is not None and expected is not None
-    np.testing.assert_allclose(unit_norm(np.asarray(F, float)), fundamental_to_colmap(expected))
-    after = user_rows(path)
-    assert (after["images"], after["keypoints"]) == (before["images"], before["keypoints"])

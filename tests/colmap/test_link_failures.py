@@ -17,16 +17,6 @@ from tests.support.sql import run_sql
 from tools.evaluation.fuzz import mutated
 
 
-@ROLLBACK
-def test_a_failed_link_leaves_no_backup(tmp_path: Path, path: Path) -> None:
-    run_sql(path, "UPDATE sqlite_sequence SET seq = 2147483646 WHERE name = 'images'")
-    before = path.read_bytes()
-    with pytest.raises(DatabaseError, match="its image ids are used up"):
-        link(path, "a_001.jpg", backup=True)
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["project.db"]
-
-
 def test_a_backup_is_what_was_there(path: Path) -> None:
     with closing(sqlite3.connect(path)) as database:
         before = list(database.iterdump())

@@ -78,19 +78,6 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
     assert found.model.compute_num_observations() == 3 * FRAMES * FEATURES
 
 
-def test_the_views_of_a_rig_s_second_camera_are_of_that_rig(tmp_path: Path) -> None:
-    alone, found = (place_views(*project(tmp_path / name, rig=name == "rig")) for name in ("alone", "rig"))
-    for name in NAMES:
-        np.testing.assert_allclose(motion_of(found, name), motion_of(alone, name), atol=1e-6)
-    found.model.write(tmp_path)
-    frames = pycolmap.Reconstruction(tmp_path).frames
-    assert len(frames) == 3 * FRAMES and {frame.rig_id for frame in frames.values()} == {1}
-    with pycolmap.Database.open(tmp_path / "rig" / "walk.db") as opened:
-        assert {frame.frame_id: frame.data_ids for frame in opened.read_all_frames()} == {
-            number: frame.data_ids for number, frame in frames.items()
-        }
-
-
 @pytest.mark.parametrize(
     ("share", "usable"), [(SHARE, FEATURES), (SHARE, 5), (0.0, FEATURES)], ids=["measured", "few", "still"]
 )

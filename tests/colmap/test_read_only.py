@@ -1,6 +1,5 @@
 """What reads a user's COLMAP database leaves the file and its folder as they were, and says what is wrong."""
 
-import os
 import shutil
 import sqlite3
 import struct
@@ -14,11 +13,11 @@ import numpy as np
 import pytest
 
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.connection import open_for_writing, open_read_only
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.link import ProjectImage, Step, plan_links
 from blur2view.colmap.placement import place_views
 from blur2view.colmap.project import database_matcher, database_names
-from blur2view.errors import Blur2ViewError, DatabaseError
+from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
 from tests.support.sql import run_sql
@@ -155,10 +154,3 @@ def test_what_is_wrong_is_one_clear_line(
     if isinstance(other, sqlite3.Connection):
         other.close()
     assert contents(path) == before or fault is locked
-
-
-@pytest.mark.parametrize("opened", [open_read_only, open_for_writing])
-def test_a_pipe_beside_a_database_is_not_waited_for(path: Path, opened: Opener) -> None:
-    os.mkfifo(f"{path}-journal")
-    with pytest.raises(DatabaseError, match="db-journal beside it is no regular file"), opened(path):
-        pass

@@ -98,19 +98,6 @@ def test_velocities_over_the_exposure_draw_the_true_smears(video: Path) -> None:
         assert np.median(np.linalg.norm(drawn - smears, axis=1)) < 0.02 * smear_px
 
 
-def test_a_frame_without_views_stands_still(video: Path, tmp_path: Path) -> None:
-    model = pycolmap.Reconstruction(video / "model")
-    model.deregister_frame(model.find_image_with_name("frame_001.png#open").frame_id)
-    (tmp_path / "model").mkdir()
-    model.write(tmp_path / "model")
-    frames = content_of(tmp_path / "model")["frames"]
-    assert ["sharpness" in frame for frame in frames] == [True, False, True]
-    known = content_of(tmp_path / "model", max_smear_px=1e3)["frames"]  # of it nothing is known
-    assert [one["file_path"] for one in known] == [one["file_path"] for one in (frames[0], frames[2])]
-    still = content_of(tmp_path / "model", dialect="nerfstudio")["frames"][1]
-    assert still["camera_linear_velocity"] == still["camera_angular_velocity"] == [0, 0, 0]
-
-
 @pytest.mark.parametrize(
     ("kind", "params", "expected"),
     [

@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap.project import database_matcher, database_names
-from blur2view.exposure.features import Features, features_of, match_features, photograph_matcher, verified
+from blur2view.exposure.features import Features, features_of, match_features, photograph_matcher
 from blur2view.images.source import Source
 
 SHIFT = np.array([12.0, -5.0])
@@ -59,20 +59,6 @@ def test_blank_and_unrelated_pictures_have_no_matches() -> None:
     for pair in ((blank, one), (one, blank), (one, other)):
         points1, points2 = match_features(*pair)
         assert points1.shape == points2.shape == (0, 2)
-
-
-def test_matches_of_three_places_for_which_opencv_fails_are_dropped() -> None:
-    rng = np.random.default_rng(8)
-    places = 200 * rng.random((3, 2))
-    first = places[rng.integers(0, 3, 18)] + 1e-3 * rng.normal(size=(18, 2))
-    kept, _ = verified(first, places[rng.integers(0, 3, 18)])
-    assert len(kept) == 0
-
-
-def test_a_photograph_that_cannot_be_read_any_more_matches_nothing(tmp_path: Path) -> None:
-    there, _ = write_pair(tmp_path)
-    one, other = photograph_matcher([Source(path=there), Source(path=tmp_path / "gone.png")])(0, 1)
-    assert one.shape == other.shape == (0, 2)
 
 
 def write_database(path: Path, *, inliers: list[list[int]] | None, rows: list[list[int]]) -> None:

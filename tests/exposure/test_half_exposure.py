@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.exposure.half_exposure import half_fundamental, half_geometry, half_homography, half_pose
+from blur2view.exposure.half_exposure import half_fundamental, half_geometry, half_pose
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
@@ -56,14 +56,3 @@ def test_known_intrinsics_halve_exactly() -> None:
     np.testing.assert_allclose(
         back.cam2_from_cam1.translation, half.cam2_from_cam1.inverse().translation, atol=1e-12
     )
-
-
-def test_half_homography_twice_is_the_homography() -> None:
-    rng = np.random.default_rng(0)
-    H = -3 * (np.eye(3) + 0.05 * rng.normal(size=(3, 3)))
-    half = half_homography(H)
-    assert half is not None
-    twice = half @ half
-    np.testing.assert_allclose(twice / twice[2, 2], H / H[2, 2], atol=1e-12)
-    assert half_homography(np.diag([-1.0, 1.0, 1.0])) is None
-    assert half_homography(np.zeros((3, 3))) is None

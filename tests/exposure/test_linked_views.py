@@ -12,7 +12,6 @@ from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.blur import blur_of
 from blur2view.smears.selection import SelectOptions, select_matches
-from blur2view.two_view.options import EstimatorOptions
 from tests.support.grids import grid_of
 from tests.support.scenes import make_scene
 from tools.datasets.synthetic_matches import layered_depth, project_smears
@@ -99,17 +98,3 @@ def test_what_lies_outside_stays_and_is_not_used(result: Result) -> None:
         assert points[4, 1] < 2e30  # float32, as COLMAP's, holds it
     assert linked.usable[[0, 2, 3, 4]].sum() == 0
     assert linked.usable[5]
-
-
-def test_inliers_are_measured_by_their_own_errors_across(result: Result) -> None:
-    exact = result[0]
-    smears = exact.grid.smears()
-    directions = np.full(exact.grid.shape, 1e-4)
-    directions[:, 80:] = 1.0  # to the right directions are not known
-    # turned smears fit only where directions are stated to be uncertain
-    turned = smears.displacement[..., ::-1] * np.array([1, -1], np.float32)
-    estimate = replace(exact, grid=grid_of(turned, smears.sigma_px, directions))
-    keypoints = exact.matches.midpoint
-    fits = keypoint_views("a.jpg", keypoints, estimate, EstimatorOptions(max_error_px=0.1)).geometry
-    right = keypoints[:, 0] >= 80
-    assert fits.inlier_mask[right].mean() > 0.9 > 0.5 > fits.inlier_mask[~right].mean()

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from blur2view import AngularVelocity, Camera, SmearNetwork, estimate_frames, timestamps_of
+from blur2view import Camera, SmearNetwork, estimate_frames, timestamps_of
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 from blur2view.images.timestamps import timestamp_of
@@ -38,23 +37,6 @@ def test_without_an_order_in_time_nothing_lags(tiny_model: Path, ordered: bool, 
     assert [one.timestamp_s for one in rest] == [10.5, 11.0] and len(asked) == 3
     if not ordered:
         assert not any(one.time.known for one in [first, *rest])
-
-
-def test_fewer_times_than_frames_are_wrong(tiny_model: Path) -> None:
-    found = estimate_frames(
-        [PICTURE, PICTURE], timestamps_s=[1.0], ordered=False, network=SmearNetwork(tiny_model)
-    )
-    next(found)
-    with pytest.raises(ValueError, match="fewer timestamps than frames"):
-        next(found)
-
-
-def test_a_gyroscope_shows_the_negative_as_surely() -> None:
-    full = np.array([[4.0, 1, 0], [1, 9, 2], [0, 2, 16]])  # with its off-diagonals
-    rate = AngularVelocity(mean=np.array([1.0, -2, 3]), covariance=full).of_gyroscope
-    np.testing.assert_array_equal(rate.mean, [-1, 2, -3])
-    np.testing.assert_array_equal(rate.covariance, full)
-    np.testing.assert_array_equal(rate.sigma, [2, 3, 4])
 
 
 @pytest.mark.parametrize(

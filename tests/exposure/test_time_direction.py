@@ -18,13 +18,12 @@ from blur2view.exposure.time_direction import (
     directed,
     frame_times,
     neighbour_motion,
-    rotation_between,
     with_time_direction,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import RigidTransform
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (640, 480)
@@ -156,17 +155,6 @@ def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> N
         np.testing.assert_array_equal(found.points_open, given.points_open)
 
 
-def test_rotation_between_frames_is_the_cameras() -> None:
-    scene = clip(np.random.default_rng(8))
-    found = rotation_between(CAMERA, scene.seen(0.0), scene.seen(2.0))
-    assert found is not None
-    np.testing.assert_allclose(found, rotation_vector(scene.pose(2.0).rotation), atol=1e-5)
-    backwards = neighbour_motion(scene.seen(0.0), scene.seen(-2.0), -1, CAMERA).rotation
-    assert backwards is not None
-    np.testing.assert_allclose(backwards, found, atol=2e-4)  # per frame, forwards in time
-    assert rotation_between(CAMERA, scene.pixels[:5], scene.pixels[:5]) is None
-
-
 def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
     scene = clip(np.random.default_rng(10))
     sequence = [views(scene, sign) for sign in (1, -1, -1, 1)]
@@ -181,19 +169,6 @@ def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
     assert [frame.time.known for frame in found] == [True, True, False, True]
     twice = with_time_direction(found, [[3, 0, 1]], matched)
     assert [open_first(frame, scene) for frame in twice] == [1, 1, 0, 1]
-
-
-def test_photographs_without_views_have_a_vote() -> None:
-    scene = clip(np.random.default_rng(11))
-    asked: list[tuple[int, int]] = []
-
-    def matched(first: int, second: int) -> tuple[Array, Array]:
-        asked.append((first, second))
-        return scene.seen(0.0), scene.seen(INTERVAL)
-
-    found = with_time_direction([views(scene, -1)], [[1, 2, 0], [3, 4]], matched)
-    assert len(found) == 1 and open_first(found[0], scene) == 1 and found[0].time.known
-    assert asked == [(2, 0)]  # what has no views is not asked of others without
 
 
 @pytest.mark.parametrize(

@@ -51,15 +51,6 @@ def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[Trajector
     ), np.array(true)
 
 
-def test_flow_is_the_motion_of_points_in_space() -> None:
-    rng = np.random.default_rng(1)
-    motion = 1e-6 * rng.normal(size=6)
-    made = frame(rng, motion)
-    X = np.column_stack([made.rays, np.ones(len(made.rays))]) / made.inverse_depth[:, None]
-    moved = X @ rotation_matrix(motion[:3]).T + motion[3:]
-    np.testing.assert_allclose(moved[:, :2] / moved[:, 2:] - made.rays, made.displacement, atol=1e-10)
-
-
 @pytest.mark.parametrize("fraction", [0.3, -0.6])
 def test_the_fraction_and_the_motion_are_those_of_exact_smears_though_some_are_outliers(
     fraction: float,
@@ -85,23 +76,6 @@ def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() ->
     assert np.isnan(ends[8]).all()
     ends, fraction, _ = exposures(frames, path, None)
     assert np.isnan(fraction) and np.isnan(ends).all()
-
-
-def test_motions_of_a_steady_camera_are_its_share_of_those_per_frame() -> None:
-    path = steady(9)
-    found, ends = motions_between(path.ends(OPEN_FOR)), path.ends(OPEN_FOR)
-    np.testing.assert_allclose(found[:, :3], np.tile(OPEN_FOR * PER_FRAME[:3], (9, 1)), atol=1e-12)
-    np.testing.assert_allclose(found[:, 3:], np.tile(OPEN_FOR * PER_FRAME[3:], (9, 1)), atol=2e-4)
-    np.testing.assert_allclose(ends.mean(axis=1), 0, atol=1e-4)  # it does not bend
-
-
-def test_a_slow_swing_is_followed_where_a_straight_line_is_not() -> None:
-    slow, true = swing(period=8)
-    inner = slice(3, -3)
-    off = np.abs(motions_between(slow.ends(OPEN_FOR)) - true)[inner, :3]
-    poses = slow.poses
-    turns = [0.5 * rotation_vector(poses[k + 1, :, :3] @ poses[k - 1, :, :3].T) for k in range(3, 21)]
-    assert off.mean() < 0.2 * np.abs(OPEN_FOR * np.array(turns) - true[inner, :3]).mean()
 
 
 def test_frames_far_apart_in_time_know_nothing_of_each_other() -> None:

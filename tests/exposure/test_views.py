@@ -1,19 +1,15 @@
 """Both virtual images of a photograph, and the two flips of time."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from blur2view import estimate_two_view
-from blur2view.exposure.views import other_translation, views_of
+from blur2view.exposure.views import views_of
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
-from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate, Timings
 from blur2view.smears.blur import Blur, BlurKind
-from tests.exposure.test_time_direction import clip, views
 from tests.support.grids import grid_of
 from tests.support.scenes import Scene, disturb, make_scene
 from tools.metrics import squared_distance
@@ -87,25 +83,3 @@ def test_covariance_of_the_inverse_pose_predicts_its_errors() -> None:
         )
         distance = squared_distance(covariance, pose, true)
         assert squared_distance(inverse, pose.inverse(), true.inverse()) == pytest.approx(distance, rel=0.01)
-
-
-def test_there_are_no_views_of_ends_that_a_shutter_has_moved(result: Estimate) -> None:
-    with pytest.raises(ValueError, match="without a shutter"):
-        views_of("a.jpg", replace(result, shutter=RollingShutter(readout_s=0.03, exposure_s=0.02)))
-
-
-def test_other_translation_twice_is_where_it_began() -> None:
-    given = views(clip(np.random.default_rng(3)))
-    once = other_translation(given)
-    assert once is not None
-    twice = other_translation(once)
-    assert twice is not None and twice.geometry.E is not None and given.geometry.E is not None
-    before, after = given.geometry.cam2_from_cam1, once.geometry.cam2_from_cam1
-    assert before is not None and after is not None
-    np.testing.assert_allclose(after.translation, -before.translation)
-    np.testing.assert_array_equal(twice.points_open, given.points_open)
-    np.testing.assert_array_equal(twice.geometry.second_end_is_open, given.geometry.second_end_is_open)
-    np.testing.assert_allclose(twice.geometry.E, given.geometry.E)
-    moved = (once.points_open != given.points_open).any(axis=1)
-    np.testing.assert_array_equal(once.geometry.second_end_is_open, given.geometry.second_end_is_open ^ moved)
-    assert other_translation(replace(given, geometry=replace(given.geometry, F=None))) is None
