@@ -92,7 +92,7 @@ class Camera:
         Parameters
         ----------
         K : ndarray of shape (3, 3)
-            Camera matrix, (0, 0) at the centre of the top-left pixel, as OpenCV's and ours are.
+            Camera matrix, (0, 0) at the centre of the top-left pixel, as in OpenCV and here.
         dist : ndarray of 0, 4, 5 or 8 elements, or None
             Distortion k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape; None or none for no distortion. More
             (thin prisms, a tilted sensor) only if they are zero.
@@ -117,13 +117,13 @@ class Camera:
     def from_string(cls, text: str) -> Camera:
         """Return the camera of a COLMAP string, blanks or commas between: "PINHOLE 640 480 525 525 320 240".
 
-        CameraError if it is none.
+        CameraError if it names no camera.
         """
         return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:
-        """Return a pycolmap.Camera as ours; K is that of its undistorted picture."""
+        """Return the camera of a pycolmap.Camera; K is that of its undistorted picture."""
         K = np.array(camera.calibration_matrix(), float)
         K[:2, 2] = from_colmap(K[:2, 2])
         params = tuple(np.asarray(camera.params, float).tolist())
@@ -164,7 +164,7 @@ class Camera:
         return self.rays(points) * np.diag(self.K)[:2] + self.K[:2, 2]
 
     def for_image(self, image_size: tuple[int, int]) -> Camera:
-        """Return the camera for a picture of another size and, to a pixel, the same shape: it was resized.
+        """Return the camera for a picture that was resized: of any size but, to a pixel, the same shape.
 
         CameraError if the shapes differ: a cropped or rotated picture has another, unknown principal point.
         """

@@ -24,12 +24,12 @@ FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 
 
 def to_colmap(points: Array) -> Array:
-    """Return our pixels (..., 2) as COLMAP's."""
+    """Return pixels (..., 2), (0, 0) at the first centre, as COLMAP's, (0.5, 0.5) there."""
     return np.asarray(points, float) + HALF_PIXEL
 
 
 def from_colmap(points: Array) -> Array:
-    """Return COLMAP's pixels (..., 2) as ours."""
+    """Return COLMAP's pixels (..., 2) with (0, 0) at the first centre."""
     return np.asarray(points, float) - HALF_PIXEL
 
 

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory, gettempdir
 from blur2view.errors import DatabaseError
 from blur2view.input_files import open_regular
 
-LOCK_TIMEOUT_S = 2.0  # how long to wait for the lock of another program
+LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database
 MAX_VALUE_BYTES = 1 << 26  # of 2.7 million keypoints with scale and orientation
 LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
 BESIDE = (*LOGS, "-shm")

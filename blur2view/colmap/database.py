@@ -136,8 +136,8 @@ def put_views(
 def _alone(views: ExposureViews) -> TwoViewGeometry:
     """Return the geometry of both views with the inliers that COLMAP may make points from.
 
-    Those are none unless the translation is known: a mapper looks at no configuration, and would make points
-    from a pure rotation, at a depth that nothing shows.
+    Without a known translation no match is an inlier: a mapper looks at no configuration, and would make
+    points from a pure rotation, at a depth that nothing shows.
     """
     known = len(matched(views)) > 0 and translation_known(views.geometry)
     return replace(views.geometry, inlier_mask=views.geometry.inlier_mask & known)

@@ -98,7 +98,7 @@ def plan_links(
 
 
 def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool) -> ProjectImage:
-    """Return the plan for one image of the project; ValueError if there is none, with the remedy."""
+    """Return the plan for one image of the project; ValueError where it cannot be linked."""
     sql = (
         "SELECT image_id, camera_id, prior_focal_length, model, width, height, params "
         "FROM images LEFT JOIN cameras USING (camera_id) WHERE name = ?"
@@ -114,14 +114,14 @@ def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, re
     (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
     stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + data
     digest, own = hashlib.sha256(stored).digest(), own_views(database, name)
-    ours = {number for number, _ in own.values()}
+    views = {number for number, _ in own.values()}
     for view in (name + OPEN, name + CLOSE):
-        if view in names and names[view] not in ours:
+        if view in names and names[view] not in views:
             raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
     step = Step.REPLACE if own else Step.ADD
     if own and not replace:
         sources = [source for _, source in own.values()]
-        if sources != [digest] * 2 or not views_are_whole(database, image_id, ours):
+        if sources != [digest] * 2 or not views_are_whole(database, image_id, views):
             raise ValueError(f"{name} or its views are not as this call makes them; add --replace")
         step = Step.KEEP
     return ProjectImage(

@@ -34,7 +34,7 @@ class FoundModel(NamedTuple):
 
 
 def read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder; DatabaseError if there is none that is whole.
+    """Return the pycolmap.Reconstruction of a folder; DatabaseError of one that is not whole.
 
     Which points images see, which is much, is checked where it is looked up, by `seen_points`.
     """
@@ -120,7 +120,7 @@ RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": 
 def find_model(folder: Path) -> FoundModel:
     """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
 
-    DatabaseError if there is none that can be read.
+    DatabaseError if none can be read.
     """
     below = sorted(path for path in folder.iterdir() if holds_model(path)) if folder.is_dir() else []
     folders = [folder] if holds_model(folder) or not below else below
@@ -203,13 +203,13 @@ def _digest(folder: Path) -> str:
 
 
 def pictures_of(folder: Path) -> Path | None:
-    """Return the folder of the photographs that a model's project.ini names, None if there is none."""
+    """Return the folder of photographs that a model's project.ini names, None without one."""
     named = _settings(folder).get(IMAGE_PATH, "")
     return Path(named) if named and os.path.isdir(named) else None
 
 
 def database_of(folder: Path) -> Path | None:
-    """Return the database that a model's project.ini names, None if there is none."""
+    """Return the database that a model's project.ini names, None without one."""
     named = _settings(folder).get(DATABASE_PATH, "")
     return Path(named) if named and os.path.isfile(named) else None
 

@@ -69,7 +69,7 @@ def image_names(database: Connection) -> dict[str, int]:
 
 
 def longest_suffix(names: Container[str], photograph: Path) -> str | None:
-    """Return the longest suffix of a photograph's path that is an image's name, None if there is none."""
+    """Return the longest suffix of a photograph's path that is an image's name, or None."""
     parts = photograph.absolute().parts
     suffixes = ("/".join(parts[start:]) for start in range(1, len(parts)))
     return next((name for name in suffixes if name in names), None)
@@ -129,7 +129,7 @@ def frame_of(database: Connection, image_id: int) -> int | None:
 
 
 def rig_of(database: Connection, camera_id: int) -> int | None:
-    """Return the id of the rig that a camera belongs to, None if there is none."""
+    """Return the id of the rig that a camera belongs to, or None."""
     row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
     return None if row is None else int(row[0])
 

@@ -71,7 +71,7 @@ def estimate_frames(
     Raises
     ------
     ValueError, ModelError, ImageError
-        As :func:`estimate`; if the frames are one photograph, or one is of another size; if there are fewer
+        As :func:`estimate`; if the frames are one photograph, or their sizes differ; if there are fewer
         times than frames.
 
     Examples
@@ -95,7 +95,7 @@ def estimate_frames(
 
 
 def _frames_of(frames: object) -> Iterable[AnyArray]:
-    """Return the frames of a video, which may be its file; ValueError of what is none."""
+    """Return the frames of a video, which may be its file; ValueError of anything else."""
     if isinstance(frames, str | os.PathLike):
         if os.path.isdir(frames):
             raise ValueError(f"{frames}: is a folder; give map(blur2view.read_image, paths of its frames)")

@@ -25,7 +25,7 @@ MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
 ANIMATED = {"AVIF", "GIF", "PNG", "WEBP"}  # as a file of these formats may be
-NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of another
+NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of the picture
 # Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
 HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
 RAW_SUFFIXES = frozenset(

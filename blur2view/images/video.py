@@ -99,7 +99,7 @@ def read_video(
     Raises
     ------
     ImageError, ValueError
-        If the video cannot be read, or ends too early; of numbers that are none of it.
+        If the video cannot be read, or ends too early; of frames that it does not have.
     """
     video = Path(path)
     numbers, reader = frame_numbers(video, every=every, first=first, last=last), _Reader(video)
