@@ -56,7 +56,8 @@ READING = (  # commands that read photographs; a project or its model
 LINK = "to-colmap --db project.db --link --sequence frames"
 PLACE = "place linked.db model frames -o placed --fraction 0.4"
 SPLAT = "to-transforms views --dialect nerfstudio -o splat/transforms.json"
-PROJECT = (LINK, PLACE, "to-transforms views -o a.json", SPLAT, "estimate --camera project.db:1 frames")
+RECOVER, CAMERA = "recover model frames -o recovered", "estimate --camera project.db:1 frames"
+PROJECT = (LINK, PLACE, RECOVER, "to-transforms views -o a.json", SPLAT, CAMERA)
 ODD_NAMES = (
     "tcp:127.0.0.1:9?.mp4", "udp:127.0.0.1:9.mp4", "tls:127.0.0.1:9.mp4", "rtsp:127.0.0.1.mp4", "async:a.mp4",
     "http:/127.0.0.1:9/clip.mp4", "ftp:/127.0.0.1/clip.mp4", "concat:clip.mp4", "2024-01-01T12:30:00.mp4",
@@ -133,8 +134,8 @@ def damaged(folder: Path, rng: Rng) -> list[str]:
     ways = [(GOOD, f"{one} {GOOD} other.jpg") for one in READING]
     ways += [("list.txt", f"{READING[1]} @list.txt"), ("clip.mp4", f"{READING[5]} clip.mp4")]
     ways += [("smear.onnx", f"{READING[0]} --model smear.onnx {GOOD}")]
-    ways += [("project.db", LINK), ("linked.db", PLACE), ("project.db", PROJECT[4])]
-    ways += [(f"model/{name}.bin", PLACE) for name in ("images", "points3D", "frames")]
+    ways += [("project.db", LINK), ("linked.db", PLACE), ("project.db", CAMERA)]
+    ways += [(f"model/{name}.bin", drawn(rng, (PLACE, RECOVER))) for name in ("images", "points3D", "frames")]
     ways += [(f"views/{name}.bin", SPLAT) for name in ("images", "points3D", "cameras")]
     name, words = drawn(rng, ways)
     path, data, way = folder / name, (folder / name).read_bytes(), int(rng.integers(20))
@@ -191,7 +192,7 @@ def odd_tiff(folder: Path, rng: Rng) -> list[str]:
 
 def odd_database(folder: Path, rng: Rng) -> list[str]:
     """Change a database as SQLite allows, but COLMAP does not expect."""
-    words = drawn(rng, (LINK, PLACE, PROJECT[4]))
+    words = drawn(rng, (LINK, PLACE, CAMERA))
     with closing(sqlite3.connect(folder / ("linked.db" if words == PLACE else "project.db"))) as database:
         with suppress(sqlite3.Error):
             database.executescript(drawn(rng, SQL))
