@@ -17,7 +17,7 @@ from ``transform_matrix_start`` to ``transform_matrix_end``; its other tools loo
 d r, r random in [0, 1]. ``sharpness`` is relative: a frame goes if its own is not above
 ``sharpness_discard_threshold`` (0 unless written) times its neighbours' mean. Ours is 1 / (1 + median smear
 in pixels). A position p becomes ``scale`` p + ``offset`` and should lie near the unit cube; here the
-cameras are put as far from the median of the points as by ``colmap2nerf.py``, in its box of ``aabb_scale`` 16.
+cameras are put as far from the median of the points as by ``colmap2nerf.py``, in its box (``aabb_scale``).
 
 nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur,
 ``process_synthetic_inputs.py`` and ``combine.py``): ``camera_linear_velocity`` is (centre at the close -

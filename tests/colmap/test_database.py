@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,26 @@ def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
     with pytest.raises(DatabaseError, match="no folder"):
         write_database(tmp_path / "none" / "new.db", [make_views()])
+
+
+def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    path, target = tmp_path / "new.db", tmp_path / "disk" / "far.db"
+    write_database(target, [make_views()])
+    path.symlink_to(target)
+    with pytest.raises(DatabaseError, match="exists"):
+        write_database(path, [make_views("b.jpg")])
+    write_database(path, [make_views("b.jpg")], replace=True)
+    assert path.is_symlink() and written_photographs(target) == {"b.jpg"}
+
+
+def test_temporary_files_that_cannot_be_written_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "rows.db").mkdir()
+    monkeypatch.setattr("blur2view.colmap.connection.TemporaryDirectory", lambda: nullcontext(tmp_path))
+    with pytest.raises(DatabaseError, match="no database can be written in .*set TMPDIR"):
+        write_database(tmp_path / "new.db", [make_views()])
 
 
 OPENED = "import os, sys, pycolmap; a = pycolmap.Database.open('new.db'); a.write_camera(a.read_camera(1)); "

@@ -94,6 +94,28 @@ def test_a_camera_of_a_rig_keeps_its_rig(path: Path) -> None:
     assert [frame.rig_id for frame in frames] == [1] * 5
 
 
+@pytest.mark.parametrize(
+    ("edit", "why"),
+    [
+        (
+            "UPDATE sqlite_sequence SET seq = 8589934592 WHERE name = 'frames'",
+            "its ids of frames are used up",
+        ),
+        ("UPDATE images SET camera_id = 8589934592", "a camera of number 8589934592, which COLMAP cannot"),
+    ],
+)
+def test_no_id_is_written_that_colmap_cannot_read(path: Path, edit: str, why: str) -> None:
+    camera = "INSERT INTO cameras SELECT 8589934592, model, width, height, params, 0 FROM cameras"
+    run_sql(path, camera, "INSERT INTO rigs VALUES (2, 8589934592, 0)", edit)
+    before = user_rows(path)
+    with pytest.raises(DatabaseError, match=why):
+        plan = only_plan(path)
+        if isinstance(plan, DatabaseError):
+            raise plan
+        write_links(path, [link_of(plan)], backup=False)
+    assert user_rows(path) == before
+
+
 def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
     plan, views = link_of(only_plan(path))
     F = np.cross(np.eye(3), np.random.default_rng(0).normal(size=3))  # a translation: half has the same F

@@ -112,6 +112,23 @@ def test_a_frame_of_a_shorter_exposure_counts_as_sharp_though_the_views_of_all_a
     assert [frame["file_path"] for frame in frames] == [f"images/{NAMES[3]}"]
 
 
+def test_every_linked_frame_is_placed_or_refused_with_the_reason(tmp_path: Path) -> None:
+    database, model = project(tmp_path, [0, 1, 2, 4, 6])
+    walk = pycolmap.Reconstruction(model)
+    walk.deregister_frame(walk.images[2].frame_id)
+    walk.write(model)
+    found = place_views(database, model, [name for name in NAMES if name != NAMES[6]], fraction=0.5)
+    assert found.placed == (NAMES[0], NAMES[2], NAMES[4])
+    assert found.refused == {
+        NAMES[1]: "COLMAP did not register them",
+        NAMES[6]: "they are not in the folder of the frames",
+    }
+    with pytest.raises(
+        DatabaseError, match=r"the frames are called a\.png .*name the folder that COLMAP read"
+    ):
+        place_views(database, model, ["a.png"])
+
+
 def test_points_that_a_model_lacks_are_one_line(tmp_path: Path) -> None:
     database, model = project(tmp_path)
     (tmp_path / "text").mkdir()

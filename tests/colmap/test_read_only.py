@@ -127,10 +127,16 @@ def damaged(path: Path) -> None:
     path.write_bytes(data[:100] + np.random.default_rng(0).bytes(len(data) - 100))
 
 
+def endless(path: Path) -> None:
+    query = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS image_id, i FROM n"
+    run_sql(path, "ALTER TABLE images RENAME TO kept", f"CREATE VIEW Images AS {query}")
+
+
 FAULTS: dict[Callable[[Path], object], str] = {
     locked: "another program uses it; close that and try again",
     killed_midway: "if a program was killed that used it, open it once with COLMAP",
     foreign: "is it whole, and COLMAP's?",
+    endless: "its images is a view, where COLMAP has a table",
     newer: "newer COLMAP .*; update blur2view",
     damaged: "cannot be used as a COLMAP database",
     Path.unlink: "no such database; check the path",

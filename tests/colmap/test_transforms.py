@@ -126,6 +126,15 @@ def with_camera(video: Path, folder: Path, kind: str, params: list[float]) -> Pa
     return folder / "model"
 
 
+def test_names_lead_nowhere_else(video: Path, tmp_path: Path) -> None:
+    model = pycolmap.Reconstruction(video / "model")
+    model.images[2].name = "../victim/f001.jpg"
+    (tmp_path / "model").mkdir()
+    model.write(tmp_path / "model")
+    with pytest.raises(DatabaseError, match=r"image \.\./victim/f001\.jpg lies outside of the folder"):
+        content_of(tmp_path / "model")
+
+
 def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match=r"sharp: no photograph has both its views.*blur2view place"):
         content_of(video / "sharp")
