@@ -20,7 +20,7 @@ def over_backdrop(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def require(name: str, value: object, kind: type, remedy: str) -> None:
-    """Raise ValueError unless an argument is of a kind of ours."""
+    """Raise ValueError, with a remedy, unless the argument of this name is an instance of a class."""
     if not isinstance(value, kind):
         got = f"{type(value).__name__} {value!r:.99}"
         raise ValueError(f"{name} must be a blur2view.{kind.__name__}, {remedy}, got {got}")

@@ -104,9 +104,11 @@ class AngularVelocity:
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
-    """Return the four poses of an essential matrix (3, 3), those of the smaller rotation first.
+    """Return the four poses of the essential matrix nearest to E (3, 3), those of the smaller rotation first.
 
-    A matrix that is none is brought to the nearest one.
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 9.6.2.
     """
     rotations, t = essential_motions(E)
     return [RigidTransform(rotation=R, translation=sign * t) for R in rotations for sign in (1.0, -1.0)]

@@ -65,7 +65,7 @@ class EndProducts:
     Parameters
     ----------
     ends : ndarray of shape (N, 2, 2)
-        Best of order one: in float32 distances err by about 1e-4 of a normalised pixel.
+        Normalised, so that coordinates are of order one: in float32 distances err by about 1e-4 of a pixel.
     sigma : ndarray of shape (N,) or float
         Unit of the distances of every smear, as its standard deviation.
     dtype : numpy dtype

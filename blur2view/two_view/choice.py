@@ -123,17 +123,15 @@ def named(
 ) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
     parallax = table.probability(MotionModel.PARALLAX) or 0.0
-    if table.winner is not None and table.winner.model is MotionModel.STILL:
-        sentence = f"no motion: probability {table.winner.probability:.2f}"
-        return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit, table=table)
     if parallax >= c.PROVEN_FROM:
         sentence = f"parallax is proven: {figures_of(table)}"
         return Choice(
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
         )
     first = table.rows[0]
-    if first.model is MotionModel.STILL:
-        sentence = f"no motion: probability {first.probability:.2f}"
+    still = table.probability(MotionModel.STILL) or 0.0
+    if still > 0.5:
+        sentence = f"no motion: probability {still:.2f}"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit, table=table)
     on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual) < c.ON_PLANE).mean())
     count = fields[MotionModel.PLANE].likelihood.fully_correlated.effective_count
@@ -153,6 +151,8 @@ def named(
         is_turn = of_turn >= of_plane
         config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
         model = max(turns, key=lambda m: table.probability(m) or 0.0) if is_turn else model
+        if first.model is MotionModel.STILL:  # likelier than each, not than all others
+            config = Configuration.PLANAR_OR_PANORAMIC
     likeliest = f"{first.model}, probability {first.probability:.2f}"
     prefix = "there is no parallax" if absent else "parallax is undecided"
     return Choice(

@@ -101,7 +101,7 @@ class Inliers:
 
 
 def no_inliers(count: int) -> Inliers:
-    """Return that none of so many smears follow a model, as there is none."""
+    """Return the inliers of no model: none of ``count`` smears."""
     return Inliers(mask=np.zeros(count, bool), by_chance=0.0)
 
 

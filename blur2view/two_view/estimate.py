@@ -1,4 +1,4 @@
-"""Policy: from unordered smears to the two-view geometry that is reported, or why there is none."""
+"""From unordered smears to the two-view geometry that is reported, or the reason why no F is."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
 from blur2view.two_view.consensus import inliers_of, insufficient_data, moved_as_one, no_inliers, still
-from blur2view.two_view.constants import MIN_AGREEMENT
+from blur2view.two_view.constants import AROUND, MIN_AGREEMENT
 from blur2view.two_view.homography import pixel_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.options import EstimatorOptions
@@ -25,7 +25,6 @@ from blur2view.two_view.order import end_order, open_and_close
 from blur2view.two_view.pose import EstimatedPose, estimate_pose
 from blur2view.two_view.search import search_and_fit
 
-AROUND = 16  # smears that decide the order of one in time: a geometry without parallax leaves some open
 # Of two orders in time the one that needs less parallax comes first.
 LESS_PARALLAX = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN]
 
@@ -161,7 +160,7 @@ def as_recorded(
     if (reason := insufficient_data(matches)) is not None:
         return no_geometry(matches, reason, insufficient_data=True)
     straight = matches if camera is None else undistorted(matches, camera)
-    likelihood, fit = search_and_fit(Likelihood.of(straight, camera), options, rng)
+    likelihood, fit = search_and_fit(Likelihood.of(straight, camera), rng)
     found = inliers_of(likelihood.pixels(fit.point.matrix()), likelihood, options)
     has_consensus = found.beyond_chance >= MIN_AGREEMENT
     choice = choose(likelihood, fit, rng, has_consensus=has_consensus, rolling=rolling)

@@ -133,7 +133,10 @@ def velocity_basis(points: Array) -> Array:
 
 
 def entries_of(A: Array) -> Array:
-    """Return the entries (..., 8) of generators (..., 3, 3) with A33 = 0, which move points alike."""
+    """Return the entries (..., 8) of the generators with A33 = 0 that equal given ones (..., 3, 3).
+
+    Adding a multiple of the identity to a generator moves no point.
+    """
     return np.asarray((A - A[..., 2, 2, None, None] * IDENTITY).reshape(*A.shape[:-2], 9)[..., :8])
 
 

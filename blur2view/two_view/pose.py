@@ -7,7 +7,6 @@ it flat, which no covariance about one optimum shows. The region counts all corr
 (`Likelihood.fully_correlated`).
 
 E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction.
-How sure the pose is comes from the grid or, where the region is narrower than that, from the curvature at E.
 """
 
 from __future__ import annotations
@@ -58,12 +57,14 @@ class DirectionLikelihood:
     @classmethod
     def of(cls, likelihood: Likelihood) -> DirectionLikelihood:
         """Return the smears of a likelihood, thinned; all correlation of neighbours is counted."""
-        claimed = likelihood.fully_correlated
-        part = claimed.subset(slice(None, None, max(1, len(claimed) // c.GRID_SMEARS)))
+        correlated = likelihood.fully_correlated
+        part = correlated.subset(slice(None, None, max(1, len(correlated) // c.GRID_SMEARS)))
         _, across_px = part.matches.inlier_sigma_px
         share = likelihood.sigma_scale * across_px / np.maximum(part.length_px, TINY)
         return cls(
-            likelihood=part, across=np.hypot(share, part.matches.shared.least), count=claimed.effective_count
+            likelihood=part,
+            across=np.hypot(share, part.matches.shared.least),
+            count=correlated.effective_count,
         )
 
     def at(self, directions: Array) -> tuple[Array, Array, Array]:
@@ -129,54 +130,24 @@ def fit_calibrated(
     return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
 
 
-def curvature(likelihood: Likelihood, point: CameraF) -> Array:
-    """Return the second derivative (5, 5) of half the cost at E, rotation first, by differences.
-
-    Unlike Gauss and Newton's matrix it knows that a smear whose order or kind is uncertain weighs less.
-    """
-    state = FundamentalFit.likelier(point, likelihood)
-    normal, _ = state.normal_equations()
-    steps = c.CURVATURE_STEP / np.sqrt(np.diag(normal) + TINY) * np.eye(len(normal))
-    ahead, behind = ([state.moved(s * steps[k]).normal_equations()[1][POSE] for k in POSE] for s in (1, -1))
-    rows = (np.array(ahead) - np.array(behind)) / (2 * np.diag(steps)[POSE, None])
-    matrix: Array = 0.5 * (rows + rows.T)
-    return matrix if np.linalg.eigvalsh(matrix)[0] > 0 else normal[np.ix_(POSE, POSE)]
-
-
-def with_scale_of(likelihood: Likelihood, point: CameraF) -> Likelihood:
-    """Return the likelihood with deviations as all residuals of E show them, each by its odds.
-
-    Those of the better order alone, of which F was fitted, are by a twentieth smaller, with 30 % outliers by
-    a tenth.
-    """
-    for _ in range(c.SCALE_STEPS):
-        residuals = FundamentalFit.likelier(point, likelihood).residuals
-        weight = likelihood.order_weights(residuals)
-        variance = float((weight * residuals.both**2).sum() / max(weight.sum(), TINY))
-        likelihood = likelihood.rescaled(float(np.sqrt(max(variance, c.LEAST_VARIANCE))))
-    return likelihood
-
-
 def covariance_of(
-    pose: RigidTransform, point: CameraF, likelihood: Likelihood, region: PoseCovariance
+    likelihood: Likelihood, point: CameraF, pose: RigidTransform, directions: PoseCovariance
 ) -> PoseCovariance:
-    """Return the covariance of the pose of E at a point; ``region`` is that over all directions."""
-    likelihood = with_scale_of(likelihood, point)
-    precision = curvature(likelihood.fully_correlated, point)
-    matrix = np.asarray(c.MISSED * np.linalg.pinv(precision, hermitian=True), np.float64)
-    sign = np.copysign(1.0, pose.translation @ point.t)
-    local = PoseCovariance(matrix=matrix, tangents=sign * plane_basis(point.t))
-    # orders of the grid are outwards whatever the rotation: among many smears curvature misses less
-    wide = (
-        0.0
-        if likelihood.fully_correlated.effective_count >= c.LEAST_INDEPENDENT
-        else region.translation_sigma_deg
-    )
-    if max(wide, local.translation_sigma_deg) < c.NARROW_DEG:
-        return local
-    own = np.zeros((5, 5))  # of the rotation, whatever the direction: the grid has one rotation for each
-    own[:3, :3] = np.linalg.pinv(precision[:3, :3], hermitian=True)
-    return replace(region, matrix=region.matrix + own)
+    """Return the covariance of the pose of E at a point, of that over all ``directions`` about it.
+
+    It is the inverse of Gauss and Newton's normal matrix and, where few smears are independent, the spread of
+    the likelihood over the directions; where many are that is narrower than its grid, and the curvature, that
+    leaves out that orders and outliers are uncertain, is corrected by a factor.
+    """
+    correlated = likelihood.fully_correlated
+    normal, _ = FundamentalFit.likelier(point, correlated).normal_equations()
+    matrix = np.asarray(np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), np.float64)
+    tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
+    if correlated.effective_count >= c.LEAST_INDEPENDENT:
+        return PoseCovariance(matrix=c.MISSED * matrix, tangents=tangents)
+    step = np.eye(5)
+    step[3:, 3:] = tangents @ directions.tangents.T
+    return PoseCovariance(matrix=matrix + step @ directions.matrix @ step.T, tangents=tangents)
 
 
 def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
@@ -192,7 +163,7 @@ def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
     directions = DirectionLikelihood.of(likelihood)
     point, pose = fit_calibrated(likelihood, cast(CameraF, choice.fit.point), directions)
     mean, region = directions.region(pose)
-    covariance = covariance_of(pose, point, likelihood, region)
+    covariance = covariance_of(likelihood, point, pose, region)
     fitted = "; E was then fitted to the known intrinsics"
     proven = choice.config is Configuration.UNCALIBRATED
     if proven or covariance.translation_sigma_deg < c.KNOWN_DEG:

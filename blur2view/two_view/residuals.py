@@ -1,8 +1,4 @@
-"""Residuals of smears in both orders, and the odds of the orders.
-
-Many F are tried on the same smears, so whatever is a product of coordinates is computed once (`EndProducts`):
-what is left of an F is two products of matrices.
-"""
+"""Residuals of smears in both orders, and the odds of the orders by residuals and by positive depth."""
 
 from __future__ import annotations
 

@@ -30,10 +30,11 @@ from blur2view.two_view.fit_fundamental import (
 from blur2view.two_view.levenberg_marquardt import levenberg_marquardt
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import UNROTATED, CameraF, FundamentalModel, GeneralF
-from blur2view.two_view.options import EstimatorOptions
-from blur2view.two_view.ransac import ransac, weighted_samples
+from blur2view.two_view.ransac import RansacOptions, ransac, weighted_samples
 
-THREE_SIGNS: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])
+ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])  # but for F^T
+
+SEARCH = RansacOptions(confidence=0.99)  # is enough: a sample yields many starts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +112,9 @@ def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> A
     determinant = (first * adjugate[:, 0]).sum(axis=0)  # (B, T)
     regular = np.abs(determinant) >= TINY
     shares = adjugate * (np.moveaxis(right, 1, 0) / np.where(regular, determinant, np.nan))  # (3, 3, B, T)
-    rotation = THREE_SIGNS @ np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)  # (B, 4, 3 T)
+    rotation = ORDERS_OF_THREE @ np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(
+        len(ends), 3, -1
+    )  # (B, 4, 3 T)
     rotation = rotation.reshape(len(ends), -1, 3, len(directions))
     inside = (rotation**2 * (limit**-2.0)[:, None]).sum(axis=2) <= 1  # False where singular
     sample, pattern, direction = np.nonzero(inside)
@@ -139,9 +142,7 @@ def meeting_points(ends: Array) -> Array:
     return unit
 
 
-def search_and_fit(
-    likelihood: Likelihood, options: EstimatorOptions, rng: np.random.Generator
-) -> tuple[Likelihood, FundamentalFit]:
+def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Likelihood, FundamentalFit]:
     """Return the likelihood with the noise that F leaves, and F, fitted after a robust search.
 
     Where a camera may be assumed F is that of one (`CameraF`), else any (`GeneralF`). Both are refined from
@@ -149,7 +150,7 @@ def search_and_fit(
     80 % it does in 3 of 10 runs, with an epipole 6 degrees off.
     """
     estimator = SmearEstimator(likelihood=likelihood)
-    searched = ransac(estimator, options.search(), rng)
+    searched = ransac(estimator, SEARCH, rng)
     simple = fit_translation(estimator, rng)
     start = simple.matrix() if searched.model is None else searched.model
     rough = with_measured_noise(likelihood.thinned, start)  # as the search's F has it

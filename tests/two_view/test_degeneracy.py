@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import homogeneous, unit_norm
+from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.consensus import collinear, constant_field, within_errors
+from blur2view.two_view.consensus import collinear, constant_field
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
-from tools.datasets.degenerate_scenes import DegenerateOptions, Kind, draw_scene
+from tools.datasets.degenerate_scenes import Kind, draw_scene
 from tools.datasets.synthetic_matches import KnownMatches, SyntheticOptions, synthetic_smears
 from tools.metrics import rho
 
@@ -144,25 +144,6 @@ def test_F_of_independent_errors_is_kept_where_parallax_is_small() -> None:
     assert not any(geometry.parallax is Parallax.ABSENT for geometry in geometries)
 
 
-@pytest.mark.slow
-def test_similarity_of_the_pixels_carries_H_along() -> None:
-    scene = draw_scene("plane", 3)
-    scaled = replace(
-        scene.matches,
-        ends=2 * scene.matches.ends,
-        sigma_px=2 * scene.matches.sigma_px,
-        image_size=(1280, 960),
-    )
-    one, other = solve(scene), estimate_two_view(scaled)
-    assert one.H is not None and other.H is not None
-    S = np.diag([2.0, 2.0, 1.0])
-    back = unit_norm(np.linalg.inv(S) @ other.H @ S)
-    inverse = unit_norm(np.asarray(np.linalg.inv(one.H)))
-    points = homogeneous(scene.matches.midpoint)
-    there, *here = (moved[:, :2] / moved[:, 2:] for moved in (points @ H.T for H in (back, one.H, inverse)))
-    assert min(np.abs(there - some).max() for some in here) < 0.2  # pixels
-
-
 def fields() -> dict[str, SmearMatches]:
     """Give matches that show nothing, or too little."""
     rng, general = np.random.default_rng(0), draw_scene("general", 1).matches
@@ -218,17 +199,3 @@ def test_some_smears_of_no_length_break_nothing() -> None:
     geometry = estimate_two_view(replace(scene.matches, ends=ends))
     assert geometry.F is not None
     assert np.isfinite(geometry.F).all()
-
-
-def test_thirty_smears_of_a_plane_are_enough() -> None:
-    options = DegenerateOptions(count=(40, 41), noise_px=(0.2, 0.3), outliers=(0.0, 0.0), length_px=(20, 21))
-    for seed in SEEDS:
-        geometry = solve(draw_scene("plane", seed, options))
-        assert geometry.config in (Configuration.PLANAR, Configuration.PLANAR_OR_PANORAMIC)
-
-
-def test_within_errors_counts_on_the_stated_standard_deviations() -> None:
-    scene = draw_scene("general", 0)
-    assert not within_errors(scene.matches)
-    assert within_errors(replace(scene.matches, sigma_px=4 * scene.matches.length_px + 1e-9))
-    assert within_errors(draw_scene("no motion", 0).matches)

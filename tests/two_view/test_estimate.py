@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import cross_matrix, transfer, unit_norm
+from blur2view.geometry.epipolar import transfer, unit_norm
 from blur2view.geometry.sampson import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
@@ -181,17 +181,6 @@ def test_H_runs_the_way_of_the_orders(known: bool) -> None:
     assert checked > 2
 
 
-@pytest.mark.parametrize(("scale", "count"), [(20, 2000), (3, 60)])
-def test_coverage_does_not_depend_on_resolution_or_count(scale: int, count: int) -> None:
-    scene = make_scene(np.random.default_rng(5))
-    few = SmearMatches(
-        ends=scene.ends[:count] * scale,
-        sigma_px=np.full(len(scene.ends[:count]), 0.1 * scale),
-        image_size=(IMAGE_SIZE[0] * scale, IMAGE_SIZE[1] * scale),
-    )
-    assert solve(few).F is not None
-
-
 def test_chance_agreement_is_measured_and_subtracted() -> None:
     scene = make_scene(np.random.default_rng(4), rotation_share=0.0)
     likelihood, options = Likelihood.of(matches_of(scene)), EstimatorOptions()
@@ -202,23 +191,10 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
     assert inliers_of(other, likelihood, options).beyond_chance < 0.2
 
 
-def test_the_bound_on_inliers_can_fail_on_short_smears() -> None:
-    """On smears of 8 px a bound of 1.7 px holds of most F; a tenth of their length does not."""
-    scene = make_scene(np.random.default_rng(4), length_px=8.0)
-    other = np.linalg.inv(scene.K).T @ cross_matrix(np.array([0.0, 0.0, 1.0])) @ np.linalg.inv(scene.K)
-    found = inliers_of(other, Likelihood.of(matches_of(scene)), EstimatorOptions())
-    forgiving = np.sqrt(serrmin(other, scene.ends)) < EstimatorOptions().max_error_px
-    assert found.share < 0.7 * forgiving.mean()
-    assert found.by_chance < 0.2
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [*({"max_error_px": px} for px in (0.0, np.inf, 1e300)), {"max_iterations": 0}, {"confidence": 1.0}],
-)  # 1e300 px: its square is no number
-def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+@pytest.mark.parametrize("px", [0.0, np.inf, 1e300])  # 1e300 px: its square is no number
+def test_bounds_of_inliers_out_of_range_are_refused(px: float) -> None:
     with pytest.raises(ValueError, match="must be"):
-        EstimatorOptions(**wrong)
+        EstimatorOptions(max_error_px=px)
 
 
 @pytest.mark.slow

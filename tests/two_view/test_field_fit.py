@@ -94,17 +94,6 @@ def test_errors_all_over_the_picture_do_not_speak_against_a_rotation() -> None:
     assert gains[SLOWLY] < 0.15 * gains[INDEPENDENT]
 
 
-def test_a_change_down_the_rows_is_a_rolling_shutter_and_not_a_plane() -> None:
-    """A turn by a third faster at the bottom than at the top, which a homography describes less well."""
-    for seed in range(4):
-        scene = turning(seed)
-        wrong = stretched(scene, 1 + 0.33 * (scene.ends.mean(axis=1)[:, 1] / 480 - 0.5))
-        likelihood = likelihood_of(wrong, 0.3)
-        rotation = fit_homography(start(scene), likelihood)
-        rolling = fit_homography(rotation.family.rolling(), likelihood)
-        assert rolling.log_posterior > rotation.log_posterior + 20
-
-
 @pytest.mark.slow
 def test_regions_hold_the_rotation_where_all_lengths_err_alike() -> None:
     held: list[bool] = []

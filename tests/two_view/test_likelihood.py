@@ -7,7 +7,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.two_view.fit_homography import HomographyFit, fit_homography
 from blur2view.two_view.homography import HomographyFlow, cayley
-from blur2view.two_view.likelihood import Likelihood, mixture
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraPrior
 from tests.support.likelihoods import normalised_likelihood
 
@@ -39,17 +39,6 @@ def gain(A: Array, F: Array, ends: Array, sigma: float = NOISE) -> float:
     return plane_of(A, normalised_likelihood(ends, sigma)).gain_of_parallax(F)
 
 
-def test_mixture_finds_known_weights() -> None:
-    rng = np.random.default_rng(0)
-    which = rng.random(20000) < 0.3
-    x = np.where(which, rng.normal(0, 1, 20000), rng.normal(0, 5, 20000))
-    density = np.stack([np.exp(-0.5 * (x / s) ** 2) / (s * np.sqrt(2 * np.pi)) for s in (1.0, 5.0)], axis=1)
-    weights, log_density = mixture(density)
-    assert np.isclose(weights.sum(), 1)
-    assert np.allclose(weights, [0.3, 0.7], atol=0.03)
-    assert np.allclose(log_density, np.log(density @ weights))
-
-
 def test_parallax_is_counted_and_a_plane_gains_nothing_from_it() -> None:
     for seed in range(6):
         A, F, ends = beside_a_plane(seed, 0.0)
@@ -76,13 +65,6 @@ def test_order_transpose_and_time_do_not_matter() -> None:
     A, F, ends = beside_a_plane(4, 0.3)
     gains = [gain(*models, e) for models in ((A, F), (A, F.T), (-A, F)) for e in (ends, ends[:, ::-1])]
     assert np.ptp(gains) < 0.02 * gains[0]
-
-
-def test_overstated_deviations_hide_little_of_the_parallax_and_make_none() -> None:
-    A, F, ends = beside_a_plane(5, 0.3)
-    assert gain(A, F, ends, 2 * NOISE) > 8
-    A, F, ends = beside_a_plane(5, 0.0)
-    assert gain(A, F, ends, 2 * NOISE) < 1
 
 
 def test_both_orders_of_every_smear_are_summed() -> None:

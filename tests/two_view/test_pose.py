@@ -2,18 +2,14 @@
 
 import numpy as np
 import pytest
-from scipy.stats import t as student
 
 from blur2view import Camera, Configuration, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import homogeneous, transfer, unit_lines
+from blur2view.geometry.epipolar import homogeneous, transfer
 from blur2view.geometry.model_table import MotionModel
 from blur2view.geometry.pose import RigidTransform
-from blur2view.geometry.rotation import rotation_flow, rotation_matrix, rotation_vector
-from blur2view.smears.noise import CLAIMED, NoiseModel
-from blur2view.two_view.constants import FREEDOM, GRID_ROTATION_SPREAD
-from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.pose import DirectionLikelihood
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.smears.noise import NoiseModel
 from tests.support.lens import distorted_points
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
 from tools.metrics import rotation_error, translation_direction_error_deg
@@ -120,48 +116,6 @@ def along(pose: RigidTransform, K: Array, ends: Array) -> Array:
     rotated = first @ (K @ pose.rotation @ np.linalg.inv(K)).T
     flow = rotated[:, :2] / rotated[:, 2:] - first[:, :2]
     return np.asarray((flow * (last - first)[:, :2]).sum(axis=1), float)
-
-
-def likelihood_of(scene: Scene, sigma_px: float = 0.05) -> DirectionLikelihood:
-    # the deviation across is a share CLAIMED / sqrt(2) of that stated
-    return DirectionLikelihood.of(Likelihood.of(scene.matches(2**0.5 / CLAIMED * sigma_px), scene.camera))
-
-
-def relative_error(found: Array, true: Array) -> float:
-    """Length of the difference of vectors up to the flip of time, over the true length."""
-    return float(min(np.linalg.norm(found - true), np.linalg.norm(found + true)) / np.linalg.norm(true))
-
-
-@pytest.mark.parametrize("seed", [0, 3, 11, 15])
-def test_exact_smears_are_found_as_nearly_as_a_fit_needs(seed: int) -> None:
-    scene = make_scene(np.random.default_rng(seed))
-    rotation, t = likelihood_of(scene).best
-    assert translation_direction_error_deg(t, scene.t) < 3  # false minima are 5 to 10 degrees off
-    assert relative_error(rotation, rotation_vector(scene.R)) < 0.35
-
-
-def test_order_of_the_ends_and_sign_of_the_translation_do_not_matter() -> None:
-    scene = make_scene(np.random.default_rng(2))
-    t, likelihood = scene.t / np.linalg.norm(scene.t), likelihood_of(scene)
-    rotations, costs, orders = likelihood.at(np.stack([t, -t]))
-    np.testing.assert_allclose(rotations[0], -rotations[1], atol=1e-12)
-    np.testing.assert_array_equal(orders[0], -orders[1])
-    assert costs[0] == pytest.approx(costs[1])
-
-
-def test_costs_are_those_of_a_student_distribution_of_the_angles_off_the_lines() -> None:
-    likelihood, directions = likelihood_of(make_scene(np.random.default_rng(4)), 0.5), np.eye(3)
-    middle, displacement = likelihood.likelihood.middle, likelihood.likelihood.displacement
-    length = np.linalg.norm(displacement, axis=1)
-    rotations, costs, orders = likelihood.at(directions)
-    expected = []
-    for direction, rotation, order in zip(directions, rotations, orders, strict=True):
-        (across,) = unit_lines(direction[None], middle)[1]
-        flow = order[:, None] * displacement - np.einsum("ikn,k->ni", rotation_flow(middle), rotation)
-        missed = (flow * across.T).sum(axis=1) / length / likelihood.across
-        prior = (rotation / GRID_ROTATION_SPREAD / np.median(length)) ** 2
-        expected.append(prior.sum() - 2 * likelihood.count * student.logpdf(missed, FREEDOM).mean())
-    np.testing.assert_allclose(np.diff(costs), np.diff(expected))
 
 
 @pytest.mark.parametrize("sigma_px", [0.05, 0.1])
