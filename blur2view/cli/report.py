@@ -126,7 +126,7 @@ def entry_one(setup: Setup, job: Job, *, mask: bool, verbose: bool) -> Outcome:
     if mask:
         found = segment(one.estimate, one.image, np.random.default_rng(setup.run.seed))
         seconds = {"segment": time.perf_counter() - start}
-    record = setup.record(one, job, seconds=seconds)
+    record = setup.record(one, job, seconds=seconds, mask=found)
     summary = verdict_line(str(job.source), record.verdict, record.config)
     return Outcome(
         photograph=record,

@@ -18,7 +18,7 @@ from blur2view.cli.terminal import printable, seconds_lines
 from blur2view.cli.values import one_of, probability
 from blur2view.cli.work import Setup
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
-from blur2view.movers.mask import MotionLabel, MotionMask, segment
+from blur2view.movers.mask import MotionMask, segment
 from blur2view.movers.moving import THRESHOLD
 from blur2view.results.mask_overlay import draw_motion, mask_verdict
 from blur2view.results.photograph import Photograph, explanations
@@ -124,7 +124,7 @@ def segment_one(
     start = time.perf_counter()
     mask = segment(one.estimate, one.image, np.random.default_rng(setup.run.seed), threshold=threshold)
     seconds = {"segment": time.perf_counter() - start}
-    record = setup.record(one, job, seconds=seconds, mask=mask_record(mask))
+    record = setup.record(one, job, seconds=seconds, mask=mask)
     files = {}
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(content_of(job)))  # programs turn nothing by its EXIF
@@ -135,23 +135,6 @@ def segment_one(
         files = dict(zip(job.files, written, strict=True))
     summary = mask_summary(str(job.source), record, mask, wrote(job, ENDINGS), verbose=verbose)
     return Outcome(photograph=record, summary=summary, files=files, warnings=one.warnings)
-
-
-def mask_record(mask: MotionMask) -> dict[str, object]:
-    """Return what the record of a photograph says of its mask."""
-    return {
-        "reason": mask.reason,
-        "shares": {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel},
-        "regions": [
-            {
-                "area_px": region.area_px,
-                "box": list(region.box),
-                "centroid": list(region.centroid),
-                "probability": region.probability,
-            }
-            for region in mask.regions
-        ],
-    }
 
 
 def mask_summary(name: str, record: Photograph, mask: MotionMask, ending: str, *, verbose: bool) -> str:

@@ -18,6 +18,7 @@ from blur2view.results.verdict import verdict
 
 if TYPE_CHECKING:
     from blur2view.geometry.two_view_geometry import TwoViewGeometry
+    from blur2view.movers.mask import MotionMask
     from blur2view.pipeline import Estimate
 
 JSON_TYPES = {"Matrix": "3x3", "dict": "object"}
@@ -33,8 +34,11 @@ class Photograph(Record):
     """The record of one photograph, with its verdict, as JSON and as a row of a table."""
 
     @classmethod
-    def of(cls, estimate: Estimate, *, name: str, **stated: Any) -> Self:
-        """Return the record of an estimate; ``stated`` are fields that it does not know, or other values."""
+    def of(cls, estimate: Estimate, *, name: str, mask: MotionMask | None = None, **stated: Any) -> Self:
+        """Return the record of an estimate and what moves, if that was asked.
+
+        ``stated`` are fields that they do not know, or other values.
+        """
         geometry, blur, (height, width) = estimate.geometry, estimate.blur, estimate.grid.shape
         camera, steps = estimate.camera, vars(estimate.timings).items()
         known = {
@@ -61,6 +65,8 @@ class Photograph(Record):
             "model_ids": [estimate.model_id],
             "timings_s": {step.removesuffix("_s"): seconds for step, seconds in steps},
         }  # fmt: skip
+        if mask is not None:
+            known |= _mask(mask)
         return cls(**{key: _plain(value) for key, value in {"name": name, **known, **stated}.items()})
 
     @derived
@@ -156,6 +162,18 @@ def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
         "parallax": geometry.parallax,
     }
     return {name: _plain(value) for name, value in values.items()}
+
+
+def _mask(mask: MotionMask) -> dict[str, Any]:
+    """Return the fields of a motion mask."""
+    from blur2view.movers.mask import MotionLabel
+
+    shares = {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel}
+    regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
+    return {
+        "moving_share": shares["moving"],
+        "mask": {"reason": mask.reason, "shares": shares, "regions": regions},
+    }
 
 
 def _part(source: Any, *names: str) -> dict[str, Any] | None:

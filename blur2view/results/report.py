@@ -115,6 +115,8 @@ def _facts(one: Photograph) -> Iterable[str]:
     yield f" (deviation {one.smear_sigma_px:.2g} px)</p>" if one.smear_sigma_px is not None else "</p>"
     if one.defocus_px is not None:
         yield f"<p>radius out of focus {one.defocus_px:.1f} px</p>"
+    if one.mask is not None:
+        yield f"<p>{100 * (one.moving_share or 0.0):.1f} % of the picture moves by itself</p>"
     yield f"<h3>Why</h3><p>{escape(one.reason)}</p>"
     if one.models:
         rows = [

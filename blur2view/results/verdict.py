@@ -24,7 +24,7 @@ def verdict(one: Record) -> str:
         case "out of focus":
             return f"Out of focus ({_radius(one)})"
         case "camera at rest":
-            percent = f"{100 * (one.moving_share or 0.0):.0f} %"
+            percent = f"{round(100 * (one.moving_share or 0.0)) or 'less than 1'} %"
             soft = f"; out of focus ({_radius(one)})" * ((one.defocus_px or 0.0) > MAX_DEFOCUS_PX)
             return f"The camera stood still; {percent} of the picture moves by itself{soft}"
         case "cannot tell":
