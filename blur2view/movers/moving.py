@@ -39,7 +39,9 @@ LEFT = 0.05
 REACH, SURE = 0.5, 0.9
 """Heights between the median and the highest log-odds of a photograph: of a part's edge, and what each part
 must reach."""
-THRESHOLD = 0.42
+AT_REST = 1.8
+"""Log-odds in favour of moving before a camera that stands still, which smears nothing itself."""
+THRESHOLD = 0.37
 """Probability that the highest place of a part must reach."""
 PLAIN_PX = 5.0
 """Length of the camera's motion that speaks neither for nor against it."""
@@ -138,12 +140,14 @@ def moving_in(
     )
     smooth, odds = picture.smooth(), looks + blurred
     camera_px = factor * float(np.median(np.linalg.norm(motion, axis=-1)))
+    camera_moved = float(sigmoid(float(moved) + 2 * np.log(max(camera_px, 0.1) / PLAIN_PX)))
+    odds += np.float32(AT_REST * (1 - camera_moved))
     return Moving(
         log_odds=(1 - ALIKE) * odds + ALIKE * bilateral_mean(odds, picture.colour, ~smooth),
         smooth=smooth,
         place_px=PLACE_PX * factor,
         camera_px=camera_px,
-        camera_moved=float(sigmoid(float(moved) + 2 * np.log(max(camera_px, 0.1) / PLAIN_PX))),
+        camera_moved=camera_moved,
     )
 
 
