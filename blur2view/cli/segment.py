@@ -28,7 +28,7 @@ ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
 <stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
     or its smear is not read)
-<stem>.moving.png: probability of moving, times 255
+<stem>.moving.png: probability of moving, times 65535 (16-bit grey)
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last: what --resume goes on with
@@ -129,7 +129,7 @@ def segment_one(
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(content_of(job)))  # programs turn nothing by its EXIF
         masks = [to.picture(stored, ignore_unobservable=False) for to in programs]
-        levels = np.round(255 * mask.probability).astype(np.uint8)
+        levels = np.round(65535 * mask.probability).astype(np.uint16)
         pictures = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
         written = [*map(png, pictures), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))

@@ -131,10 +131,9 @@ def segment(
     rng = np.random.default_rng(0) if rng is None else rng
     found = estimate.moving or moving_in(image, grid, rng, estimate.execution)
     side = found.place_px
-    probability = to_pixels(found.probability, image, side)
-    moves = without_small_pieces(
-        to_pixels(found.parts(threshold).astype(np.float32), image, side) > 0.5, LEAST_PLACES * side**2
-    )
+    probability = to_pixels(found.probability, image.shape, side)
+    parts = to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
+    moves = without_small_pieces(along_edges(parts, image, side) > 0.5, LEAST_PLACES * side**2)
     labels = np.full(probability.shape, MotionLabel.STATIC, np.uint8)
     unseen = np.kron(found.smooth, np.ones((side, side), bool))
     labels[unseen[: image.shape[0], : image.shape[1]]] = MotionLabel.UNOBSERVABLE
@@ -155,20 +154,21 @@ def _reason(labels: NDArray[np.uint8], found: Moving) -> str:
     return f"measured against a smooth motion of {found.camera_px:.0f} px (median)"
 
 
-def to_pixels(places: Floats, image: AnyArray, place_px: int) -> Floats:
-    """Resample values (h, w) of places in [0, 1] to the pixels of an image, along its edges.
-
-    Places, squares of ``place_px`` pixels, cover the image.
-    """
-    height, width = image.shape[:2]
-    rows, columns = -(-height // place_px), -(-width // place_px)
+def to_pixels(places: Floats, shape: tuple[int, ...], place_px: int) -> Floats:
+    """Resample values (h, w) of places, squares of ``place_px`` pixels, to the pixels (H, W) they cover."""
+    rows, columns = (-(-side // place_px) for side in shape[:2])
     size = columns * place_px, rows * place_px
-    values = cv2.resize(places[:rows, :columns], size, interpolation=cv2.INTER_LINEAR)[:height, :width]
+    values = cv2.resize(places[:rows, :columns], size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(values[: shape[0], : shape[1]], np.float32)
+
+
+def along_edges(values: Floats, image: AnyArray, place_px: int) -> Floats:
+    """Return values (H, W) whose steps follow the edges of an image (He, Sun and Tang, ECCV 2010)."""
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
     grey = np.asarray(grey / np.float32(white), np.float32)
-    along = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
-    return np.asarray(np.clip(along, 0, 1), np.float32)
+    followed = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
+    return np.asarray(followed, np.float32)
 
 
 def without_small_pieces(moves: Mask, least_px: int) -> Mask:

@@ -1,10 +1,9 @@
-"""Photographs of one kind for `tools.evaluation.segmentation`: rendered scenes, or things.
+"""Photographs of one kind for `tools.evaluation.segmentation`: rendered scenes, or layers.
 
 ``python -m tools.datasets.mover_scenes render/movers --scenes 12`` writes ``NNNN.png`` and ``NNNN.npz`` as
 `tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving: few scenes of
 the test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those
-of `tools.rendering.things` and need ``--photos``: a camera that follows a thing, crosses its way, or stands,
-and three in which nothing moves by itself.
+of `tools.rendering.layer_scenes` and need ``--photos``.
 """
 
 from dataclasses import replace
@@ -15,13 +14,12 @@ import numpy as np
 
 from tools.arguments import Existing, run
 from tools.datasets.testset import test_options, write_photographed, write_truth
+from tools.rendering.layer_scenes import KINDS, Sources, layer_scene, silhouettes
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.shaken import ShakeOptions, processed
 from tools.rendering.textures import load_photos
-from tools.rendering.things import KINDS, ThingOptions, photographed_things
 
-FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "things": 10_000_000}
-THINGS = [kind.__name__ for kind in KINDS]
+FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "layers": 11_000_000}
 SMALLEST, LARGEST = 0.01, 0.4
 TRIES = 50  # seeds per scene that is wanted, at most
 
@@ -45,16 +43,15 @@ def write_rendered(out: Path, scenes: int, options: RenderOptions, first_seed: i
             raise SystemExit(f"only {number} of {scenes} scenes suit, of {TRIES * scenes} seeds")
 
 
-def write_things(out: Path, scenes: int, photos: Path, kind: str) -> None:
-    """Write pictures of things of a kind."""
-    sources = load_photos([photos])
-    options = ThingOptions(kinds=tuple(float(name == kind) for name in THINGS))
+def write_layers(out: Path, scenes: int, photos: Path, kind: str) -> None:
+    """Write pictures of layers of a kind."""
+    sources, size = Sources(photographs=load_photos([photos]), things=silhouettes()), (640, 480)
     for index in range(scenes):
-        rng = np.random.default_rng([FIRST_SEED["things"], THINGS.index(kind), index])
-        things = photographed_things(rng, sources, options)
-        picture = np.clip(processed(rng, things.linear, ShakeOptions(size=options.size))[0], 0, 255)
-        static = things.moving <= 0.5
-        truth = {"displacement": things.displacement, "valid": np.ones_like(static), "static": static}
+        rng = np.random.default_rng([FIRST_SEED["layers"], KINDS.index(kind), index])
+        scene = layer_scene(rng, sources, size, kind=kind, longest_px=float(rng.choice([16, 40, 80])))
+        picture = np.clip(processed(rng, scene.linear, ShakeOptions(size=size))[0], 0, 255)
+        static = scene.moving <= 0.5
+        truth = {"displacement": scene.displacement, "valid": np.ones_like(static), "static": static}
         unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": None, "kind": kind}
         write_truth(out / f"{index:04d}.npz", picture.astype(np.uint8), **truth, **unknown)
 
@@ -63,20 +60,18 @@ def main(
     out: Path,
     *,
     scenes: int = 12,
-    kind: Literal[
-        "movers", "still", "following", "crossing", "standing", "deep", "unmoved", "flat"
-    ] = "movers",
+    kind: Literal["movers", "still", "camera", "deep", "follow", "cross", "rest", "unmoved"] = "movers",
     photos: Existing | None = None,
 ) -> None:
-    """Write so many scenes of a kind; things are made of photographs in a folder."""
+    """Write so many scenes of a kind; layers are made of photographs in a folder."""
     options = test_options(None)
-    if (kind in THINGS) != (photos is not None):
-        raise SystemExit("--photos belongs to kinds of things, and they need it")
+    if (kind in KINDS) != (photos is not None):
+        raise SystemExit("--photos belongs to kinds of layers, and they need it")
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
         raise SystemExit(f"{out} is not empty")
     if photos is not None:
-        write_things(out, scenes, photos, kind)
+        write_layers(out, scenes, photos, kind)
     else:
         moving = float(kind == "movers")
         write_rendered(out, scenes, replace(options, mover_share=moving), FIRST_SEED[kind])

@@ -1,0 +1,299 @@
+"""Blurred photographs of surfaces at depths and of things that move by themselves, with exact truth.
+
+A scene is up to six layers, the background first: a piece of a photograph, or a thing, with an outline and
+the displacement that a moving camera gives it at its inverse depth, plus a motion of its own where it
+moves by itself. What stands nearer than the background is there without moving, so that depth is no mover.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from blur2view.arrays import Array
+from tools.rendering.defocus import defocused
+from tools.rendering.sensor import log_uniform
+from tools.rendering.sweep import GRID, Layers, swept
+
+Floats = NDArray[np.float32]
+Pictures = list[NDArray[np.uint8]]
+
+KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved")
+"""The camera moves; before depth; follows things; things cross; things before a camera at rest; nothing."""
+SHARES = (0.17, 0.21, 0.18, 0.18, 0.17, 0.09)
+"""Shares of the kinds in training."""
+PLACE_PX = 4
+"""Side of the places of the truth."""
+MOST_LAYERS, MOST_STEPS, FEWEST_STEPS = 6, 88, 9
+FONT, FONT_PX = Path("/usr/share/fonts/truetype/noto/NotoColorEmoji.ttf"), 109
+EMOJI = (
+    (0x1F400, 0x1F43F), (0x1F466, 0x1F487), (0x1F574, 0x1F57B), (0x1F680, 0x1F6B6), (0x1F6E9, 0x1F6FC),
+    (0x1F930, 0x1F93E), (0x1F980, 0x1F9AE), (0x1F9B8, 0x1F9DF), (0x1F330, 0x1F343), (0x1F3A0, 0x1F3CC),
+    (0x1F446, 0x1F450), (0x1F339, 0x1F33F), (0x1F6F4, 0x1F6FA), (0x1FAB0, 0x1FABA),
+)  # fmt: skip
+"""Code points of people, animals, vehicles, plants, hands and things that are carried about."""
+COVERED = 0.08, 0.85  # of its box, by a thing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sources:
+    """What scenes are made of: photographs (h, w, 3) and things (h, w, 4), uint8 RGB and RGBA."""
+
+    photographs: Pictures
+    things: Pictures
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LayerScene:
+    """A picture in linear light, and its truth at places of 4 x 4 pixels.
+
+    Parameters
+    ----------
+    linear : ndarray of shape (H, W, 3), float32
+    displacement : ndarray of shape (H/4, W/4, 2), float32
+        Of the surface that is seen most, pixels.
+    moving, share : ndarray of shape (H/4, W/4), float32
+        Share of what is seen that moves by itself; that of the surface seen most.
+    kind : str
+        One of `KINDS`.
+    """
+
+    linear: Floats
+    displacement: Floats
+    moving: Floats
+    share: Floats
+    kind: str
+
+    @property
+    def camera_moved(self) -> float:
+        """1 where the camera's motion shows, 0 where it stood still, between for smears of 0.7 to 1.7 px."""
+        if self.kind in ("rest", "unmoved"):
+            return 0.0
+        length = float(np.median(np.linalg.norm(self.displacement, axis=-1)))
+        return float(np.clip(length - 0.7, 0, 1))
+
+
+def silhouettes(font: Path = FONT) -> Pictures:
+    """Return the things of an emoji font (h, w, 4), cut to their outlines."""
+    drawn, found = ImageFont.truetype(str(font), FONT_PX), []
+    for code in (code for first, last in EMOJI for code in range(first, last + 1)):
+        canvas = Image.new("RGBA", (150, 150))
+        ImageDraw.Draw(canvas).text((7, 7), chr(code), font=drawn, embedded_color=True)
+        picture = np.asarray(canvas)
+        rows, columns = np.nonzero(picture[..., 3] > 127)
+        if len(rows) < 500:
+            continue
+        cut = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+        if COVERED[0] < (cut[..., 3] > 127).mean() < COVERED[1]:
+            found.append(cut)
+    return found
+
+
+def layer_scene(
+    rng: np.random.Generator,
+    sources: Sources,
+    size: tuple[int, int],
+    *,
+    kind: str | None = None,
+    longest_px: float = 40.0,
+    device: str = "cpu",
+) -> LayerScene:
+    """Return a scene of this size (width, height, multiples of 4) whose smears have at most this length."""
+    kind = kind or KINDS[int(rng.choice(len(KINDS), p=SHARES))]
+    margin = -(-(int(0.75 * longest_px) + 16) // GRID) * GRID
+    fields, moves, length = displacements(rng, size, kind, longest_px, margin)
+    shape = size[1] + 2 * margin, size[0] + 2 * margin
+    radius = log_uniform(rng, (0.8, 10.0)) if rng.random() < (0.5 if kind == "unmoved" else 0.2) else 0.0
+    all_soft, colours = rng.random() < 0.5, []
+    for k in range(len(fields)):
+        front = surface(rng, sources, shape, size, is_background=k == 0)
+        soft = all_soft or (k == 0) == (radius > 3)  # large discs: of what is behind
+        colours.append(defocused(rng, front, radius) if radius and soft else front)
+    reach = min(1.3 * float(np.abs(fields).max()), 1.5 * longest_px)
+    layers = Layers(
+        colour=np.stack(colours).astype(np.float32),
+        displacement=fields,
+        margin=margin,
+        steps=1 if reach < 0.05 else min(MOST_STEPS, max(FEWEST_STEPS, int(1.1 * reach) + 2)),
+        bend=rng.normal(0, 0.08, 2) * length if rng.random() < 0.4 else np.zeros(2),
+        acceleration=float(np.clip(rng.normal(0, 0.22), -0.6, 0.6)) if rng.random() < 0.5 else 0.0,
+    )
+    light, seen = swept(layers, size, device)
+    places = size[0] // PLACE_PX, size[1] // PLACE_PX
+    shares = np.stack([cv2.resize(one, places, interpolation=cv2.INTER_AREA) for one in seen])
+    y, x = (margin + PLACE_PX * np.mgrid[: places[1], : places[0]] + 1.5).astype(np.float32) / GRID
+    each = np.stack([[cv2.remap(d, x, y, cv2.INTER_LINEAR) for d in field] for field in fields])
+    most = shares.argmax(0)
+    return LayerScene(
+        linear=light,
+        displacement=np.moveaxis(np.take_along_axis(each, most[None, None], 0)[0], 0, -1),
+        moving=shares[moves].sum(0),
+        share=shares.max(0),
+        kind=kind,
+    )
+
+
+def displacements(
+    rng: np.random.Generator, size: tuple[int, int], kind: str, longest_px: float, margin: int
+) -> tuple[Floats, NDArray[np.bool_], float]:
+    """Draw the layers' displacements (L, 2, gh, gw), which move by themselves, and the camera's length."""
+    width, height = size
+    rows, columns = ((side + 2 * margin) // GRID + 1 for side in (height, width))
+    x, y = np.meshgrid(np.arange(columns) * GRID - margin, np.arange(rows) * GRID - margin)
+    x, y = x - (width - 1) / 2, y - (height - 1) / 2
+    inner = (np.abs(x) < width / 2) & (np.abs(y) < height / 2)
+    least = 1.2 if kind in ("camera", "deep") else 3.0
+    length = log_uniform(rng, (least, longest_px if rng.random() < 0.6 else min(20.0, longest_px)))
+    if kind in ("rest", "unmoved"):
+        length = rng.uniform(0, 0.8) if kind == "rest" and rng.random() < 0.3 else 0.0
+    depth = inverse_depth(rng, x / width, y / height, rough=kind == "deep")
+    turn, step = rng.standard_normal((2, 3)) * (1, 1, 0.7)
+    mix = rng.random()
+    step *= 0.0 if kind != "deep" and mix < 0.4 else 0.3 if mix < 0.6 else 1.0
+    turn *= 0.0 if mix > 0.85 else 1.0
+    focal = width * rng.uniform(0.6, 2.2)
+    unit = motion_field(x / focal, y / focal, turn, step, depth) * focal
+    scale = length / max(float(np.median(np.hypot(*unit)[inner])), 1e-9)
+
+    def still(rho: Array) -> Array:
+        return motion_field(x / focal, y / focal, turn * scale, step * scale, rho) * focal
+
+    def nearer() -> Array:
+        return still(np.full_like(x, float(np.median(depth)) * rng.uniform(1.0, 2.6)))
+
+    def own(px: float) -> Array:
+        return own_motion(rng, x, y, size, px)
+
+    back = still(depth)
+    layers = [(back, False)]
+    if kind == "deep":
+        layers += [(nearer(), False) for _ in range(rng.integers(1, 4))]
+    elif kind == "follow":
+        rest = length * (rng.uniform(0.1, 0.4) if rng.random() < 0.4 else rng.uniform(0, 0.08))
+        layers += [(own(rest), True)] * (1 if rng.random() < 0.75 else 2)
+    elif kind == "cross":
+        for _ in range(rng.integers(1, 4)):
+            base = nearer() if rng.random() < 0.5 else back
+            layers.append((base + own(max(2.0, length * rng.uniform(0.3, 1.6))), True))
+    elif kind == "rest":
+        layers += [(back + own(log_uniform(rng, (3.0, longest_px))), True) for _ in range(rng.integers(1, 5))]
+    else:
+        layers += [(back, False)] * int(rng.integers(0, 3) if kind == "unmoved" else rng.random() < 0.3)
+    if any(moves for _, moves in layers):
+        if rng.random() < 0.3:  # a part of the nearest that moves otherwise
+            layers.append((layers[-1][0] + own(0.5 * log_uniform(rng, (3.0, longest_px))), True))
+        for _ in range(rng.integers(1, 3) if rng.random() < 0.4 else 0):  # what stands among them
+            at = int(rng.integers(1, len(layers) + 1))
+            layers.insert(at, (nearer() if rng.random() < 0.7 else back, False))
+    layers = layers[:MOST_LAYERS]
+    fields = np.stack([field for field, _ in layers]).astype(np.float32)
+    most = float(np.abs(fields[:, :, inner]).max())
+    if most > 1.2 * longest_px:
+        fields *= 1.2 * longest_px / most
+    return fields, np.array([moves for _, moves in layers]), length
+
+
+def inverse_depth(rng: np.random.Generator, x: Array, y: Array, *, rough: bool) -> Array:
+    """Draw inverse depths of a surface at x, y: even, slanted, or rough."""
+    depth = np.ones_like(x)
+    if rng.random() < 0.6:
+        depth += rng.normal(0, 0.35) * x + rng.normal(0, 0.35) * y
+    if rng.random() < (0.55 if rough else 0.25):
+        depth += rng.uniform(0.05, 0.7) * relief(rng, x.shape, int(rng.integers(2, 7)))
+    return np.asarray(np.clip(depth, 0.08, 4))
+
+
+def motion_field(x: Array, y: Array, turn: Array, step: Array, depth: Array) -> Array:
+    """Return the instantaneous motion (2, h, w) of rays x, y at inverse depths (Longuet-Higgins, 1980)."""
+    u = x * y * turn[0] - (1 + x * x) * turn[1] + y * turn[2] + depth * (x * step[2] - step[0])
+    v = (1 + y * y) * turn[0] - x * y * turn[1] - x * turn[2] + depth * (y * step[2] - step[1])
+    return np.stack([u, v])
+
+
+def own_motion(rng: np.random.Generator, x: Array, y: Array, size: tuple[int, int], px: float) -> Array:
+    """Draw a motion (2, h, w) of about so many pixels: a shift, half of them with a turn or a zoom."""
+    angle = rng.uniform(0, 2 * np.pi)
+    motion = np.stack([np.full_like(x, px * np.cos(angle)), np.full_like(x, px * np.sin(angle))])
+    if rng.random() < 0.5:
+        rate = np.clip(rng.normal(0, 1) * rng.choice([0.1, 0.3, 0.8]) * px / size[1], -0.4, 0.4)
+        dx, dy = (p - rng.uniform(-0.3, 0.3) * side for p, side in zip((x, y), size, strict=True))
+        motion += rate * np.stack([-dy, dx] if rng.random() < 0.5 else [dx, dy])
+    return motion
+
+
+def relief(rng: np.random.Generator, shape: tuple[int, ...], cells: int) -> Floats:
+    """Draw smooth noise (h, w) of so many cells down."""
+    coarse = rng.standard_normal((max(2, cells), max(2, round(cells * shape[1] / shape[0]))))
+    return np.asarray(cv2.resize(coarse.astype(np.float32), shape[1::-1], interpolation=cv2.INTER_CUBIC))
+
+
+def surface(
+    rng: np.random.Generator,
+    sources: Sources,
+    shape: tuple[int, int],
+    size: tuple[int, int],
+    *,
+    is_background: bool,
+) -> Floats:
+    """Draw a layer (h, w, 4): linear light times coverage, and coverage."""
+    plain = log_uniform(rng, (0.02, 0.5)) if rng.random() < (0.12 if is_background else 0.25) else 1.0
+    light = texture(rng, sources, shape)
+    mean = light.mean((0, 1))
+    light = mean + np.float32(plain) * (light - mean)
+    if is_background:
+        return np.dstack([light, np.ones(shape, np.float32)])
+    cover, colours = outline(rng, sources, shape, size, log_uniform(rng, (0.006, 0.4)))
+    light = light if colours is None else colours
+    return np.dstack([light * cover[..., None], cover]).astype(np.float32)
+
+
+def texture(rng: np.random.Generator, sources: Sources, shape: tuple[int, int]) -> Floats:
+    """Return a piece of a photograph (h, w, 3), mirrored, reduced or slightly turned, as linear light."""
+    photograph = sources.photographs[int(rng.integers(len(sources.photographs)))]
+    if rng.random() < 0.45:
+        photograph = np.asarray(cv2.resize(photograph, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    zoom = rng.uniform(1.0, 1.3) if rng.random() < 0.5 else 1.0
+    angle = rng.normal(0, 0.04) if rng.random() < 0.3 else 0.0
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    matrix = turn @ np.diag([rng.choice([-zoom, zoom]), zoom * (1 if rng.random() < 0.75 else -1)])
+    sides = np.array(photograph.shape[1::-1])
+    free = np.maximum(sides - zoom * np.array(shape[::-1]), 0) / 2
+    middle = sides / 2 + rng.uniform(-1, 1, 2) * free - matrix @ (np.array(shape[::-1]) / 2)
+    affine = np.column_stack([matrix, middle])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    piece = cv2.warpAffine(photograph, affine, shape[::-1], flags=flags, borderMode=cv2.BORDER_REFLECT)
+    return np.asarray((piece / np.float32(255)) ** np.float32(2.2))
+
+
+def outline(
+    rng: np.random.Generator, sources: Sources, shape: tuple[int, int], size: tuple[int, int], area: float
+) -> tuple[Floats, Floats | None]:
+    """Draw the coverage (h, w) of a layer of this share of the picture, and the thing's light, or None."""
+    which, pixels = rng.random(), area * size[0] * size[1]
+    if which < 0.12:  # blobs
+        noise = relief(rng, shape, int(rng.integers(4, 12)))
+        return np.clip((noise - np.quantile(noise[::4, ::4], 1 - area)) * 12 + 0.5, 0, 1), None
+    middle = np.array(shape[::-1]) / 2 + rng.normal((0, 0.02), (0.2, 0.18)) * size
+    if which < 0.27:  # polygons
+        count = int(rng.integers(3, 12))
+        angle = np.sort(rng.uniform(0, 2 * np.pi, count))
+        radius = np.sqrt(pixels / np.pi) * rng.uniform(0.6, 1.5, count)
+        corners = middle + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        canvas = np.zeros(shape, np.uint8)
+        cv2.fillPoly(canvas, [np.round(corners * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
+        return canvas.astype(np.float32) / 255, None
+    thing = sources.things[int(rng.integers(len(sources.things)))]
+    scale = np.sqrt(pixels / max(float(thing[..., 3].sum()) / 255, 1.0))
+    if scale < 0.7:
+        thing = np.asarray(cv2.resize(thing, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
+        scale = 1.0
+    stretch, angle = np.exp(rng.normal(0, 0.18)), rng.normal(0, 0.3)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    matrix = turn @ np.diag([scale * stretch * rng.choice([-1, 1]), scale / stretch])
+    affine = np.column_stack([matrix, middle - matrix @ (np.array(thing.shape[1::-1]) / 2)])
+    drawn = cv2.warpAffine(thing, affine, shape[::-1], flags=cv2.INTER_CUBIC).astype(np.float32) / 255
+    cover = np.clip((drawn[..., 3] - 0.5) * max(scale, 1.0) + 0.5, 0, 1)
+    return cover, drawn[..., :3] ** np.float32(2.2) if rng.random() < 0.5 else None
