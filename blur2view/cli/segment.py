@@ -130,7 +130,7 @@ def segment_one(
         stored = as_stored(mask.labels, io.BytesIO(content_of(job)))  # programs turn nothing by its EXIF
         masks = [to.picture(stored, ignore_unobservable=False) for to in programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
-        pictures = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
+        pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
         written = [*map(png, pictures), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))
     summary = mask_summary(str(job.source), record, mask, wrote(job, ENDINGS), verbose=verbose)

@@ -42,7 +42,7 @@ LEFT = 0.05
 REACH, SURE = 0.5, 0.9
 """Heights between the median and the highest log-odds of a photograph: of a part's edge, and what each part
 must reach."""
-AT_REST = 1.3
+AT_REST = 1.0
 """Log-odds in favour of moving before a camera that stands still, which smears nothing itself."""
 THRESHOLD = 0.5
 """Probability that the highest place of a part must reach."""

@@ -56,7 +56,7 @@ def test_files_hold_the_mask_and_describe_it(
         np.testing.assert_array_equal(grey == level, mask.labels == label)
     levels = cv2.imread(str(out / "a.moving.png"), cv2.IMREAD_UNCHANGED)
     assert levels is not None
-    np.testing.assert_allclose(levels / 255, mask.probability, atol=0.5 / 255 + 1e-5)
+    np.testing.assert_allclose(levels / 65535, mask.probability, atol=1e-5)
     document = json.loads((out / "a.motion.json").read_text())
     for name, value in {"static": 0, "moving": 255, "unobservable": 128}.items():
         np.testing.assert_allclose(document["mask"]["shares"][name], (grey == value).mean())

@@ -142,8 +142,8 @@ def displacements(
     """Draw the layers' displacements (L, 2, gh, gw), which move by themselves, and the camera's length."""
     width, height = size
     rows, columns = ((side + 2 * margin) // GRID + 1 for side in (height, width))
-    x, y = np.meshgrid(np.arange(columns) * GRID - margin, np.arange(rows) * GRID - margin)
-    x, y = x - (width - 1) / 2, y - (height - 1) / 2
+    left, top = margin + (width - 1) / 2, margin + (height - 1) / 2
+    x, y = np.meshgrid(np.arange(columns) * GRID - left, np.arange(rows) * GRID - top)
     inner = (np.abs(x) < width / 2) & (np.abs(y) < height / 2)
     least = 1.2 if kind in ("camera", "deep") else 3.0
     length = log_uniform(rng, (least, longest_px if rng.random() < 0.6 else min(20.0, longest_px)))
@@ -275,7 +275,8 @@ def outline(
     which, pixels = rng.random(), area * size[0] * size[1]
     if which < 0.12:  # blobs
         noise = relief(rng, shape, int(rng.integers(4, 12)))
-        return np.clip((noise - np.quantile(noise[::4, ::4], 1 - area)) * 12 + 0.5, 0, 1), None
+        level = np.float32(np.quantile(noise[::4, ::4], 1 - area))
+        return np.asarray(np.clip((noise - level) * 12 + 0.5, 0, 1), np.float32), None
     middle = np.array(shape[::-1]) / 2 + rng.normal((0, 0.02), (0.2, 0.18)) * size
     if which < 0.27:  # polygons
         count = int(rng.integers(3, 12))
@@ -286,7 +287,7 @@ def outline(
         cv2.fillPoly(canvas, [np.round(corners * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
         return canvas.astype(np.float32) / 255, None
     thing = sources.things[int(rng.integers(len(sources.things)))]
-    scale = np.sqrt(pixels / max(float(thing[..., 3].sum()) / 255, 1.0))
+    scale = float(np.sqrt(pixels / max(float(thing[..., 3].sum()) / 255, 1.0)))
     if scale < 0.7:
         thing = np.asarray(cv2.resize(thing, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
         scale = 1.0
@@ -295,5 +296,6 @@ def outline(
     matrix = turn @ np.diag([scale * stretch * rng.choice([-1, 1]), scale / stretch])
     affine = np.column_stack([matrix, middle - matrix @ (np.array(thing.shape[1::-1]) / 2)])
     drawn = cv2.warpAffine(thing, affine, shape[::-1], flags=cv2.INTER_CUBIC).astype(np.float32) / 255
-    cover = np.clip((drawn[..., 3] - 0.5) * max(scale, 1.0) + 0.5, 0, 1)
-    return cover, drawn[..., :3] ** np.float32(2.2) if rng.random() < 0.5 else None
+    cover = np.asarray(np.clip((drawn[..., 3] - 0.5) * max(scale, 1.0) + 0.5, 0, 1), np.float32)
+    own = np.asarray(np.maximum(drawn[..., :3], 0) ** 2.2, np.float32)
+    return cover, own if rng.random() < 0.5 else None

@@ -60,7 +60,7 @@ def swept(layers: Layers, size: tuple[int, int], device: str = "cpu") -> tuple[F
     if device == "cpu":
         light = np.zeros((height, width, 3), np.float32)
         seen = np.zeros((count, height, width), np.float32)
-        numbers = (np.float32(one) for one in (*path, layers.margin, GRID))
+        numbers = *path, float(layers.margin), float(GRID)
         on_processor(layers.colour, layers.displacement, layers.steps, *numbers, light, seen)
         return light, seen
     colour, field = (torch.from_numpy(one).to(device) for one in (layers.colour, layers.displacement))
@@ -74,18 +74,19 @@ def swept(layers: Layers, size: tuple[int, int], device: str = "cpu") -> tuple[F
     return out[..., :3].cpu().numpy(), shares.cpu().numpy()
 
 
-@njit(fastmath=True, cache=True)
-def bilinear(values: Floats, y: float, x: float) -> tuple[int, int, float, float, float, float]:
+def _bilinear(values: Floats, y: float, x: float) -> tuple[int, int, float, float, float, float]:
     """Return row and column of the pixel above and left of a place in (h, w, ...), and four weights."""
-    x = min(max(x, np.float32(0)), np.float32(values.shape[1] - 1.001))
-    y = min(max(y, np.float32(0)), np.float32(values.shape[0] - 1.001))
-    column, row = int(x), int(y)
-    fx, fy = x - column, y - row
+    u = min(max(x, 0.0), values.shape[1] - 1.001)
+    v = min(max(y, 0.0), values.shape[0] - 1.001)
+    column, row = int(u), int(v)
+    fx, fy = u - column, v - row
     return row, column, (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
 
 
-@njit(fastmath=True, cache=True)
-def on_processor(
+bilinear: Any = njit(fastmath=True, cache=True)(_bilinear)
+
+
+def _on_processor(
     colour: Floats,
     field: Floats,
     steps: int,
@@ -101,10 +102,10 @@ def on_processor(
     for py in range(light.shape[0]):
         for px in range(light.shape[1]):
             for k in range(steps):
-                t = np.float32((k + 0.5) / steps - 0.5)
-                q = t * t - np.float32(0.25)
+                t = (k + 0.5) / steps - 0.5
+                q = t * t - 0.25
                 s = t + acceleration * q
-                left = np.float32(1.0 / steps)
+                left = 1.0 / steps
                 for layer in range(len(colour) - 1, -1, -1):
                     x, y = px - bend_x * q, py - bend_y * q
                     for _ in range(2):  # x + s D(x) = p, by iteration
@@ -131,11 +132,12 @@ def on_processor(
                         break
 
 
+on_processor: Any = njit(fastmath=True, cache=True)(_on_processor)
 on_gpu: Any = None
 if triton is not None:
 
-    @triton.jit
-    def on_gpu(  # type: ignore[no-untyped-def, no-redef]  # noqa: ANN001, ANN201, D103
+    @triton.jit  # type: ignore[untyped-decorator]
+    def on_gpu(  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201, D103
         colour, field, light, seen, count, steps, bend_x, bend_y, acceleration, H, W, h, w, gh, gw, margin,
         GRID: tl.constexpr, BLOCK: tl.constexpr,
     ):  # fmt: skip

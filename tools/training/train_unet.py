@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 from torch.nn import functional as nnf
 
@@ -143,7 +144,9 @@ class Movers(Task):
             odds, moves = said[0, 4].float().cpu().numpy(), one["moving"] > 0.5
             kind = KINDS[int(one["kind"])]
             if moves.any():
-                rows.setdefault(f"precision {kind}", []).append(average_precision(odds, moves))
+                rows.setdefault(f"precision {kind}", []).append(
+                    average_precision(odds.ravel(), moves.ravel())
+                )
             else:
                 rows.setdefault(f"false {kind}", []).append(float((odds > 0).mean()))
             rows.setdefault("camera", []).append(float((float(camera) > 0) == (one["camera"] > 0.5)))
@@ -166,8 +169,8 @@ def main(
 ) -> None:
     """Train on folders of photographs, on emoji and cut-outs of a folder, from weights if there are any."""
     cutouts = [] if things is None else sorted(things.rglob("*.png"))
-    cut = [cv2.cvtColor(cv2.imread(str(path), -1), cv2.COLOR_BGRA2RGBA) for path in cutouts]
-    taken, shapes = load_photos(photographs), silhouettes() + [np.asarray(one) for one in cut]
+    cut = [np.asarray(Image.open(path).convert("RGBA")) for path in cutouts]
+    taken, shapes = load_photos(photographs), silhouettes() + cut
     kept = Sources(photographs=taken[::HELD_EVERY], things=shapes[::HELD_EVERY])
     used = [[one for k, one in enumerate(every) if k % HELD_EVERY] for every in (taken, shapes)]
     sources = Sources(photographs=used[0], things=used[1])
