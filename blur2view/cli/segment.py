@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
+from blur2view.arrays import AnyArray
 from blur2view.cli.adapter import group
 from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
 from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Reading, Resuming, Table
@@ -26,8 +27,7 @@ from blur2view.runs.job import Job, Outcome, content_of
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
-<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (it does not seem to move, and is smooth,
-    or its smear is not read)
+<stem>.mask.png: 8-bit grey: 0 static, 255 moving, 128 unobservable (the photograph is smooth there)
 <stem>.moving.png: probability of moving, times 65535 (16-bit grey)
 <stem>.motion.png: the photograph over a caption, pink on what moves, hatched where it is unobservable
 masks/...: with --masks: the mask under the name and with the greys that each program reads
@@ -44,13 +44,12 @@ FOLDER = Path("masks")  # below -o, of masks for another program
 class SegmentOptions:
     """The options of ``blur2view segment``.
 
-    Segment what moves by itself from what the camera's motion explains. The camera's motion is one smooth
-    field through the smears and, where there is one, F. How far a smear departs from both, how sure it is of
-    itself, and where the photograph is blurred otherwise than the camera's motion blurs it, is weighed by a
-    second network; outlines follow the photograph's edges.
+    Segment what moves by itself from what the camera's motion explains. Two networks weigh what the
+    photograph looks like, and how its blur departs from the camera's motion, one smooth field through the
+    smears; outlines follow the photograph's edges.
 
-    --threshold P: probability from which on a connected part moves (default: %(default)s); a lower one
-        misses less of what moves, and marks more of what stands still
+    --threshold P: probability that the highest place of a part must reach (default: %(default)s); a lower
+        one misses less of what moves, and marks more of what stands still
     --masks NAME: also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio
         NAME.png, 0 where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated
         (blur2view to-transforms --masks-from DIR puts them where these trainers look)

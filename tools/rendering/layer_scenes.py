@@ -285,14 +285,14 @@ def outline(
         corners = middle + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         canvas = np.zeros(shape, np.uint8)
         cv2.fillPoly(canvas, [np.round(corners * 16).astype(np.int32)], 255, cv2.LINE_AA, 4)
-        return canvas.astype(np.float32) / 255, None
+        return np.asarray(canvas / np.float32(255), np.float32), None
     thing = sources.things[int(rng.integers(len(sources.things)))]
     scale = float(np.sqrt(pixels / max(float(thing[..., 3].sum()) / 255, 1.0)))
     if scale < 0.7:
         thing = np.asarray(cv2.resize(thing, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
         scale = 1.0
-    stretch, angle = np.exp(rng.normal(0, 0.18)), rng.normal(0, 0.3)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    stretch, tilt = np.exp(rng.normal(0, 0.18)), rng.normal(0, 0.3)
+    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
     matrix = turn @ np.diag([scale * stretch * rng.choice([-1, 1]), scale / stretch])
     affine = np.column_stack([matrix, middle - matrix @ (np.array(thing.shape[1::-1]) / 2)])
     drawn = cv2.warpAffine(thing, affine, shape[::-1], flags=cv2.INTER_CUBIC).astype(np.float32) / 255
