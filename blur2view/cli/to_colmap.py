@@ -25,7 +25,7 @@ from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.movers.mask import MotionLabel, segment
 from blur2view.output_files import writable_folders
-from blur2view.results.stored import plain, restore
+from blur2view.results.encoding import decode, encode
 from blur2view.runs.job import Outcome
 from blur2view.runs.journal import journal_beside
 
@@ -166,7 +166,7 @@ class ToColmapOptions:
                 resumes=True,
             )
             done = [one for one in finished.outcomes if not one.error]
-            views = [restore(ExposureViews, one.besides["views"]) for one in done]
+            views = [decode(ExposureViews, one.besides["views"]) for one in done]
             written = {one.name for one in views}
             incomplete = self.link or not views or (before or set()) - written
             if finished.end is End.BROKEN or (finished.end is End.INTERRUPTED and incomplete):
@@ -260,7 +260,7 @@ def views_one(setup: Setup, job: LinkJob, *, lens: Lens, project: Path | None, s
             moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
         views = keypoint_views(job.name, plan.keypoints, one.estimate, setup.run.options, moving)
     record = setup.record(one, job)
-    return Outcome(photograph=record, besides={"views": plain(views)}, warnings=one.warnings)
+    return Outcome(photograph=record, besides={"views": encode(views)}, warnings=one.warnings)
 
 
 def _project_camera(

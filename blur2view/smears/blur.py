@@ -17,7 +17,7 @@ from blur2view.arrays import AnyArray
 from blur2view.smears.blur_kinds import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SMEARED
 from blur2view.smears.field import to_double_angle
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.noise import SHORT_PX
+from blur2view.smears.likelihood import SHORTEST_PX
 
 Floats = NDArray[np.float32]
 
@@ -237,7 +237,7 @@ def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None
     seen = sigma < UNSEEN_PX
     if seen.mean() < LEAST_TOLD:
         return blur
-    weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORT_PX)) ** 2).astype(float)
+    weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORTEST_PX)) ** 2).astype(float)
     if grid.kinds is not None:
         weight = weight * (1 - grid.kinds[..., CANNOT_TELL])
     weight = weight if of_kind is None else weight * of_kind

@@ -14,26 +14,26 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 
-def plain(value: Any) -> Any:
+def encode(value: Any) -> Any:
     """Return dataclasses, enums, paths, arrays and containers of these in JSON's types."""
     if isinstance(value, Enum):
         return value.value
     if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: encode(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):
         data = base64.b85encode(np.ascontiguousarray(value).tobytes()).decode()
         return {"shape": list(value.shape), "dtype": value.dtype.str, "data": data}
     if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
+        return {str(key): encode(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(one) for one in value]
+        return [encode(one) for one in value]
     if isinstance(value, np.generic):
         return value.item()
     return str(value) if isinstance(value, Path) else value
 
 
-def restore(kind: Any, stored: Any) -> Any:
-    """Return the object of a type that `plain` made a value of.
+def decode(kind: Any, stored: Any) -> Any:
+    """Return the object of a type that `encode` made a value of.
 
     The type is a dataclass, an enum, NDArray, a list, tuple or dict of these, str, int, float or bool, or one
     of them or None.
@@ -41,14 +41,14 @@ def restore(kind: Any, stored: Any) -> Any:
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         (other,) = (one for one in arguments if one is not NoneType)
-        return None if stored is None else restore(other, stored)
+        return None if stored is None else decode(other, stored)
     if origin is np.ndarray:
         data = np.frombuffer(base64.b85decode(stored["data"]), stored["dtype"])
         return data.reshape(stored["shape"]).copy()  # which can be written
     if origin is tuple:
         kinds = arguments[:1] * len(stored) if arguments[-1] is Ellipsis else arguments
-        return tuple(restore(own, one) for own, one in zip(kinds, stored, strict=True))
+        return tuple(decode(own, one) for own, one in zip(kinds, stored, strict=True))
     if is_dataclass(kind):
         make: Any = kind
-        return make(**{name: restore(hint, stored[name]) for name, hint in get_type_hints(kind).items()})
+        return make(**{name: decode(hint, stored[name]) for name, hint in get_type_hints(kind).items()})
     return kind(stored) if isinstance(kind, type) and issubclass(kind, Enum) else stored
