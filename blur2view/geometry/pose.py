@@ -61,11 +61,6 @@ class RigidTransform:
         return rotation_vector(self.rotation)
 
     @property
-    def angle_deg(self) -> float:
-        """Angle of the rotation in degrees."""
-        return float(np.degrees(np.linalg.norm(self.rotation_vector)))
-
-    @property
     def essential(self) -> Array:
         """E = [t]x R, (3, 3): ``rays2^T E rays1 = 0``."""
         return cross_matrix(self.translation) @ self.rotation

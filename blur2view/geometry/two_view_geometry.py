@@ -142,11 +142,6 @@ class TwoViewGeometry:
         return self.table.probability(MotionModel.ROTATION, MotionModel.ROLLING_ROTATION)
 
     @property
-    def support(self) -> float:
-        """Share of the smears that are inliers of F, or without F of H."""
-        return float(self.inlier_mask.mean()) if len(self.inlier_mask) else 0.0
-
-    @property
     def parallax(self) -> Parallax:
         """Whether parallax is proven (only CALIBRATED and UNCALIBRATED are), undecided or absent."""
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):

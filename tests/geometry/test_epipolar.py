@@ -6,7 +6,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry import epipolar, sampson
-from blur2view.geometry.rotation import rotation_flow
+from blur2view.geometry.rotation import rotation_flow, rotation_matrix
 from blur2view.geometry.sampson import EndProducts
 from tests.support.scenes import make_scene
 
@@ -108,6 +108,16 @@ def test_epipoles_are_the_null_vectors() -> None:
     assert np.abs(F @ e1[..., None]).max() < 1e-12
     assert np.abs(e2[:, None, :] @ F).max() < 1e-12
     assert np.allclose(np.abs(e2 @ [1, 2, 3]), np.sqrt(14))
+
+
+def test_F_of_a_pose_vanishes_on_the_projections_of_points() -> None:
+    rng, K = np.random.default_rng(12), np.array([[500.0, 0, 320], [0, 520, 240], [0, 0, 1]])
+    R, t = rotation_matrix(np.array([0.1, -0.2, 0.3])), np.array([0.3, -0.1, 0.2])
+    points = rng.uniform([-1, -1, 3], [1, 1, 5], (20, 3))
+    x, y = (seen / seen[:, 2:] for seen in (points @ K.T, (points @ R.T + t) @ K.T))
+    F = epipolar.fundamental_from_pose(K, R, t)
+    assert np.isclose(np.linalg.norm(F), 1)
+    assert np.abs(np.einsum("ni,ij,nj->n", y, F, x)).max() < 1e-12
 
 
 def test_a_pure_rotation_has_no_F() -> None:

@@ -65,7 +65,7 @@ def test_every_kind_is_named_and_has_its_model(
         if geometry.H is not None:
             assert np.isclose(np.linalg.norm(geometry.H), 1)
             assert transfer_px(geometry.H, scene) < 0.3
-            assert 0.6 < geometry.support <= 1  # 0 to 30 % outliers
+            assert 0.6 < geometry.inlier_mask.mean() <= 1  # 0 to 30 % outliers
             assert geometry.support_by_chance < 0.2
     assert undecided <= 1
 
@@ -180,7 +180,7 @@ def test_what_shows_too_little_is_degenerate_and_says_why(field: str, words: str
     assert geometry.config is Configuration.DEGENERATE and geometry.parallax is parallax
     assert geometry.F is None and geometry.H is None and geometry.model == "none"
     assert words in geometry.reason
-    assert geometry.support == 0 and not geometry.second_end_is_open.any()
+    assert not geometry.inlier_mask.any() and not geometry.second_end_is_open.any()
 
 
 def test_a_field_is_constant_or_on_a_line_whatever_its_orders() -> None:

@@ -47,7 +47,7 @@ def test_a_large_rotation_is_exact_to_the_noise(angle_deg: float) -> None:
     assert geometry.config is Configuration.PANORAMIC
     pose = geometry.cam2_from_cam1
     assert pose is not None
-    assert pose.angle_deg == pytest.approx(angle_deg, abs=0.005)
+    assert np.degrees(np.linalg.norm(pose.rotation_vector)) == pytest.approx(angle_deg, abs=0.005)
 
 
 @pytest.mark.parametrize("turns", [True, False], ids=["rotation", "plane"])
@@ -68,7 +68,7 @@ def test_homographies_are_fitted_on_rays_where_the_lens_distorts(turns: bool) ->
     pinhole = Camera.from_focal(500.0, IMAGE_SIZE)
     straight, bent = (estimate_two_view(matches, camera=camera) for camera in (lens, pinhole))
     assert straight.config is (Configuration.PANORAMIC if turns else Configuration.PLANAR)
-    assert straight.support > 0.95
+    assert straight.inlier_mask.mean() > 0.95
     if turns:
         assert straight.cam2_from_cam1 is not None
         pose = straight.cam2_from_cam1
