@@ -19,6 +19,7 @@ from blur2view.cli.terminal import complain, printable
 from blur2view.errors import Blur2ViewError
 
 FAILED, INTERRUPTED, UNREAD = 1, 130, 141
+NO_MEMORY = "failed to map", "start new thread", "allocate memory"  # in errors of Python's
 COMMANDS = {
     "estimate": "say what the camera did while the shutter was open: F, with intrinsics E and the pose",
     "segment": "segment what moves by itself from what the camera's motion explains",
@@ -51,8 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Blur2ViewError as error:
         complain(error)
         return FAILED
-    except MemoryError:
-        complain(Blur2ViewError("too little memory; free some, or name fewer or smaller photographs"))
+    except (MemoryError, ImportError, RuntimeError) as error:
+        if not isinstance(error, MemoryError) and not any(word in str(error) for word in NO_MEMORY):
+            raise
+        complain(Blur2ViewError("too little memory; free some, or add --jobs 1"))
         return FAILED
     except KeyboardInterrupt:
         print("blur2view: interrupted", file=sys.stderr)

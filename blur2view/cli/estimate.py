@@ -116,16 +116,9 @@ class EstimateOptions:
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
         photographs = Photographs.of("estimate", self)
+        work = partial(estimate_one, photographs.setup, verbose=self.printing.verbose)
         return run_into_folder(
-            photographs,
-            partial(estimate_one, photographs.setup, verbose=self.printing.verbose),
-            folder=self.folder,
-            in_time=self.in_time,
-            lens=self.lens,
-            resuming=self.resuming,
-            listed="estimates",
-            endings=ENDINGS,
-            log=self.log.gyroflow,
+            photographs, work, self.folder, listed="estimates", endings=ENDINGS, log=self.log.gyroflow
         )
 
 

@@ -3,7 +3,6 @@
 import io
 import json
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,17 +12,14 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.options import InTime, Lens, Resuming
-from blur2view.cli.photographs import Files, Photographs, found_file, found_line, note_line
+from blur2view.cli.photographs import Files, Photographs
 from blur2view.cli.terminal import printable
 from blur2view.errors import OutputError
 from blur2view.exposure.gyroflow import gyroflow_log
 from blur2view.images.inputs import Inputs
-from blur2view.output_files import SIGNED_BY, check_file, real_paths, writable_folders, write_file
+from blur2view.output_files import SIGNED_BY, check_file, real_paths, write_file
 from blur2view.results.photograph import Photograph
 from blur2view.runs.job import Job, Outcome, Work
-from blur2view.runs.journal import journal_beside
-from blur2view.runs.loop import Find, Keep
 
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
@@ -51,11 +47,8 @@ class Folder:
 def run_into_folder(
     photographs: Photographs,
     work: Work,
-    *,
     folder: Folder,
-    in_time: InTime,
-    lens: Lens,
-    resuming: Resuming,
+    *,
     listed: str,
     endings: Sequence[str],
     beside: Callable[[Path], Sequence[Path]] = lambda name: (),
@@ -67,40 +60,21 @@ def run_into_folder(
     ``beside`` gives further files of a photograph by its name, below the folder, which are written first.
     With --json the documents are printed as a list of this name; a ``log`` of their rates is Gyroflow's.
     """
-    output, table, setup = folder.output, photographs.table, photographs.setup
-    setup.network()  # which is named first if it is none
+    output, printed = folder.output, folder.json or folder.jsonl
     plan = [] if output is None else list(_plan(photographs.inputs, output, endings, beside))
     paths = [path for files in plan for path in files]
-    with ExitStack() as opened:
-        opened.enter_context(writable_folders(output, *sorted({path.parent for path in paths})))
-        find: Find = lambda job: None  # noqa: E731
-        keep: Keep = lambda job, outcome: None  # noqa: E731
-        of_all = {"--csv": (table, "table"), "--gyroflow": (log, "log")}
-        if targets := {name: (path, what) for name, (path, what) in of_all.items() if path is not None}:
-            opened.enter_context(writable_folders(*(path.parent for path, _ in targets.values())))
-            photographs.check(targets, paths, in_time.timestamps, lens.database)
-        if output is not None:
-            find = partial(found_file, setup) if resuming.resume else find
-        elif table is not None:
-            journal = opened.enter_context(journal_beside(table, resume=resuming.resume))
-            find = partial(found_line, journal, setup) if resuming.resume else find
-            keep = partial(note_line, journal, setup)
-        jobs = photographs.jobs(in_time, list(_refused(photographs.inputs, plan)))
-        finished = photographs.run(
-            jobs,
-            work,
-            find=find,
-            keep=keep,
-            show=partial(_shown, folder),
-            keeps=folder.json or log is not None,
-            total=not folder.json and not folder.jsonl,
-            resumes=output is not None or table is not None,
-        )
-    if log is not None:
-        records = [one.photograph for one in finished.outcomes if not one.error]
-        write_file(log, gyroflow_of(records, photographs.inputs).encode())
+    folders = [] if output is None else [output, *sorted({path.parent for path in paths})]
+    targets = {"--gyroflow": (log, "log")}
+    with photographs.opened(targets, *folders, taken=paths, journal=output is None) as earlier:
+        jobs = photographs.jobs(list(_refused(photographs.inputs, plan)))
+        show = partial(_shown, folder)
+        keeps = folder.json or log is not None
+        finished = photographs.run(jobs, work, earlier, show=show, keeps=keeps, total=not printed)
+        if log is not None:
+            records = [one.photograph for _, one in finished.outcomes if not one.error]
+            write_file(log, gyroflow_of(records, photographs.inputs).encode(), sealed=True)
     if folder.json:
-        done = [one.photograph.plain() for one in finished.outcomes if not one.error]
+        done = [one.photograph.plain() for _, one in finished.outcomes if not one.error]
         print(json.dumps({listed: done, "failures": finished.failures}, indent=2, allow_nan=False))
     return finished.exit_code
 
@@ -165,10 +139,8 @@ def wrote(job: Job, endings: Sequence[str]) -> str:
     """Return what a summary says of a photograph's files, if it has some."""
     if not job.files:
         return ""
-    name = str(job.files[-1]).removesuffix(endings[-1])
-    return (
-        f"; wrote {printable(name)}.{{{','.join(ending.removeprefix('.') for ending in reversed(endings))}}}"
-    )
+    name = printable(str(job.files[-1]).removesuffix(endings[-1]))
+    return f"; wrote {name}.{{{','.join(ending.removeprefix('.') for ending in reversed(endings))}}}"
 
 
 def png(picture: AnyArray) -> bytes:

@@ -1,34 +1,35 @@
 """A command over many photographs: what it writes is checked before any work, done, printed, noted."""
 
-import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from pathlib import Path
 from typing import Any
 
-from blur2view.cli.options import InTime, Many, Printing
+from blur2view.cli.options import InTime, Lens, Many, Printing, Resuming
 from blur2view.cli.terminal import Say, complain, plural, printable, progress
 from blur2view.cli.work import Setup
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.images.inputs import Inputs
 from blur2view.images.timestamps import timestamps_of
 from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import check_file, real_paths, write_file
+from blur2view.output_files import check_file, real_paths, writable_folders, write_file
 from blur2view.results.photograph import Photograph, table_text
 from blur2view.runs.executors import Executor, executor
 from blur2view.runs.job import Job, Outcome, Work, identified, neighbours_of
-from blur2view.runs.journal import Journal
-from blur2view.runs.loop import Find, Keep, outcomes
+from blur2view.runs.journal import Journal, journal_beside
+from blur2view.runs.loop import outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
 DAMAGE = (OSError, ValueError, TypeError, LookupError)
 """What reading a result may raise that was cut off, or changed."""
 Files = tuple[Path, ...]
+Targets = Mapping[str, tuple[Path | None, str]]
+"""Files of all photographs with what they are, empty of what is checked elsewhere, by their options."""
 
 
 class End(Enum):
@@ -44,8 +45,7 @@ class End(Enum):
 class Finished:
     """What came of a run over photographs, in their order, as far as it has come."""
 
-    jobs: list[Job] = field(default_factory=list)  # of the outcomes, if they are kept
-    outcomes: list[Outcome] = field(default_factory=list)
+    outcomes: list[tuple[Job, Outcome]] = field(default_factory=list)  # if they are kept
     failures: list[dict[str, str]] = field(default_factory=list)  # image and error
     count: int = 0
     skipped: int = 0  # by an earlier call
@@ -62,25 +62,53 @@ class Finished:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Photographs:
-    """The photographs of a call, and how it goes through them.
+class Earlier:
+    """What earlier calls did with photographs: their files say it, or a journal of what has none."""
 
-    Parameters
-    ----------
-    inputs : Inputs
-        The photographs.
-    setup : Setup
-        How each is estimated.
-    many, printing : Many, Printing
-        The options of these names.
-    table : Path or None
-        Where the table goes, if one is wanted.
-    """
+    setup: Setup
+    resume: bool = False
+    journal: Journal | None = None
+
+    def find(self, job: Job) -> Outcome | None:
+        """Return the outcome of a photograph with the same input and options, if its results are there."""
+        if not self.resume or not (job.files or self.journal):
+            return None
+        job = identified(job)
+        key, besides = f"{job.input_sha256} {self.setup.key(job)}", {}
+        try:
+            if job.files:
+                record = Photograph.from_json(job.files[-1].read_bytes())
+                whole = all(path.is_file() for path in job.files)
+            else:
+                line = self.journal.find(key) if self.journal else None
+                record, besides = Photograph(**(line or {})["photograph"]), (line or {})["besides"]
+                whole = True
+        except DAMAGE:
+            return None
+        if not whole or key != f"{record.input_sha256} {record.options_sha256}":
+            return None
+        record, text = replace(record, name=job.name), f"{job.source}: done before"
+        return Outcome(photograph=record, summary=text, besides=besides, skipped=True)
+
+    def keep(self, job: Job, outcome: Outcome) -> None:
+        """Note what was made of a photograph that has no files; OutputError if it cannot be noted."""
+        if self.journal is not None:
+            one = outcome.photograph
+            content = {"photograph": vars(one), "besides": dict(outcome.besides)}
+            self.journal.note(f"{one.input_sha256} {one.options_sha256}", content)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Photographs:
+    """The photographs of a call, how each is estimated, and how it goes through them."""
 
     inputs: Inputs
     setup: Setup
     many: Many
     printing: Printing
+    lens: Lens
+    in_time: InTime
+    resuming: Resuming
     table: Path | None = None
 
     @classmethod
@@ -91,43 +119,38 @@ class Photographs:
             setup=Setup.of(command, options),
             many=options.many,
             printing=options.printing,
+            lens=options.lens,
+            in_time=getattr(options, "in_time", InTime(sequence=False)),
+            resuming=getattr(options, "resuming", Resuming()),
             table=options.table.csv,
         )
 
-    def jobs(self, in_time: InTime, files: Sequence[Files | OutputError] = ()) -> list[Job]:
-        """Return the jobs, with the files of each, if it has some, or why they cannot be written.
+    @contextmanager
+    def opened(
+        self, targets: Targets, *folders: Path, taken: Iterable[Path] = (), journal: bool = True
+    ) -> Iterator[Earlier]:
+        """Check all that the call writes, and yield what earlier ones did.
 
-        ImageError if a table of times lacks one.
+        The network is loaded, ``folders`` and those of the ``targets`` are created, with the table among
+        them. ``taken`` are further files that the call writes. Without a ``journal`` results have files.
+        ModelError or OutputError of what cannot be used.
         """
-        sources = self.inputs.sources
-        if in_time.timestamps is not None:
-            times = timestamps_of(
-                [one.name if one.frame is not None else one.path for one in sources], in_time.timestamps
-            )
-            sources = [replace(one, time_s=time) for one, time in zip(sources, times, strict=True)]
-        near, names, jobs = neighbours_of(sources, in_time.sequence), self.inputs.names(), []
-        for index, source in enumerate(sources):
-            job = Job(index=index, source=source, name=names[index], neighbours=near[index])
-            planned = files[index] if files else ()
-            if source in self.inputs.refused:
-                job = replace(job, refusal=ImageError(self.inputs.refused[source]))
-            elif isinstance(planned, OutputError):
-                job = replace(job, refusal=planned)
-            else:
-                job = replace(job, files=planned)
-            jobs.append(job)
-        return jobs
+        self.setup.network()  # which is named first if it is none
+        every = {"--csv": (self.table, "table"), **targets}
+        written = {name: (path, what) for name, (path, what) in every.items() if path is not None}
+        first = next((path for path, _ in written.values()), None)
+        with writable_folders(*folders, *(path.parent for path, _ in written.values())):
+            self._check(written, taken)
+            noted = journal and first is not None
+            resume = self.resuming.resume
+            with journal_beside(first, resume=resume) if noted and first else nullcontext() as opened:
+                yield Earlier(setup=self.setup, resume=resume, journal=opened)
 
-    def check(
-        self, targets: Mapping[str, tuple[Path, str]], taken: Iterable[Path], *inputs: Path | None
-    ) -> None:
-        """Refuse, before any work, targets that would replace what they must not, or be one with another.
-
-        ``targets`` are files of all photographs with what they are, by their options; ``taken`` further files
-        that the call writes, ``inputs`` further ones that it reads. OutputError.
-        """
-        read = [*(one.path for one in self.inputs.sources), *self.inputs.lists, *filter(None, inputs)]
-        used, written = real_paths(read), real_paths(taken)
+    def _check(self, targets: Mapping[str, tuple[Path, str]], taken: Iterable[Path]) -> None:
+        """Refuse targets that would replace what they must not, or be one with another."""
+        read = [*(one.path for one in self.inputs.sources), *self.inputs.lists]
+        more = self.in_time.timestamps, self.lens.database
+        used, written = real_paths([*read, *filter(None, more)]), real_paths(taken)
         for option, (target, what) in targets.items():
             real = os.path.realpath(target)
             if real in written:
@@ -136,33 +159,51 @@ class Photographs:
             if what:
                 check_file(target, what, used, option=option)
 
+    def jobs(self, files: Sequence[Files | OutputError] = ()) -> list[Job]:
+        """Return the jobs, with the files of each, if it has some, or why they cannot be written.
+
+        ImageError if a table of times lacks one.
+        """
+        sources, table = self.inputs.sources, self.in_time.timestamps
+        if table is not None:
+            named = [one.path if one.frame is None else one.name for one in sources]
+            times = timestamps_of(named, table)
+            sources = [replace(one, time_s=time) for one, time in zip(sources, times, strict=True)]
+        near, names, jobs = neighbours_of(sources, self.in_time.sequence), self.inputs.names(), []
+        for index, source in enumerate(sources):
+            refusal: Blur2ViewError | None = None
+            planned = files[index] if files else ()
+            if source in self.inputs.refused:
+                refusal, planned = ImageError(self.inputs.refused[source]), ()
+            elif isinstance(planned, OutputError):
+                refusal, planned = planned, ()
+            job = Job(index=index, source=source, name=names[index], neighbours=near[index])
+            jobs.append(replace(job, files=planned, refusal=refusal))
+        return jobs
+
     def run(
         self,
         jobs: Sequence[Job],
         work: Work,
+        earlier: Earlier,
         *,
-        find: Find = lambda job: None,
-        keep: Keep = lambda job, outcome: None,
         classify: Callable[[Photograph], Photograph] = lambda photograph: photograph,
         show: Callable[[Job, Outcome], str | None] = lambda job, outcome: outcome.summary,
         keeps: bool = True,
         total: bool = True,
-        resumes: bool = False,
     ) -> Finished:
         """Return what came of all photographs in order, after printing a line for each and writing the table.
 
         Ends early, after a line that says how to go on, if it is interrupted, no photograph can be done any
-        more, as on a full disk, or as many failed as --max-failures allows. ``find`` and ``keep`` are as of
-        `outcomes`; ``classify`` returns the record of each with what it is of use for, ``show`` what is
-        printed of it, None for nothing; ``keeps`` says whether the outcomes are needed in the end, ``total``
-        whether a closing line is wanted, ``resumes`` whether the same call could go on.
+        more, as on a full disk, or as many failed as --max-failures allows. ``classify`` returns the record
+        of each with what it is of use for, ``show`` what is printed of it, None for nothing; ``keeps`` says
+        whether the outcomes are needed in the end, ``total`` whether a closing line is wanted.
         """
         run, warned, start = Finished(), set[str](), time.monotonic()
         records: list[Photograph] = []
-        about = "" if self.printing.quiet else self.inputs.counted
-        results = outcomes(
-            work, jobs, self._executor(len(jobs)), find=find, keep=keep, sends=self.many.dask is not None
-        )
+        sends, about = self.many.dask is not None, "" if self.printing.quiet else self.inputs.counted
+        do = self._executor(len(jobs))
+        results = outcomes(work, jobs, do, find=earlier.find, keep=earlier.keep, sends=sends)
         try:
             with progress(len(jobs), about) as (say, advance), closing(results):
                 for job, outcome in results:
@@ -173,12 +214,9 @@ class Photographs:
                     self._say(job, outcome, show(job, outcome), say, warned, alone=len(jobs) == 1)
                     run.count += 1
                     run.skipped += outcome.skipped
-                    run.failures += [failure(job, outcome)] * bool(outcome.error)
-                    if keeps:
-                        run.jobs.append(job)
-                        run.outcomes.append(outcome)
-                    if self.table is not None and not is_folder(job):
-                        records.append(outcome.photograph)
+                    run.failures += [{"image": str(job.source), "error": outcome.error}] * bool(outcome.error)
+                    run.outcomes += [(job, outcome)] * keeps
+                    records += [outcome.photograph] * (self.table is not None and not is_folder(job))
                     advance()
                     if outcome.stop:
                         run.end = End.STOPPED
@@ -189,8 +227,9 @@ class Photographs:
             complain(error)
             run.end = End.BROKEN
         run.seconds = time.monotonic() - start
+        resumes = earlier.journal is not None or any(job.files for job in jobs)
         self._print_end(run, len(jobs), total=total, resumes=resumes)
-        run.has_table = self.write_table(records)
+        run.has_table = self._write_table(records)
         return run
 
     def _executor(self, count: int) -> Executor:
@@ -219,7 +258,7 @@ class Photographs:
                 complain(Blur2ViewError(f"{job.source}: {warning}"), say)
             warned.add(about)
 
-    def write_table(self, records: Sequence[Photograph]) -> bool:
+    def _write_table(self, records: Sequence[Photograph]) -> bool:
         """Return whether the table could be written, if one is wanted; the others are of use without it."""
         try:
             if self.table is not None and records:
@@ -242,63 +281,10 @@ class Photographs:
             line = f"blur2view: {run.end.name.lower()}"
             if count > 1:
                 line += f" after {run.count} of {plural(count, 'photograph')}"
-                line += "; what is done is kept, the same call with --resume goes on" if resumes else ""
+                line += "; what is done is kept, the same call with --resume goes on" * resumes
             print(line, file=sys.stderr, flush=True)
 
 
 def is_folder(job: Job) -> bool:
     """Return whether a job is no photograph but a folder that cannot be used."""
     return job.refusal is not None and job.source.path.is_dir()
-
-
-def failure(job: Job, outcome: Outcome) -> dict[str, str]:
-    """Return what documents say of a photograph that failed."""
-    return {"image": str(job.source), "error": outcome.error}
-
-
-def found_file(setup: Setup, job: Job) -> Outcome | None:
-    """Return what an earlier call made of a photograph, if its own JSON states the same input and options."""
-    try:
-        record = Photograph.from_json(job.files[-1].read_bytes())
-        if _is_of(record, setup, job) and all(path.is_file() for path in job.files):
-            return _found(job, record)
-    except DAMAGE:
-        pass
-    return None
-
-
-def found_line(journal: Journal, setup: Setup, job: Job) -> Outcome | None:
-    """Return what an earlier call noted of a photograph with the same input and options."""
-    job = identified(job)
-    line = journal.find(_key(setup, job))
-    if line is None:
-        return None
-    try:
-        record = Photograph.from_json(json.dumps(line["photograph"]))
-        return _found(job, record, line["besides"])
-    except DAMAGE:
-        return None
-
-
-def note_line(journal: Journal, setup: Setup, job: Job, outcome: Outcome) -> None:
-    """Note what was made of a photograph."""
-    content = {"photograph": outcome.photograph.plain(), "besides": dict(outcome.besides)}
-    journal.note(f"{outcome.photograph.input_sha256} {outcome.photograph.options_sha256}", content)
-
-
-def _key(setup: Setup, job: Job) -> str:
-    return f"{job.input_sha256} {setup.key(job)}"
-
-
-def _is_of(record: Photograph, setup: Setup, job: Job) -> bool:
-    job = identified(job)
-    return f"{record.input_sha256} {record.options_sha256}" == _key(setup, job)
-
-
-def _found(job: Job, record: Photograph, besides: Mapping[str, Any] | None = None) -> Outcome:
-    return Outcome(
-        photograph=replace(record, name=job.name),
-        summary=f"{job.source}: done before",
-        besides=besides or {},
-        skipped=True,
-    )

@@ -16,7 +16,7 @@ from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import Setup
 from blur2view.errors import OutputError
 from blur2view.movers.mask import segment
-from blur2view.output_files import writable_folders, write_file
+from blur2view.output_files import write_file
 from blur2view.results.photograph import Photograph
 from blur2view.results.report import report, section, thumbnail
 from blur2view.runs.job import Job, Outcome
@@ -95,18 +95,14 @@ class ReportOptions:
         run leaves a page of what is done.
         """
         photographs, page = Photographs.of("report", self), self.page.output
-        photographs.setup.network()  # which is named first if it is none
-        targets = {"-o": (page, "page")}
-        targets |= {} if self.table.csv is None else {"--csv": (self.table.csv, "table")}
-        with writable_folders(*(path.parent for path, _ in targets.values())):
-            photographs.check(targets, (), self.in_time.timestamps, self.lens.database)
+        with photographs.opened({"-o": (page, "page")}, journal=False) as earlier:
             work = partial(entry_one, photographs.setup, mask=self.page.mask, verbose=self.printing.verbose)
-            finished = photographs.run(photographs.jobs(self.in_time), work)
+            finished = photographs.run(photographs.jobs(), work, earlier)
             entries = [
                 (one.photograph, one.besides["section"], one.besides["thumbnail"])
                 if not one.error
                 else (Photograph(name=job.name, error=_error(job, one)), "", "")
-                for job, one in zip(finished.jobs, finished.outcomes, strict=True)
+                for job, one in finished.outcomes
                 if not is_folder(job)
             ]
             if finished.end is not End.BROKEN and any(content for _, content, _ in entries):

@@ -13,7 +13,7 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.cli.adapter import group
 from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
-from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Reading, Resuming, Table
+from blur2view.cli.options import Estimating, Lens, Many, Printing, Reading, Resuming, Table
 from blur2view.cli.photographs import Photographs
 from blur2view.cli.terminal import printable, seconds_lines
 from blur2view.cli.values import one_of, probability
@@ -105,10 +105,7 @@ class SegmentOptions:
         return run_into_folder(
             photographs,
             work,
-            folder=self.folder,
-            in_time=InTime(sequence=False),
-            lens=self.lens,
-            resuming=self.resuming,
+            self.folder,
             listed="masks",
             endings=ENDINGS,
             beside=lambda name: [FOLDER / program.path(name) for program in self.programs],

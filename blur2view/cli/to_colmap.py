@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Collection, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +11,8 @@ from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
 from blur2view.cli.adapter import group
-from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Reading, Resuming, Table
-from blur2view.cli.photographs import End, Photographs, found_line, note_line
+from blur2view.cli.options import Estimating, Lens, Many, Printing, Reading, Resuming, Table
+from blur2view.cli.photographs import End, Photographs
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.views import LinkJob, named_jobs, views_line, views_record, with_time
 from blur2view.cli.work import Setup
@@ -24,10 +23,8 @@ from blur2view.colmap.link import ProjectImage, write_links
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.movers.mask import MotionLabel, segment
-from blur2view.output_files import writable_folders
 from blur2view.results.encoding import decode, encode
 from blur2view.runs.job import Outcome
-from blur2view.runs.journal import journal_beside
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -139,40 +136,26 @@ class ToColmapOptions:
 
         An interrupted run writes what is done, but nothing into a project of the user's.
         """
-        photographs, db, project = Photographs.of("to-colmap", self), self.database.db, None
-        inputs, setup = photographs.inputs, photographs.setup
-        if self.link:
-            project = db
-        plain_jobs = photographs.jobs(InTime(sequence=False))
-        jobs, kept = named_jobs(plain_jobs, project, replace_views=self.database.replace)
-        setup.network()  # which is named first if it is none
-        targets = {"--db": (db, "")} | (
-            {} if self.table.csv is None else {"--csv": (self.table.csv, "table")}
-        )
-        with ExitStack() as opened:
-            opened.enter_context(writable_folders(*(path.parent for path, _ in targets.values())))
-            photographs.check(targets, [Path(f"{db}{end}") for end in BESIDE], self.lens.database)
+        photographs, db = Photographs.of("to-colmap", self), self.database.db
+        project = db if self.link else None
+        jobs, kept = named_jobs(photographs.jobs(), project, replace_views=self.database.replace)
+        beside = [Path(f"{db}{end}") for end in BESIDE]
+        with photographs.opened({"--db": (db, "")}, taken=beside) as earlier:
             before = self._written_before()
             by_name = {job.name: job for job in jobs if job.refusal is None}
             self._refuse_loss(before, by_name.keys())
-            journal = opened.enter_context(journal_beside(db, resume=self.resuming.resume))
-            finished = photographs.run(
-                jobs,
-                partial(views_one, setup, lens=self.lens, project=project, skip_movers=self.skip_movers),
-                find=partial(found_line, journal, setup) if self.resuming.resume else lambda job: None,
-                keep=partial(note_line, journal, setup),
-                show=lambda job, outcome: None,
-                total=False,
-                resumes=True,
+            work = partial(
+                views_one, photographs.setup, lens=self.lens, project=project, skip_movers=self.skip_movers
             )
-            done = [one for one in finished.outcomes if not one.error]
+            finished = photographs.run(jobs, work, earlier, show=lambda job, outcome: None, total=False)
+            done = [one for _, one in finished.outcomes if not one.error]
             views = [decode(ExposureViews, one.besides["views"]) for one in done]
             written = {one.name for one in views}
             incomplete = self.link or not views or (before or set()) - written
             if finished.end is End.BROKEN or (finished.end is End.INTERRUPTED and incomplete):
                 return finished.exit_code
             self._refuse_loss(before, written)
-            in_order = True if self.sequence is None and inputs.one_video else self.sequence
+            in_order = True if self.sequence is None and photographs.inputs.one_video else self.sequence
             sources = {name: job.source for name, job in by_name.items()}
             backup = None
             with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):

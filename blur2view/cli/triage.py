@@ -2,8 +2,7 @@
 
 import os
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +11,8 @@ from typing import Annotated
 from blur2view.arrays import Array
 from blur2view.cli import values
 from blur2view.cli.adapter import group
-from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Resuming, Table
-from blur2view.cli.photographs import End, Finished, Photographs, found_line, is_folder, note_line
+from blur2view.cli.options import Estimating, Lens, Many, Printing, Rates, Reading, Resuming, Table
+from blur2view.cli.photographs import End, Finished, Photographs, is_folder
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.values import METRES, PERCENT, Amount
 from blur2view.cli.work import Setup
@@ -30,12 +29,11 @@ from blur2view.images.selection import (
 )
 from blur2view.images.source import Source
 from blur2view.networks.protocol import Detail
-from blur2view.output_files import SUMS, writable_folders, write_file
+from blur2view.output_files import SUMS, write_file
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.triage_class import MAX_DEFOCUS_PX, MAX_SMEAR_PX, NEAR, Limits, Use, classified
 from blur2view.runs.job import Job, Outcome
-from blur2view.runs.journal import ENDING, journal_beside
-from blur2view.runs.loop import Find, Keep
+from blur2view.runs.journal import ENDING
 
 MAX_SMEAR = Amount(number=MAX_SMEAR_PX)
 ONE_SAMPLE = Amount(number=1.0)
@@ -112,21 +110,21 @@ class Choice:
         """Whether photographs are kept by their order of blur, whatever they are of use for."""
         return self.best is not None or self.every_best is not None
 
-    def selected(self, sources: Sequence[Source], rows: Sequence[Photograph]) -> list[int]:
-        """Return the indices of the photographs to keep, in order."""
-        read = [index for index, row in enumerate(rows) if not row.error]
-        widths = [rows[index].width_px for index in read]
+    def selected(self, rows: Mapping[Source, Photograph]) -> list[Source]:
+        """Return the photographs to keep, in order."""
+        read = [one for one, row in rows.items() if not row.error]
+        widths = [rows[one].width_px for one in read]
         if self.best is not None:
             number = self.best.number
             count = max(round(len(read) * number / 100), 1) if self.best.unit == PERCENT else int(number)
             chosen = sharpest(widths, count)
         elif self.every_best is not None:
-            series = [sources[index].folder for index in read]
-            chosen = sharpest_of_each(widths, series, self.every_best, lambda one: _view(sources[read[one]]))
+            series = [one.folder for one in read]
+            chosen = sharpest_of_each(widths, series, self.every_best, lambda index: _view(read[index]))
         else:
             wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
-            return [index for index in read if rows[index].use in wanted]
-        return sorted(read[index] for index in chosen)
+            return [one for one in read if rows[one].use in wanted]
+        return [read[index] for index in sorted(chosen)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,69 +226,49 @@ class TriageOptions:
         A run that was ended early extracts nothing, and chooses nothing of neighbours.
         """
         photographs, choice, lists = Photographs.of("triage", self), self.choice, self.choice.lists
-        inputs, setup = photographs.inputs, photographs.setup
+        inputs = photographs.inputs
         names = dict(zip(inputs.sources, inputs.names(), strict=True))
         files = extracted_names(names)
-        jobs = photographs.jobs(InTime(sequence=False))
+        jobs = photographs.jobs()
         jobs = [replace(job, refusal=job.refusal or unlistable(job)) if lists else job for job in jobs]
-        setup.network()  # which is named first if it is none
-        targets = {"--csv": (self.table.csv, "table"), "--extract": (choice.extract, "")}
-        targets |= {name: (path, "list") for name, path in lists.items()}
-        written = {name: (path, what) for name, (path, what) in targets.items() if path is not None}
-        with ExitStack() as opened:
-            opened.enter_context(writable_folders(*(path.parent for path, _ in written.values())))
-            photographs.check(written, (), self.lens.database)
+        targets = {"--extract": (choice.extract, "")} | {name: (path, "list") for name, path in lists.items()}
+        with photographs.opened(targets) as earlier:
             self._check_folder(inputs.sources, files.values())
-            find: Find = lambda job: None  # noqa: E731
-            keep: Keep = lambda job, outcome: None  # noqa: E731
-            for first, _ in list(written.values())[:1]:
-                journal = opened.enter_context(journal_beside(first, resume=self.resuming.resume))
-                find = partial(found_line, journal, setup) if self.resuming.resume else find
-                keep = partial(note_line, journal, setup)
+            show = partial(use_line, limit_px=self.sharp.longest.number, verbose=self.printing.verbose)
             finished = photographs.run(
                 jobs,
-                partial(look_at, setup),
-                find=find,
-                keep=keep,
+                partial(look_at, photographs.setup),
+                earlier,
                 classify=self.sharp.classifier(),
-                show=partial(use_line, limit_px=self.sharp.longest.number, verbose=self.printing.verbose),
+                show=show,
                 total=False,
-                resumes=bool(written),
             )
-            rows = [
-                (job, one)
-                for job, one in zip(finished.jobs, finished.outcomes, strict=True)
-                if not is_folder(job)
-            ]
-            if finished.end is End.BROKEN or not rows:
-                return finished.exit_code
-            self._write(
-                finished, [job.source for job, _ in rows], [one.photograph for _, one in rows], names, files
-            )
+            rows = {job.source: one.photograph for job, one in finished.outcomes if not is_folder(job)}
+            if finished.end is not End.BROKEN and rows:
+                self._write(finished, rows, names, files)
         return finished.exit_code
 
     def _write(
         self,
         finished: Finished,
-        sources: Sequence[Source],
-        rows: Sequence[Photograph],
+        rows: Mapping[Source, Photograph],
         names: Mapping[Source, str],
         files: Mapping[Source, str],
     ) -> None:
         """Write lists and pictures, and print the closing line."""
         choice, whole = self.choice, finished.end is End.WHOLE
         with waiting("choosing photographs"):
-            kept = [sources[index] for index in choice.selected(sources, rows)]
+            kept = choice.selected(rows)
         pictures = {one: files[one] for one in kept}
         if whole:
-            self._check_folder(sources, pictures.values())
+            self._check_folder(rows, pictures.values())
         written = {
             name: path for name, path in choice.lists.items() if name in KEPT or whole or not choice.selects
         }
         for name, target in written.items():
             chosen = kept
             if name in KEPT:
-                chosen = [one for one, row in zip(sources, rows, strict=True) if row.use in KEPT[name]]
+                chosen = [one for one, row in rows.items() if row.use in KEPT[name]]
             text = "".join(f"{names[one]}\n" for one in chosen)
             write_file(target, text.encode("utf-8", "surrogateescape"), sealed=True)
         if choice.extract is not None and whole:
@@ -301,7 +279,11 @@ class TriageOptions:
             words *= choice.keep is not None or choice.extract is not None
             table = self.table.csv if finished.has_table else None
             made = table, *written.values(), choice.extract if kept and whole else None
-            print(closing_line(finished, rows, words, choice.lists, [one for one in made if one is not None]))
+            print(
+                closing_line(
+                    finished, rows.values(), words, choice.lists, [one for one in made if one is not None]
+                )
+            )
 
     @property
     def _remedy(self) -> str:
@@ -309,7 +291,7 @@ class TriageOptions:
         limits = f"--max-smear is {self.sharp.longest}, --max-defocus {self.sharp.max_defocus:g}"
         return f"{limits}; --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
 
-    def _check_folder(self, sources: Sequence[Source], files: Collection[str]) -> None:
+    def _check_folder(self, sources: Iterable[Source], files: Collection[str]) -> None:
         """Refuse a folder for the pictures that holds others than these, or what the call reads or writes."""
         folder = self.choice.extract
         if folder is not None:
@@ -346,7 +328,11 @@ def _length(one: Photograph, limit_px: float) -> str:
 
 
 def closing_line(
-    finished: Finished, rows: Sequence[Photograph], kept: str, lists: Collection[str], written: Sequence[Path]
+    finished: Finished,
+    rows: Collection[Photograph],
+    kept: str,
+    lists: Collection[str],
+    written: Sequence[Path],
 ) -> str:
     """Return how many photographs are of which use, ``kept`` how many are, and what was written.
 

@@ -28,6 +28,7 @@ FIRST = "name", "error", "use", "verdict", "blur"
 DIGITS = 6
 """Significant digits of a table; of times so many decimals, which are of years."""
 TIME = "timestamp_s"
+FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
 
 class Photograph(Record):
@@ -141,7 +142,9 @@ def table_text(rows: Iterable[Photograph]) -> bytes:
 
 
 def _cell(column: str, value: object) -> object:
-    """Return a value as a table has it."""
+    """Return a value as a table has it; what a spreadsheet would compute is a path from the folder."""
+    if isinstance(value, str) and value.startswith(FORMULA):
+        return f"./{value}"
     if not isinstance(value, float):
         return value
     return round(value, DIGITS) if column == TIME else f"{value:.{DIGITS}g}"

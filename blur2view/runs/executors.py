@@ -74,7 +74,7 @@ def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
                 yield job, _alone(work, job) if lost else future.result()
     except OSError as error:
         reason = f"{error.strerror or error}; give it fewer with --jobs"
-        raise RunError(f"blur2view cannot start processes ({reason})") from None
+        raise RunError(f"no processes can be started ({reason})") from None
     finally:
         _end(pool)
 
@@ -100,7 +100,7 @@ def _pool(count: int) -> ProcessPoolExecutor:
     try:
         return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
     except OSError as error:
-        raise RunError(f"blur2view cannot start processes ({error.strerror}); add --jobs 1") from None
+        raise RunError(f"no processes can be started ({error.strerror}); add --jobs 1") from None
 
 
 def _begin() -> None:

@@ -108,6 +108,14 @@ def test_what_no_list_holds_is_not_counted_as_kept(frames: Path, call: Call, tmp
     assert "; 2 kept; wrote" in done.out
 
 
+def test_no_name_in_a_table_is_a_formula(frames: Path, call: Call, here: Path) -> None:
+    for name in ("=1+1.png", "@SUM.png", "-2.png"):
+        shutil.copy(frames / "still.png", frames / name)
+    assert call("triage", frames, "--csv", "t.csv") == 0
+    names = [row["name"] for row in table(Path("t.csv"))]
+    assert {"./=1+1.png", "./@SUM.png", "./-2.png"} < set(names) and "still.png" in names
+
+
 @pytest.mark.slow
 def test_lines_say_the_use_and_an_empty_list_what_would_fill_it(
     frames: Path, call: Call, tmp_path: Path
