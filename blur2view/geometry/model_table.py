@@ -25,6 +25,15 @@ class MotionModel(StrEnum):
     """None: no models were compared."""
 
 
+FAMILIES = {
+    MotionModel.STILL: (MotionModel.STILL,),
+    MotionModel.ROTATION: (MotionModel.ROTATION, MotionModel.ROLLING_ROTATION),
+    MotionModel.PLANE: (MotionModel.PLANE, MotionModel.ROLLING_PLANE),
+    MotionModel.PARALLAX: (MotionModel.PARALLAX,),
+}
+"""What a camera may have done, each with its models: a shutter of either kind."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ModelRow:
     """One model: its free parameters, its log-likelihood and its probability.
@@ -56,6 +65,11 @@ class ModelTable:
         if not self.rows:
             return None
         return sum(row.probability for row in self.rows if row.model in models)
+
+    def likeliest(self) -> tuple[MotionModel, float]:
+        """Return the likeliest of `FAMILIES` and its probability, which is 0 where none were compared."""
+        odds = {name: self.probability(*models) or 0.0 for name, models in FAMILIES.items()}
+        return max(odds.items(), key=lambda one: one[1])
 
     def lines(self) -> list[str]:
         """Return the table as text, likeliest first."""

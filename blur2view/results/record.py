@@ -6,12 +6,11 @@ import math
 from dataclasses import MISSING, dataclass, field
 from typing import Any
 
+from blur2view.geometry.model_table import FAMILIES, MotionModel
+
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)
 """Length of the smear that spreads as widely, along itself, as a disc of radius 1 does."""
-TURN = "rotation", "rotation, rolling shutter"
-PLANE = "plane", "plane, rolling shutter"
-PARALLAX = "parallax"
 
 
 def explained(text: str, default: Any = None, *, factory: Any = MISSING) -> Any:
@@ -181,28 +180,33 @@ class Record:
 
     @derived
     def model(self) -> str:
-        """The likeliest model, empty where none were compared."""
-        return self.models[0]["model"] if self.models else ""
+        """The likeliest of no motion, rotation, plane and parallax; empty where none were compared."""
+        return str(self._likeliest[0]) if self.models else ""
 
     @derived
     def model_probability(self) -> float | None:
-        """The probability of the likeliest model."""
-        return self.models[0]["probability"] if self.models else None
+        """The probability of the likeliest, with a shutter of either kind."""
+        return self._likeliest[1] if self.models else None
+
+    @property
+    def _likeliest(self) -> tuple[str, float]:
+        odds = {str(name): self.probability(*models) or 0.0 for name, models in FAMILIES.items()}
+        return max(odds.items(), key=lambda one: one[1])
 
     @derived
     def parallax_probability(self) -> float | None:
         """Probability that things at different depths are seen; null where no models were compared."""
-        return self.probability(PARALLAX)
+        return self.probability(MotionModel.PARALLAX)
 
     @derived
     def rotation_probability(self) -> float | None:
         """Probability that the camera turned alone, also with a rolling shutter."""
-        return self.probability(*TURN)
+        return self.probability(*FAMILIES[MotionModel.ROTATION])
 
     @derived
     def plane_probability(self) -> float | None:
         """Probability that all lies in one plane, also with a rolling shutter."""
-        return self.probability(*PLANE)
+        return self.probability(*FAMILIES[MotionModel.PLANE])
 
     @derived
     def rotation_deg(self) -> float | None:

@@ -128,7 +128,7 @@ def named(
         return Choice(
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
         )
-    first = table.rows[0]
+    first, probability = table.likeliest()
     still = table.probability(MotionModel.STILL) or 0.0
     if still > 0.5:
         sentence = f"no motion: probability {still:.2f}"
@@ -151,9 +151,9 @@ def named(
         is_turn = of_turn >= of_plane
         config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
         model = max(turns, key=lambda m: table.probability(m) or 0.0) if is_turn else model
-        if first.model is MotionModel.STILL:  # likelier than each, not than all others
+        if first is MotionModel.STILL:  # likelier than each, not than all others
             config = Configuration.PLANAR_OR_PANORAMIC
-    likeliest = f"{first.model}, probability {first.probability:.2f}"
+    likeliest = f"{first}, probability {probability:.2f}"
     prefix = "there is no parallax" if absent else "parallax is undecided"
     return Choice(
         config=config,

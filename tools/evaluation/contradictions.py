@@ -61,7 +61,7 @@ def contradictions(one: Photograph) -> Iterator[str]:
         return
     if (one.smear_px or 0.0) <= (one.smear_sigma_px or 0.0):
         yield f"the camera moved by {one.smear_px} px, less than the deviation {one.smear_sigma_px}"
-    if one.model == "no motion":
+    if one.model == "no motion" and (one.model_probability or 0.0) > 0.5:
         yield f"likeliest is no motion, verdict {one.verdict}"
     if one.config in DID and not one.verdict.startswith(DID[one.config]):
         yield f"config is {one.config}, verdict {one.verdict}"
