@@ -131,7 +131,7 @@ def test_every_way_to_map_runs(folder: Path, call: Callable[[str, str], str]) ->
     call("sh", "blur2view to-colmap --db new.db --focal 800 a.jpg b.jpg")
     call("sh", "blur2view to-colmap --db project.db --link --sequence frames/*.jpg")
     blocks = re.findall(r"::\n\n((?:    .*\n|\n)+)", mapping.__doc__ or "")
-    assert len(blocks) == 3
+    assert len(blocks) == 2
     for block in blocks:
         call("python", cleandoc(block))
     models = {str(path.parent.relative_to(folder)) for path in folder.rglob("cameras.bin")}

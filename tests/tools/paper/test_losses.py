@@ -68,14 +68,14 @@ def shard(path: Path, seed: int) -> None:
 def test_every_loss_is_trained_once_and_fills_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(losses, "SEEDS", (0, 1))
+    monkeypatch.setattr(losses, "SEEDS", (0,))
     shard(tmp_path / "examples" / "000000.npz", 0)
     shard(tmp_path / "held" / "900000.npz", 1)
-    for trainings in (18, 0):
+    for trainings in (9, 0):
         out = tmp_path / f"{trainings}.md"
         main(tmp_path / "examples", held=tmp_path / "held", work=tmp_path / "work", steps=1, out=out)
         assert capsys.readouterr().out.count('"step": 1') == trainings
     text = out.read_text()
-    assert text == (tmp_path / "18.md").read_text() and "nan" not in text
-    assert text.count("| double, with map | 0.01 | 2 |") == 2 and "| 0.005 | 2 |" in text
+    assert text == (tmp_path / "9.md").read_text() and "nan" not in text
+    assert text.count("| double, with map | 0.01 | 1 |") == 2 and "| 0.005 | 1 |" in text
     assert "- Best of the six by sparsification area: " in text
