@@ -61,7 +61,6 @@ def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMa
         config=escape(one.config),
         width=one.width,
         height=one.height,
-        shown=one.num_matches,
         picture=_jpeg(picture, PICTURE_QUALITY),
         layers="\n".join([*layers, *_smears(estimate), *_epipoles(estimate)]),
         facts="\n".join(_facts(one)),

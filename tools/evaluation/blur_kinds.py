@@ -70,9 +70,9 @@ class Seen:
 def seen(picture: Picture, estimator: Estimator) -> Seen:
     """Return what is said of a picture."""
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
-    estimate = estimator(image)
-    said, moves = estimate.blur, 0.0 if picture.moving is None else (picture.moving > 0).mean()
-    blur = {"ours: width of the blur": Photograph.of(estimate, name="").width_px or 0.0}
+    said, moves = estimator(image).blur, 0.0 if picture.moving is None else (picture.moving > 0).mean()
+    record = Photograph(name="", smear_px=said.smear_px, defocus_px=said.defocus_px)
+    blur = {"ours: width of the blur": record.width_px or 0.0}
     blur["variance of the Laplacian"] = -laplacian_variance(image)
     return Seen(picture=replace(picture, file=b"", moving=None), said=said, blur=blur, moves=float(moves))
 
