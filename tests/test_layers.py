@@ -49,9 +49,7 @@ EXTRAS = {
     "rawpy": "raw",
     "distributed": "dask",
 }  # what one door alone needs, and the extra that brings it
-PACKAGE_MAY_USE = (
-    NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl", "tqdm"} | set(EXTRAS)
-)
+PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl"} | set(EXTRAS)
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
 
@@ -151,7 +149,7 @@ def test_version_stands_in_one_place() -> None:
     assert f'__version__ = "{blur2view.__version__}"' in stated
 
 
-HEAVY = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch", "tqdm"]
+HEAVY = ["matplotlib", "onnx", "onnxruntime", "pycolmap", "scipy.ndimage", "skimage", "torch"]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Any
 from blur2view.errors import Blur2ViewError
 
 Say = Callable[..., None]
-PATIENCE_S = 2  # until a bar is shown
+ERASE = "\r\x1b[K"  # what stands on the last line of a terminal
 
 
 def printable(text: str) -> str:
@@ -42,27 +42,50 @@ def seconds_lines(timings_s: Mapping[str, float] | None) -> list[str]:
     return [f"{sum(timings_s.values()):.2f} s ({steps})"]
 
 
+class Bar:
+    """How far several photographs are, on the last line of a terminal, below what is printed meanwhile."""
+
+    def __init__(self, count: int) -> None:
+        self.count, self.done, self.start_s = count, 0, time.monotonic()
+        self.draw()
+
+    def say(self, text: str, file: Any = None) -> None:
+        """Print a line above."""
+        print(ERASE, end="", file=sys.stderr, flush=True)
+        print(text, file=file or sys.stdout, flush=True)
+        self.draw()
+
+    def advance(self) -> None:
+        """Count a photograph that is done."""
+        self.done += 1
+        self.draw()
+
+    def draw(self) -> None:
+        """Print how many are done, the rate and what is left."""
+        seconds = time.monotonic() - self.start_s
+        text = f"{self.done} of {plural(self.count, 'photograph')}"
+        if self.done and seconds > 0:
+            left = round(seconds / self.done * (self.count - self.done))
+            text += f", {self.done / seconds:.2g} a second, {left // 60}:{left % 60:02d} left"
+        print(ERASE + text, end="", file=sys.stderr, flush=True)
+
+
 @contextmanager
-def progress(count: int, about: str) -> Iterator[tuple[Say, Callable[[], object]]]:
+def progress(count: int, about: str) -> Iterator[tuple[Say, Callable[[], None]]]:
     """Yield what prints a line, and what tells of a step that is done.
 
-    Where a person watches and several steps take more than `PATIENCE_S`, a bar stands below the lines, with
-    the rate and what is left, after a line ``about`` them.
+    Where a person watches several steps a bar stands below the lines, after a line ``about`` them.
     """
     if count < 2 or not sys.stderr.isatty():
         yield print, lambda: None
         return
-    from tqdm import tqdm  # 0.07 s
-
     if about:
         print(printable(about), file=sys.stderr)
-    start = time.monotonic()
-    with tqdm(total=count, unit="photo", delay=PATIENCE_S, leave=False, dynamic_ncols=True) as bar:
-
-        def say(text: str, **how: Any) -> None:
-            (bar.write if time.monotonic() > start + PATIENCE_S else print)(text, **how)
-
-        yield say, bar.update
+    bar = Bar(count)
+    try:
+        yield bar.say, bar.advance
+    finally:
+        print(ERASE, end="", file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -73,4 +96,4 @@ def waiting(text: str) -> Iterator[None]:
     try:
         yield
     finally:
-        print("\r\x1b[K" * bool(shown), end="", file=sys.stderr, flush=True)
+        print(ERASE * bool(shown), end="", file=sys.stderr, flush=True)

@@ -15,7 +15,7 @@ from tests.support.calls import call_program
 
 ROOT = Path(__file__).parents[2]
 WITHOUT_ESTIMATE = ("place", "recover", "to-transforms")
-HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap", "tqdm"]
+HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap"]
 
 
 @dataclass(frozen=True, kw_only=True)
