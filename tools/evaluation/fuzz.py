@@ -300,9 +300,9 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, int, list[str]]:
 
 
 def main(*, cases: int = 1000, seed: int = 0, first: int = 0, out: Target | None = None) -> None:
-    """Print every rude call and the table of kinds; exit with 1 if a call is rude."""
+    """Print every rude call and, also after Ctrl-C, the table of kinds; exit with 1 if a call is rude."""
     codes, rude = Counter[tuple[str, int]](), Counter[str]()
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, suppress(KeyboardInterrupt):
         make_place(Path(name))
         for number in range(first, first + cases):
             kind, code, found = try_case(Path(name), seed, number)
@@ -311,7 +311,7 @@ def main(*, cases: int = 1000, seed: int = 0, first: int = 0, out: Target | None
             for complaint in found:
                 print(f"RUDE {kind}, --seed {seed} --first {number} --cases 1: {complaint}", flush=True)
     lines = [(kind, *(codes[kind, code] for code in (0, 1, 2)), rude[kind]) for kind in KINDS]
-    words = f"Seed {seed}, {cases} cases; `--help` says when a call is rude."
+    words = f"Seed {seed}, {codes.total()} cases; `--help` says when a call is rude."
     publish(joined(words, table("odd | exit code 0 | 1 | 2 | rude", lines)), out)
     raise SystemExit(bool(rude.total()))
 
