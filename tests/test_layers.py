@@ -35,7 +35,7 @@ ROWS = [
     "__main__",
 ]
 RANK = {room: rank for rank, row in enumerate(ROWS) for room in row.split()}
-MOST_FILES, MOST_MODULES, MOST_LINES = 12, 18, {"blur2view": 400, "tools": 350}
+MOST_FILES, MOST_MODULES, MOST_LINES = 12, 17, {"blur2view": 400, "tools": 350}
 CODE = [*PACKAGE.rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
 SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 FOLDERS = sorted({path.parent for path in SOURCES})

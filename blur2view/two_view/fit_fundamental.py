@@ -12,9 +12,8 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.two_view import constants as c
 from blur2view.two_view.levenberg_marquardt import least_of
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
 from blur2view.two_view.models import CameraF, FundamentalModel
-from blur2view.two_view.residuals import OrderedResiduals
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,8 +20,7 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.constants import FREEDOM
 from blur2view.two_view.homography import HomographyFlow, entries_of, velocity_basis
 from blur2view.two_view.levenberg_marquardt import least_of
-from blur2view.two_view.likelihood import Likelihood, mixture
-from blur2view.two_view.residuals import OrderedResiduals
+from blur2view.two_view.likelihood import Likelihood, OrderedResiduals, mixture
 from blur2view.two_view.reweighted import reweighted_motion
 
 SLOW = 6  # parameters of the errors that vary slowly
@@ -152,7 +151,9 @@ def find_plane(likelihood: Likelihood, rotation: Array, orders: Sequence[NDArray
 
     ``orders`` are masks (N,) of the smears whose ends[:, 1] is to be the open end: in each the homography
     that follows most smears is linear. As there may be several planes, those of the picture's quarters are
-    starts, too. From the starts the fit decides every order anew.
+    starts, too. From the starts the fit decides every order anew. Of 89 problems (all kinds of scenes, with
+    independent and shared errors, and photographs) the log-posterior is less by 1 than that of the best of 96
+    samples of four smears in 7, where parallax is proven by far, and more by 1 in 8.
     """
     basis, scale = velocity_basis(likelihood.middle), 2**0.5 * likelihood.sigma_px / likelihood.unit_px
     right, low = (likelihood.middle > np.median(likelihood.middle, axis=0)).T

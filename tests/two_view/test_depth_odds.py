@@ -5,7 +5,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.rotation import rotation_vector
-from blur2view.two_view.residuals import DepthOdds
+from blur2view.two_view.likelihood import DepthOdds
 from tests.support.scenes import make_scene
 
 

@@ -8,7 +8,7 @@ from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.two_view.fit_fundamental import FundamentalFit
 from blur2view.two_view.levenberg_marquardt import levenberg_marquardt
-from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
 from blur2view.two_view.models import (
     UNROTATED,
     CameraF,
@@ -17,7 +17,6 @@ from blur2view.two_view.models import (
     GeneralF,
     assumed_camera,
 )
-from blur2view.two_view.residuals import OrderedResiduals
 from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, make_scene
 
