@@ -30,7 +30,7 @@ UNFOUND = 1e4  # pixels
 
 def linear_light(image: Any) -> Any:
     """Return a photograph, (H, W, 3) or (H, W) with white 1, as linear grey, 0 to 255, float32."""
-    grey = np.asarray(image, np.float32)
+    grey: Any = np.asarray(image, np.float32)
     if grey.ndim == 3:
         grey = cv2.cvtColor(np.ascontiguousarray(grey[..., :3]), cv2.COLOR_RGB2GRAY)
     return np.float32(255) * np.maximum(grey, 0) ** np.float32(GAMMA)
