@@ -195,11 +195,14 @@ def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
     """
     own = {role: number for role, (number, _) in own_views(database, image.name).items()}
     frames = {role: frame_of(database, number) for role, number in own.items()}
-    for number in own.values():
-        for table in ("keypoints WHERE image_id", "images WHERE image_id", "frame_data WHERE data_id")[
-            : 2 + has_frames(database)
-        ]:
-            database.execute(f"DELETE FROM {table} = ?", (number,))
+    with_frames = has_frames(database)
+    places = [
+        "keypoints WHERE image_id",
+        "images WHERE image_id",
+        *["frame_data WHERE data_id"] * with_frames,
+    ]
+    for place in places:
+        database.executemany(f"DELETE FROM {place} = ?", [(number,) for number in own.values()])
     for pair in combinations([image.image_id, *own.values()], 2):
         for table in PAIRS:
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (pair_id(*pair),))
@@ -207,7 +210,7 @@ def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
     for role, ending in (("open", OPEN), ("close", CLOSE)):
         row = {"image_id": own.get(role), "name": image.name + ending, "camera_id": image.camera_id}
         ids.append(_insert(database, "images", row))
-        if has_frames(database):
+        if with_frames:
             if (frame_id := frames.get(role)) is None:
                 rig = {"frame_id": None, "rig_id": rig_of(database, image.camera_id)}
                 frame_id = _insert(database, "frames", rig)
