@@ -20,13 +20,14 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, get_args, get_origin
 
-from blur2view.cli.terminal import printable
+from blur2view.cli.terminal import EXIT_CODES, printable
 from blur2view.cli.values import file_path, whole
 from blur2view.errors import CameraError
 
 CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: whole(1), float: float}
 """What makes a value of a word, by the type of the field; ValueError or ArgumentTypeError of a wrong one."""
 ENTRY, RARELY = re.compile(r"((?:-[\w-]+(?:, )?)*) ?([A-Z]*): (.*)"), "Rarely:"
+INPUTS = "reading.images"  # where the words are found that may stand on both sides of options
 ALIKE = 0.8  # of what was meant to what was written
 MESSAGES = {
     "^argument ": "",
@@ -35,13 +36,6 @@ MESSAGES = {
     r"invalid \w+ value: ": "expected a number, got ",
 }
 """What argparse says, and what is printed."""
-EXIT_CODES = """
-0: done; a photograph without F is a result, with its reason
-1: something failed: one line on stderr each, other photographs are done all the same
-2: wrong usage
-130: interrupted by Ctrl-C: what is done is kept, --resume goes on
-141: what read the output wants no more of it, as head does; the rest is not done
-"""
 
 
 def group(kind: type) -> Any:
@@ -139,13 +133,10 @@ class CommandParser(argparse.ArgumentParser):
                 near += get_close_matches(word, names, 1, ALIKE)
                 remedy = "".join(f"; did you mean {name}?" for name in near[:1])
                 self.error(f"{word} is no option of {self.command}{remedy}")
-        many = [
-            dest for dest, value in values.items() if dest.endswith(".images") and isinstance(value, list)
-        ]
-        if unknown and not many:
+        if unknown and INPUTS not in values:
             self.error(f"{' '.join(unknown)} is too much; name one")
-        for dest in many:  # argparse takes those on one side of an option alone
-            values[dest] = [*values[dest], *unknown]
+        if unknown:  # argparse takes those on one side of an option alone
+            values[INPUTS] = [*values[INPUTS], *unknown]
         try:
             return _made(self.kind, values, "")
         except (ValueError, CameraError) as error:

@@ -14,8 +14,8 @@ from importlib import import_module
 from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.adapter import EXIT_CODES, CommandParser, Layout, add_table
-from blur2view.cli.terminal import complain, printable
+from blur2view.cli.adapter import CommandParser, Layout, add_table
+from blur2view.cli.terminal import EXIT_CODES, complain, printable
 from blur2view.errors import Blur2ViewError
 
 FAILED, INTERRUPTED, UNREAD = 1, 130, 141

@@ -9,6 +9,13 @@ from typing import Any
 from blur2view.errors import Blur2ViewError
 
 Say = Callable[..., None]
+EXIT_CODES = """
+0: done; a photograph without F is a result, with its reason
+1: something failed: one line on stderr each, other photographs are done all the same
+2: wrong usage
+130: interrupted by Ctrl-C: what is done is kept, --resume goes on
+141: what read the output wants no more of it, as head does; the rest is not done
+"""
 ERASE = "\r\x1b[K"  # what stands on the last line of a terminal
 
 
