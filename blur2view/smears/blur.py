@@ -33,7 +33,7 @@ CLOSE_LENGTH = 1.33
 """Of the length over its deviation, what is close to 1."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
-LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
+LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 6.0
 """Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
 the smears, pixels, of a camera that plainly moved."""
 IN_FOCUS = 0.2
