@@ -43,18 +43,14 @@ class Choice:
 
 
 def choose(
-    likelihood: Likelihood,
-    fit: FundamentalFit,
-    rng: np.random.Generator,
-    *,
-    has_consensus: bool,
-    rolling: bool,
+    likelihood: Likelihood, fit: FundamentalFit, rng: np.random.Generator, *, agreement: float, rolling: bool
 ) -> Choice:
     """Return what the smears show, given the F of least cost.
 
-    Without ``has_consensus`` that is hardly better than chance: only a homography is looked for. With
-    ``rolling`` the shutter may read one row after the other.
+    ``agreement`` is the share of the smears that follow it beyond chance: below MIN_AGREEMENT only a
+    homography is looked for. With ``rolling`` the shutter may read one row after the other.
     """
+    has_consensus = agreement >= c.MIN_AGREEMENT
     if not has_consensus and within_errors(likelihood.matches):
         sentence = "no motion, the smears are no longer than their errors"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
@@ -65,7 +61,7 @@ def choose(
     fields = fields_of(sample, plane, rolling)
     plane = fields[MotionModel.PLANE]
     table = table_of(fields, plane.gain_of_parallax(fit.point.matrix()) if has_consensus else None)
-    return named(table, fields, fit, has_consensus)
+    return named(table, fields, fit, agreement)
 
 
 def fields_of(sample: Likelihood, plane: HomographyFit, rolling: bool) -> dict[MotionModel, HomographyFit]:
@@ -119,11 +115,11 @@ def probabilities(
 
 
 def named(
-    table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: FundamentalFit, has_consensus: bool
+    table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: FundamentalFit, agreement: float
 ) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
     parallax = table.probability(MotionModel.PARALLAX) or 0.0
-    if parallax >= c.PROVEN_FROM:
+    if parallax >= c.PROVEN_FROM and agreement >= c.PROVEN_AGREEMENT:
         sentence = f"parallax is proven: {figures_of(table)}"
         return Choice(
             config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
@@ -139,7 +135,7 @@ def named(
     at_once = sum(table.probability(model) or 0.0 for model in fields if model not in ROLLING.values())
     # where a shutter that reads row after row is what explains the smears, parallax may be there as well
     absent = enough and parallax < c.ABSENT_BELOW * (parallax + at_once)
-    if not has_consensus and not absent:
+    if agreement < c.MIN_AGREEMENT and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit, table=table)
     config, model = Configuration.PLANAR_OR_PANORAMIC, MotionModel.PLANE
     comparison = "without an image size a rotation cannot be told from a plane"
@@ -154,7 +150,8 @@ def named(
         if first is MotionModel.STILL:  # likelier than each, not than all others
             config = Configuration.PLANAR_OR_PANORAMIC
     likeliest = f"{first}, probability {probability:.2f}"
-    prefix = "there is no parallax" if absent else "parallax is undecided"
+    few = ", as few smears follow F" * (parallax >= c.PROVEN_FROM)
+    prefix = "there is no parallax" if absent else f"parallax is undecided{few}"
     return Choice(
         config=config,
         sentence=f"{likeliest}; {prefix}: {figures_of(table)}; {comparison}",

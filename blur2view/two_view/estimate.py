@@ -17,7 +17,7 @@ from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
 from blur2view.two_view.consensus import inliers_of, insufficient_data, moved_as_one, no_inliers, still
-from blur2view.two_view.constants import AROUND, MIN_AGREEMENT
+from blur2view.two_view.constants import AROUND
 from blur2view.two_view.homography import pixel_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.options import EstimatorOptions
@@ -162,8 +162,7 @@ def as_recorded(
     straight = matches if camera is None else undistorted(matches, camera)
     likelihood, fit = search_and_fit(Likelihood.of(straight, camera), rng)
     found = inliers_of(likelihood.pixels(fit.point.matrix()), likelihood, options)
-    has_consensus = found.beyond_chance >= MIN_AGREEMENT
-    choice = choose(likelihood, fit, rng, has_consensus=has_consensus, rolling=rolling)
+    choice = choose(likelihood, fit, rng, agreement=found.beyond_chance, rolling=rolling)
     pose = None
     if likelihood.intrinsics_known and (choice.reports_F or choice.homography is not None):
         pose = estimate_pose(likelihood, choice)

@@ -36,7 +36,7 @@ class EndOrder:
     F: Array | None = None  # (3, 3), of undistorted pixels, as H is
     H: Array | None = None
     pose: RigidTransform | None = None  # of the camera
-    noise: float = 1.0  # scale of the smears' stated deviations, as F leaves them
+    noise: float = 1.0  # scale of the smears' stated deviations
 
     def second_end_is_open(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
         """Return where ends[:, 1] is the open end, (N,); nowhere if neither F, H nor a pose is known.
@@ -97,13 +97,14 @@ def end_order(
     if F is None or not inliers.any():
         return order
     straight = camera.undistorted(ends)
-    squared = serrmin(F, straight[inliers]) / sampson_px[inliers] ** 2
-    order = replace(order, noise=float(np.sqrt(np.clip(np.median(squared) / NORMAL_MEDIAN, *NOISE_SCALES))))
-    if pose is None:
-        forward = order.forward_probability(straight, sampson_px)
-        E = camera.K.T @ F @ camera.K
-        pose = pose_before_both(E, camera.rays(ends), forward, inliers.astype(float))
-    return replace(order, pose=pose)
+    if pose is not None:  # F of known intrinsics leaves the smears' own noise, which may be overstated
+        squared = serrmin(F, straight[inliers]) / sampson_px[inliers] ** 2
+        return replace(
+            order, noise=float(np.sqrt(np.clip(np.median(squared) / NORMAL_MEDIAN, *NOISE_SCALES)))
+        )
+    forward = order.forward_probability(straight, sampson_px)
+    E = camera.K.T @ F @ camera.K
+    return replace(order, pose=pose_before_both(E, camera.rays(ends), forward, inliers.astype(float)))
 
 
 def open_and_close(ends: Array, second_end_is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
