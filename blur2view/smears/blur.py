@@ -33,7 +33,7 @@ CLOSE_LENGTH = 1.33
 """Of the length over its deviation, what is close to 1."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
-LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 6.0
+LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
 """Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
 the smears, pixels, of a camera that plainly moved."""
 IN_FOCUS = 0.2
@@ -149,7 +149,7 @@ def blur_of(
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
     moving_share = float(share.mean())
     kind = kind_of(kinds * (1 - share[..., None]), moving_share, camera_moved)
-    if smeared.is_short:
+    if smeared.is_short and camera_moved is None:
         kind = replace(smeared, kind=kind, moving_share=moving_share).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
