@@ -96,7 +96,7 @@ class Estimate:
     timestamp_s : float or None
         When it was taken, as `estimate_frames` was told, seconds.
     moving : Moving or None
-        What moves by itself if the camera is at rest, where that was asked; `segment` begins with it.
+        What moves by itself, where the cells left open whether the camera moved; `segment` begins with it.
     execution : Execution
         What ran the network, and runs that of `segment`.
     """
