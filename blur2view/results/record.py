@@ -57,7 +57,7 @@ class Record:
         shows its smear, pixels; null where nothing shows texture."""
     )
     smear_sigma_px: float | None = explained(
-        "Standard deviation of that length, pixels. A length below it is no blur."
+        "Standard deviation of that length, pixels. A length below it does not say that the camera moved."
     )
     direction_deg: float | None = explained(
         """Direction of the smears, 0 to 180 degrees, from the x axis towards y, which points down; null where

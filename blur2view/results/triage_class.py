@@ -88,12 +88,9 @@ def use_of(one: Photograph, limits: Limits, before: str = "") -> tuple[str, str]
     factor = NEAR if before == Use.SHARP else 1 / NEAR if before else 1.0
     text = f"{limits.max_smear:g}{'' if limits.unit == '%' else ' '}{limits.unit}"
     still = one.blur in ("sharp", "out of focus", "camera at rest")
-    noise = (one.smear_px or 0.0) <= (one.smear_sigma_px or 0.0)
-    within, short = length <= limits.max_smear, still or noise or length <= limits.max_smear * factor
+    within, short = length <= limits.max_smear, still or length <= limits.max_smear * factor
     if still:
         why = f"{one.blur}: no motion of the camera"
-    elif noise:
-        why = f"smear {length:.3g} {limits.unit}, no longer than its deviation"
     else:
         why = f"smear {length:.3g} {limits.unit}, {'at most' if within else 'above'} {text}"
         why += f", but near it as the frame before is {before}" * (within != short)

@@ -65,7 +65,6 @@ USES = {
         replace(MOVED, blur="sharp", smear_px=8.9, smear_sigma_px=19.0),  # a sharp kind is never unusable
         replace(MOVED, blur="camera at rest", moving_share=0.1),
         moved("UNDEFINED", smear_px=2.9),
-        moved("DEGENERATE", smear_px=4.0, smear_sigma_px=6.0),  # below its own deviation
     ],
     "blurred": [moved("UNCALIBRATED", F=F), moved("PANORAMIC", H=H)],
     "unusable": [moved("DEGENERATE"), moved("UNDEFINED")],

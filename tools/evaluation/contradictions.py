@@ -59,8 +59,6 @@ def contradictions(one: Photograph) -> Iterator[str]:
         if "radius" in one.verdict and f"{radius:.1f} px" not in one.verdict:
             yield f"radius is {radius}, verdict {one.verdict}"
         return
-    if (one.smear_px or 0.0) <= (one.smear_sigma_px or 0.0):
-        yield f"the camera moved by {one.smear_px} px, less than the deviation {one.smear_sigma_px}"
     if one.model == "no motion" and (one.model_probability or 0.0) > 0.5:
         yield f"likeliest is no motion, verdict {one.verdict}"
     if one.config in DID and not one.verdict.startswith(DID[one.config]):
