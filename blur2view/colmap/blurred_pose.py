@@ -4,7 +4,7 @@ A neighbour is warped to where the photograph is expected to be, by the inverse 
 and each of the two is blurred as the other one is (`blur_matching`). The blur of the photograph is that of a
 rigid motion during its exposure: rotation and translation fit to its smears, in which all points take part,
 and a change of the rotation's rate. What differs between two pictures of equal blur corrects both
-(`_Kernel`): so the pose is that of mid exposure, not that of the blur's centroid, from which a frame of
+(`Kernel`): so the pose is that of mid exposure, not that of the blur's centroid, from which a frame of
 RedKitchen with smears of 52 px is 0.15 degrees away in the median.
 """
 
@@ -122,7 +122,7 @@ class BlurredPose:
     tried: int
 
 
-class _Lattice:
+class Lattice:
     """Places every `CELL` pixels of a camera's picture, between which smooth fields are interpolated."""
 
     def __init__(self, camera: Any) -> None:
@@ -154,7 +154,7 @@ class _Lattice:
 
 
 @dataclass(kw_only=True, eq=False)
-class _Kernel:
+class Kernel:
     """Normal equations of corrections (9,) to a motion and its bend, from what differs between patches.
 
     To first order a picture blurred along path t + bend t^2 changes by the blurred gradients, weighted by t
@@ -206,8 +206,8 @@ def find_pose(
     expected : ndarray of shape (6,)
         Motion from the frame before to the one after, by half: its sense in time, and its translation.
     """
-    lattice = _Lattice(view.camera)
-    search = _Search.of(view, world, lattice)
+    lattice = Lattice(view.camera)
+    search = Search.of(view, world, lattice)
     if search is None:
         return None
     flow = image_flow(view.camera, view.points(world)[search.inside])
@@ -222,7 +222,7 @@ def find_pose(
         pose, information = fit_pose(view.camera, search.view.pose, *fit)
         if not last:
             motion = kernel.corrected(motion, expected)
-            search = _Search.of(replace(view, pose=pose), world, lattice)
+            search = Search.of(replace(view, pose=pose), world, lattice)
             if search is None:
                 return None
     index, places = found.means()
@@ -240,7 +240,7 @@ def find_pose(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Found:
+class Found:
     """Places (M, 2) of points in a photograph with covariance (M, 2, 2), from one neighbour or more each."""
 
     index: NDArray[np.int_]
@@ -258,18 +258,18 @@ class _Found:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Search:
+class Search:
     """Where points of the model are to be looked for in a photograph."""
 
     view: View
     world: Array
-    lattice: _Lattice
+    lattice: Lattice
     pixels: Array  # (N, 2)
     inside: Mask  # (N,)
     places: Array  # (L, 3): the lattice's places at the smooth depth, in the camera
 
     @classmethod
-    def of(cls, view: View, world: Array, lattice: _Lattice) -> "_Search | None":
+    def of(cls, view: View, world: Array, lattice: Lattice) -> "Search | None":
         """Return the search about a pose, None if hardly a point is in the picture."""
         points, size = view.points(world), np.array([view.camera.width, view.camera.height])
         pixels = projected(view.camera, points)
@@ -288,7 +288,7 @@ class _Search:
         levels: int,
         *,
         with_kernel: bool,
-    ) -> tuple[_Found, _Kernel]:
+    ) -> tuple[Found, Kernel]:
         """Return what is found of the points that neighbours see, and the equations of the blur."""
         flow = image_flow(self.view.camera, self.places)
         path, bend = flow @ motion.rigid, flow[:, :, :3] @ motion.bend
@@ -296,7 +296,7 @@ class _Search:
         scene = np.dstack([one[0] for one in warps])
         fields = self.lattice.everywhere(path), self.lattice.everywhere(bend) if motion.bend.any() else None
         blurred = blurred_along(scene, *fields, moments=with_kernel)
-        kernel, found = _Kernel(normal=np.zeros((9, 9)), right=np.zeros(9)), []
+        kernel, found = Kernel(normal=np.zeros((9, 9)), right=np.zeros(9)), []
         for number, (neighbour, (_, where, smears)) in enumerate(zip(neighbours, warps, strict=True)):
             index = np.flatnonzero(self.inside & seen[number])
             pixels = self.pixels[index]
@@ -315,7 +315,7 @@ class _Search:
         every = (np.concatenate(one) for one in zip(*found, strict=True))
         index, places, covariance = every
         covariance = covariance + FLOOR_PX**2 * np.eye(2)
-        return _Found(index=index, places=places, covariance=covariance), kernel
+        return Found(index=index, places=places, covariance=covariance), kernel
 
     def _warp(self, neighbour: View, path: Array) -> tuple[Any, Any, Any]:
         """Return a neighbour's picture where this one's is, where that is in it, and its smears here."""

@@ -98,12 +98,15 @@ class Recovery:
         By name, in order.
     refused : dict
         Why others are not among them, by name.
+    sequence : FrameSequence
+        All that is known of the frames.
     """
 
     model: Any
     registered: tuple[str, ...]
     recovered: Mapping[str, RecoveredFrame]
     refused: Mapping[str, str]
+    sequence: "FrameSequence"
 
 
 def recover_frames(
@@ -142,7 +145,7 @@ def recover_frames(
             f"{model}: has {len(registered)} of the {len(names)} frames in {frames}; name the folder that "
             "COLMAP read them from"
         )
-    sequence = _Sequence(reconstruction, Path(frames), times, registered, network or SmearNetwork())
+    sequence = FrameSequence(reconstruction, Path(frames), times, registered, network or SmearNetwork())
     recovered, refused = sequence.recover([name for name in names if name not in known])
     ordered = {name: recovered[name] for name in names if name in recovered}
     for frame in ordered.values():
@@ -152,11 +155,20 @@ def recover_frames(
     if options.views:
         for frame in ordered.values():
             _add_views(reconstruction, frame)
-    return Recovery(model=reconstruction, registered=tuple(registered), recovered=ordered, refused=refused)
+    return Recovery(
+        model=reconstruction,
+        registered=tuple(registered),
+        recovered=ordered,
+        refused=refused,
+        sequence=sequence,
+    )
 
 
-class _Sequence:
-    """The frames of a video, some of them in a model."""
+class FrameSequence:
+    """The frames of a video, some of them in a model: ``poses`` of those registered and recovered.
+
+    Only a few pictures are in memory at a time.
+    """
 
     def __init__(
         self,
@@ -222,7 +234,8 @@ class _Sequence:
             camera.rescale(*size)
         return light, grid, camera
 
-    def _view(self, name: str, pose: Array, camera_id: int) -> View:
+    def view(self, name: str, pose: Array, camera_id: int) -> View:
+        """Return a frame at a pose, in the working size."""
         light, grid, camera = self.looked_at(name, camera_id)
         return View(image=light, grid=grid, camera=camera, pose=pose)
 
@@ -233,9 +246,9 @@ class _Sequence:
             np.array([self.times[one] for one in self.poses]), np.stack(list(self.poses.values()))
         )
         expected = path.expected(self.times[name])
-        view = self._view(name, expected.pose, self.camera_id(name))
-        neighbours = [self._view(one, self.poses[one], int(self.images[one].camera_id)) for one in near]
-        seen = [self._points_of(one) for one in near]
+        view = self.view(name, expected.pose, self.camera_id(name))
+        neighbours = [self.view(one, self.poses[one], int(self.images[one].camera_id)) for one in near]
+        seen = [self.points_of(one) for one in near]
         ids = np.array(sorted(set().union(*seen)))
         world = np.array([self.model.points3D[number].xyz for number in ids]).reshape(-1, 3)
         masks = [np.isin(ids, list(one)) for one in seen]
@@ -255,7 +268,14 @@ class _Sequence:
             residual_px=found.residual_px * scale,
         )
 
-    def _points_of(self, name: str) -> set[int]:
+    def world_of(self, name: str) -> Array:
+        """Return the points (N, 3) that a frame sees, or the registered one next to it."""
+        near = name if name in self.images else self._near(name)[0]
+        numbers = sorted(self.points_of(near))
+        return np.array([self.model.points3D[number].xyz for number in numbers]).reshape(-1, 3)
+
+    def points_of(self, name: str) -> set[int]:
+        """Return the ids of the points that a registered frame sees."""
         points = (point.point3D_id for point in self.images[name].points2D if point.has_point3D())
         return {number for number in points if number in self.model.points3D}
 

@@ -54,7 +54,7 @@ def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path,
         single = pycolmap.CameraMode.SINGLE
         pycolmap.extract_features(database, frames, camera_mode=single, reader_options=reader)
         pycolmap.match_exhaustive(database)
-        made = pycolmap.triangulate_points(_begun(database, true), database, frames, folder)
+        made = pycolmap.triangulate_points(begun(database, true), database, frames, folder)
         fixed = pycolmap.BundleAdjustmentOptions()
         fixed.refine_focal_length = fixed.refine_extra_params = False
         pycolmap.bundle_adjustment(made, fixed)
@@ -66,7 +66,7 @@ def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path,
     return database, model
 
 
-def _begun(database: Path, poses: Poses) -> Any:
+def begun(database: Path, poses: Poses) -> Any:
     """Return a reconstruction of a project's images at these poses, without points."""
     model = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as opened:

@@ -1,0 +1,193 @@
+"""What ``blur2view recover`` gains over interpolation, on frames whose poses are known.
+
+``python -m tools.evaluation.recovered WORK --out tools/results/recovered.md`` renders videos of a hand's
+shake (`VideoOptions`) with short exposures and with long ones; runs of the latter are missing from a model
+that COLMAP triangulates of the former, from the true poses. With ``--sequence FOLDER``, of frames and their
+``model``, also that: runs of its frames are the mean of consecutive ones in linear light, and the model is
+that of the others, whose points are adjusted without them. Each missing frame is recovered and its pose
+compared with the true one, beside that of a spline through the others'. Positions are in steps, the median
+distance of consecutive frames. *holds* is the share of the accepted whose true pose is within the stated
+covariance at 90 %. COLMAP at its best, on RedKitchen's 66 frames with runs of three missing, registers all:
+with smears of 37 px it is off by 0.49 degrees and 2.1 steps, with 52 px by 0.42 and 2.3.
+"""
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+from scipy.stats import chi2
+
+from blur2view.arrays import Array
+from blur2view.colmap.blur_matching import GAMMA
+from blur2view.colmap.camera_path import CameraPath
+from blur2view.colmap.exposure_motion import change_of
+from blur2view.colmap.recovery import RecoverOptions, recover_frames
+from blur2view.images.image import read_pixels
+from blur2view.networks.smear_network import SmearNetwork
+from tools.arguments import run
+from tools.evaluation.placed import begun, centre_of
+from tools.pages import joined, publish, table
+from tools.rendering.video import VideoOptions, write_video
+
+RUNS, WIDER = (1, 3, 6), (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
+BETWEEN, MARGIN = 6, 4  # frames of the model from one run to the next, and at either end
+RATES = (10, 30)  # frames a second
+SHAKES_PX = (10.0, 30.0)  # of a frame, root mean square
+SHORT, LONG = 0.05, 0.9  # exposures over frame interval, of frames of the model and of missing ones
+FRAMES = 20
+HEAD = (
+    "frames | run | smear, px | recovered | spline: degrees | steps | recovered: degrees | steps | worst "
+    "| spline's worst | points | holds"
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """A model that lacks frames, in folders ``model`` and ``frames`` of ``folder``, and the true poses."""
+
+    folder: Path
+    true: dict[str, Array]
+    missing: Sequence[str]
+
+
+def missing_of(count: int, run_length: int) -> list[int]:
+    """Return the frames that are missing, in runs."""
+    return [k for k in range(MARGIN, count - MARGIN) if (k - MARGIN) % (run_length + BETWEEN) < run_length]
+
+
+def adjusted(model: Any) -> None:
+    """Adjust the points of a model; poses and cameras stay."""
+    options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
+    options.refine_focal_length = options.refine_extra_params = options.print_summary = False
+    for image in model.images.values():
+        if image.has_pose:
+            config.add_image(image.image_id)
+            config.set_constant_rig_from_world_pose(image.frame_id)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+
+
+def from_sequence(source: Path, folder: Path, run_length: int, wider: int) -> Case:
+    """Return a sequence whose every frame a model has, with runs of frames made worse and left out."""
+    model = pycolmap.Reconstruction(source / "model")
+    true = {image.name: image.cam_from_world().matrix() for image in model.images.values()}
+    names = sorted(true)
+    missing = missing_of(len(names), run_length)
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "frames").mkdir(parents=True)
+    for k, name in enumerate(names):
+        if k not in missing or not wider:
+            shutil.copyfile(source / name, folder / "frames" / name)
+            continue
+        pictures = [read_pixels(source / names[j]) for j in range(k - wider, k + wider + 1)]
+        light = np.mean([(one / 255.0) ** GAMMA for one in pictures], axis=0)
+        blurred = np.rint(255 * light ** (1 / GAMMA)).astype(np.uint8)
+        cv2.imwrite(str(folder / "frames" / name), blurred[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 98])
+    for k in missing:
+        model.deregister_frame(model.find_image_with_name(names[k]).frame_id)
+    adjusted(model)
+    (folder / "model").mkdir()
+    model.write(folder / "model")
+    return Case(folder=folder, true=true, missing=[names[k] for k in missing])
+
+
+def rendered(work: Path, folder: Path, seed: int, options: VideoOptions, run_length: int) -> Case:
+    """Return a rendered video, of which runs of frames have long exposures and are left out."""
+    name = f"{options.rate:g}_{options.shake_px:g}_{seed}"
+    sharp, blurred = work / f"{name}_short", work / f"{name}_long"
+    paths = write_video(sharp, seed, replace(options, share=SHORT))
+    write_video(blurred, seed, options)
+    names = [f"f_{k:03d}.png" for k in range(len(paths))]
+    true = {name: path.pose(0.0) for name, path in zip(names, paths, strict=True)}
+    missing = [names[k] for k in missing_of(len(names), run_length)]
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "frames").mkdir(parents=True)
+    (folder / "known").mkdir()
+    for name in names:
+        shutil.copyfile((blurred if name in missing else sharp) / name, folder / "frames" / name)
+        if name not in missing:
+            shutil.copyfile(sharp / name, folder / "known" / name)
+    database, reader = folder / "project.db", pycolmap.ImageReaderOptions()
+    reader.camera_model, f = "PINHOLE", options.focal_px
+    reader.camera_params = ",".join(map(str, (f, f, *(side / 2 for side in options.size))))
+    single = pycolmap.CameraMode.SINGLE
+    pycolmap.extract_features(database, folder / "known", camera_mode=single, reader_options=reader)
+    pycolmap.match_exhaustive(database)
+    known = {name: pose for name, pose in true.items() if name not in missing}
+    made = pycolmap.triangulate_points(begun(database, known), database, folder / "known", folder)
+    (folder / "model").mkdir()
+    made.write(folder / "model")
+    return Case(folder=folder, true=true, missing=missing)
+
+
+def errors(pose: Array, true: Array, step: float) -> tuple[float, float]:
+    """Return degrees, and steps from centre to centre, of two poses."""
+    degrees = float(np.degrees(np.linalg.norm(change_of(pose, true)[:3])))
+    return degrees, float(np.linalg.norm(centre_of(pose) - centre_of(true))) / step
+
+
+def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
+    """Return the errors of a case's missing frames, of the spline and as recovered, and more of these."""
+    names = sorted(case.true)
+    times = {name: k for k, name in enumerate(names)}
+    centres = np.array([centre_of(case.true[name]) for name in names])
+    step = float(np.median(np.linalg.norm(np.diff(centres, axis=0), axis=1)))
+    known = [name for name in names if name not in case.missing]
+    path = CameraPath(
+        np.array([times[name] for name in known]), np.stack([case.true[name] for name in known])
+    )
+    frames = case.folder / "frames"
+    found = recover_frames(case.folder / "model", frames, names, RecoverOptions(views=False), network)
+    smears = [network.predict(read_pixels(frames / name)) for name in case.missing]
+    record: dict[str, list[Any]] = {key: [] for key in ("spline", "recovered", "points", "holds")}
+    record["smear"] = [float(np.median(one.smears().length_px)) for one in smears]
+    record["refused"] = list(found.refused)
+    for name in case.missing:
+        true = case.true[name]
+        record["spline"].append(errors(path.expected(times[name]).pose, true, step))
+        if frame := found.recovered.get(name):
+            change = change_of(frame.pose, true)
+            record["recovered"].append(errors(frame.pose, true, step))
+            record["points"].append(len(frame.points))
+            far = change @ np.linalg.solve(frame.covariance, change)
+            record["holds"].append(bool(far < chi2.ppf(0.9, 6)))
+    return record
+
+
+def row(name: str, run_length: int, records: Sequence[dict[str, list[Any]]]) -> tuple[Any, ...]:
+    """Return the row of a table, of medians over frames."""
+    together = {key: sum((one[key] for one in records), []) for key in records[0]}
+    spline, own = (np.array(together[key]).reshape(-1, 2) for key in ("spline", "recovered"))
+    total = len(spline)
+    medians = [np.median(one, axis=0) for one in (spline, own)]
+    figures = [text for degrees, steps in medians for text in (f"{degrees:.3f}", f"{steps:.2f}")]
+    worst = [f"{one[:, 0].max():.2f}" for one in (own, spline)]
+    smear, points = (f"{np.median(together[key]):.0f}" for key in ("smear", "points"))
+    holds = f"{np.mean(together['holds']):.2f}"
+    return (name, run_length, smear, f"{len(own)} of {total}", *figures, *worst, points, holds)
+
+
+def main(work: Path, *, sequence: Path | None = None, scenes: int = 2, out: Path | None = None) -> None:
+    """Measure cases of a folder of renderings, and of a sequence."""
+    network, rows = SmearNetwork(), []
+    for rate, shake_px, run_length in product(RATES, SHAKES_PX, RUNS):
+        options = VideoOptions(rate=rate, share=LONG, frames=FRAMES, shake_px=shake_px)
+        folders = {seed: work / f"{rate}_{shake_px:g}_{run_length}_{seed}" for seed in range(scenes)}
+        cases = [rendered(work, folder, seed, options, run_length) for seed, folder in folders.items()]
+        records = [measured(case, network) for case in cases]
+        rows.append(row(f"{rate} a second", run_length, records))
+    if sequence is not None:
+        for run_length, wider in product(RUNS, WIDER):
+            case = from_sequence(sequence, work / f"sequence_{run_length}_{wider}", run_length, wider)
+            rows.append(row(sequence.name, run_length, [measured(case, network)]))
+    made = f"`python -m tools.evaluation.recovered WORK --scenes {scenes}`"
+    publish(joined("# Frames that a model lacks, recovered", table(HEAD, rows), f"Made by {made}."), out)
+
+
+if __name__ == "__main__":
+    run(main)
