@@ -3,6 +3,7 @@
 from blur2view.camera.camera import Camera as Camera
 from blur2view.colmap.cameras import camera_of_database as camera_of_database
 from blur2view.colmap.database import write_database as write_database
+from blur2view.colmap.mapping import blurred_options as blurred_options
 from blur2view.colmap.mapping import global_options as global_options
 from blur2view.colmap.mapping import mapper_options as mapper_options
 from blur2view.colmap.placement import Placement as Placement

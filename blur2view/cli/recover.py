@@ -15,6 +15,7 @@ from blur2view.errors import DatabaseError
 if TYPE_CHECKING:
     from blur2view.colmap.recovery import Recovery
 
+TRACKS = "tracks.db"
 WRITTEN = """
 DIR: the model with the recovered frames, their views NAME#open and NAME#close, and what they observe in the
     tracks of its points; COLMAP's binary format and project.ini. What an earlier call wrote is replaced; a
@@ -35,6 +36,8 @@ class RecoverOptions:
     FRAMES: folder of all frames, of one video: COLMAP's --image_path. Where their numbers leave some out, no
         two are taken for neighbours
     -o, --output DIR: where the model goes
+    --tracks DB: also write DIR/tracks.db, for videos without a sharp frame: a copy of the model's project
+        with keypoints and verified matches of blurred patches, more exact than those of SIFT, to map anew
     --refine: adjust the recovered poses and the model's points together (bundle adjustment); other poses stay
     Rarely:
     --no-views: without both ends of the recovered frames' exposures
@@ -43,6 +46,7 @@ class RecoverOptions:
     model: Path
     photographs: Path
     output: Path
+    tracks: Path | None = None
     refine: bool = False
     views: bool = True
     printing: Printing = group(Printing)
@@ -57,6 +61,7 @@ class RecoverOptions:
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
         from blur2view.colmap import recovery  # and SciPy with it, which no help needs
+        from blur2view.colmap.blurred_tracks import track_frames
 
         with waiting("recovering frames"):
             names = frame_names(self.photographs)
@@ -64,11 +69,13 @@ class RecoverOptions:
             refuse_other_model(self.output)
             how = recovery.RecoverOptions(refine=self.refine, views=self.views)
             found = recovery.recover_frames(model.folder, self.photographs, names, how)
-            if found.refused and not found.recovered:
+            if found.refused and not found.recovered and self.tracks is None:
                 first = next(iter(found.refused))
                 about = f"{self.model}: none of the {len(found.refused)} frames that it lacks is recovered"
                 raise DatabaseError(f"{about}; {first}: {found.refused[first]}")
             write_model(found.model, self.output, self.photographs, database_of(model.folder))
+            if self.tracks is not None:
+                track_frames(found.sequence, self.tracks, self.output / TRACKS)
         if not self.printing.quiet:
             print(summary(self, model, found))
         return 0

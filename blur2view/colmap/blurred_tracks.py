@@ -6,8 +6,9 @@ where the first model expects them, by patches blurred alike (`blurred_pose`). T
 verified matches of a copy of the project's database, from which COLMAP maps anew.
 """
 
-import shutil
+import sqlite3
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,9 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import normalised_points, to_colmap
 from blur2view.colmap.blurred_pose import NEAREST, SMOOTH_PX, Lattice, Search, View
 from blur2view.colmap.camera_path import CameraPath
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.exposure_motion import Motion, fit_pose, fit_smears, image_flow
+from blur2view.colmap.project import image_names
 from blur2view.colmap.recovery import FrameSequence
 from blur2view.errors import DatabaseError
 
@@ -32,6 +35,7 @@ SAME_PX = 1.0  # between places of one keypoint
 LEAST_MATCHES = 15  # of a pair
 LEVELS = (3, 1, 0)  # of the tracker in each round
 VERIFY_PX = 3.0  # of two-view geometries
+NOTHING: tuple[Array, Array] = np.zeros(0, int), np.zeros((0, 2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,12 +88,10 @@ def blurred_tracks(
     matches: dict[tuple[str, str], NDArray[np.uint32]] = {}
     for index, name in enumerate(names):
         before, view = names[max(0, index - BEFORE) : index], view_of(name)
-        others = [view_of(one) for one in before]
-        worlds = [
-            _surfaces(other, keypoints[one].places, seen[one])
-            for one, other in zip(before, others, strict=True)
-        ]
-        for one, found in zip(before, _found(view, others, worlds, motions[name]), strict=True):
+        for one in before:
+            other = view_of(one)
+            world = _surfaces(other, keypoints[one].places, seen[one])
+            found = _found(view, other, world, motions[name])
             if len(found[0]) >= LEAST_MATCHES:
                 both = np.column_stack([found[0], keypoints[name].numbers(found[1])]).astype(np.uint32)
                 _, first = np.unique(both[:, 1], return_index=True)
@@ -109,36 +111,30 @@ def _surfaces(view: View, pixels: Array, world: Array) -> Array:
     return np.asarray((rays * depth[:, None] - view.pose[:, 3]) @ view.pose[:, :3])
 
 
-def _found(
-    view: View, others: Sequence[View], worlds: Sequence[Array], expected: Array
-) -> list[tuple[Array, Array]]:
-    """Return the numbers of each earlier frame's keypoints that are found in a frame, and their places."""
-    nothing = [(np.zeros(0, int), np.zeros((0, 2)))] * len(others)
-    if not others:
-        return nothing
-    world = np.concatenate(worlds)
-    owner = np.repeat(np.arange(len(others)), [len(one) for one in worlds])
-    local = np.concatenate([np.arange(len(one)) for one in worlds])
-    masks = [owner == number for number in range(len(others))]
-    lattice = Lattice(view.camera)
-    motion = None
-    for levels in LEVELS:
+def _found(view: View, other: View, world: Array, expected: Array) -> tuple[Array, Array]:
+    """Return the numbers of an earlier frame's keypoints that are found in a frame, and their places.
+
+    Each pair has its own blur: what differs between both is how unevenly either of them moved, so that places
+    are those of mid exposure in both.
+    """
+    lattice, motion, everything = Lattice(view.camera), None, [np.ones(len(world), bool)]
+    for number, levels in enumerate(LEVELS):
         search = Search.of(view, world, lattice)
         if search is None:
-            return nothing
+            return NOTHING
         if motion is None:
             flow = image_flow(view.camera, view.points(world)[search.inside])
             rigid = fit_smears(flow, *view.smears(search.pixels[search.inside]), expected)
             motion = Motion(rigid=rigid, bend=np.zeros(3))
-        found, _ = search.matches(others, masks, motion, levels, with_kernel=False)
+        last = number == len(LEVELS) - 1
+        found, kernel = search.matches([other], everything, motion, levels, with_kernel=not last)
         if len(found.index) < LEAST_MATCHES:
-            return nothing
-        fit = world[found.index], found.places, found.covariance
-        view = replace(view, pose=fit_pose(view.camera, view.pose, *fit)[0])
-    return [
-        (local[found.index[mine]], found.places[mine])
-        for mine in (owner[found.index] == number for number in range(len(others)))
-    ]
+            return NOTHING
+        if not last:
+            motion = kernel.corrected(motion, expected)
+            fit = world[found.index], found.places, found.covariance
+            view = replace(view, pose=fit_pose(view.camera, view.pose, *fit)[0])
+    return found.index, found.places
 
 
 def track_frames(sequence: FrameSequence, database: Path, target: Path) -> float:
@@ -146,11 +142,9 @@ def track_frames(sequence: FrameSequence, database: Path, target: Path) -> float
 
     Returns the median number of a pair's matches. DatabaseError if the project lacks a frame.
     """
-    import pycolmap
-
     names = sorted(sequence.poses, key=lambda name: sequence.times[name])
-    with pycolmap.Database.open(database) as opened:
-        known = {image.name: image.image_id for image in opened.read_all_images()}
+    with open_read_only(database) as opened:
+        known = image_names(opened)
     if missing := [name for name in names if name not in known]:
         raise DatabaseError(f"{database}: has no image {missing[0]}; name the database of the model")
     times = np.array([sequence.times[name] for name in names], float)
@@ -176,7 +170,9 @@ def write_tracks(
     """
     import pycolmap
 
-    shutil.copyfile(database, target)
+    target.unlink(missing_ok=True)
+    with open_read_only(database) as source, closing(sqlite3.connect(target)) as copy:
+        source.backup(copy)  # pycolmap writes to what it opens
     options = pycolmap.TwoViewGeometryOptions()
     options.compute_relative_pose, options.ransac.max_error, options.ransac.random_seed = True, VERIFY_PX, 0
     first: dict[str, int] = {}

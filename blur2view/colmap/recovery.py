@@ -38,11 +38,9 @@ LEAST_FOUND = 0.1  # share of those looked for
 MOST_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
 MOST_DEPARTURE = 6.0  # standard deviations of the spline
 MOST_CHANGE = 0.7  # of the smears' rotation, by which the neighbours correct it
-INDEPENDENT = 0.1  # of the matches: a point is found in several neighbours, and patches overlap
-KERNEL_ERROR = (
-    0.02  # standard deviation that the blur leaves, of the rotation and translation of the exposure
-)
-LEAST_ERROR_RAD = 2e-4  # of a rotation, in which cameras and points err together
+INDEPENDENT = 0.03  # of the matches: a point is found in several neighbours, and patches overlap
+KERNEL_ERROR = 0.03  # standard deviation that the blur leaves, of rotation and translation of the exposure
+LEAST_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.colmap.blur_matching import blurred_along, match_patches
+from blur2view.colmap.blurred_tracks import track_frames
 from blur2view.colmap.camera_path import CameraPath
 from blur2view.colmap.exposure_motion import change_of, fit_smears, image_flow
 from blur2view.colmap.recovery import RecoverOptions, Recovery, recover_frames
@@ -184,3 +185,31 @@ def test_spline_of_a_cubic_path_is_exact_and_says_so() -> None:
     assert apart(expected.pose, pose(4.0)) == pytest.approx((0, 0), abs=1e-6)
     assert expected.rotation_rad < 1e-6 and expected.position < 1e-6
     assert expected.motion[3:] == pytest.approx(pose(4.5)[:, 3] - pose(3.5)[:, 3])
+
+
+def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
+    folder: Path, recovery: Recovery, tmp_path: Path
+) -> None:
+    project, tracked = tmp_path / "project.db", tmp_path / "tracks.db"
+    own = np.array([[10.0, 20.0, 1.5, 0.1]], np.float32)
+    with pycolmap.Database.open(project) as database:
+        number = database.write_camera(PLANE.camera)
+        for name in PLANE.names:
+            image = database.write_image(pycolmap.Image(name=name, camera_id=number))
+            database.write_keypoints(image, own)
+    before = project.read_bytes()
+    track_frames(recovery.sequence, project, tracked)
+    assert project.read_bytes() == before
+    with pycolmap.Database.open(tracked) as database:
+        ids = [database.read_image_with_name(name).image_id for name in PLANE.names]
+        keypoints = [database.read_keypoints(number) for number in ids]
+        assert all((points[0] == own).all() for points in keypoints)
+        for k in range(1, PLANE.frames):
+            geometry = database.read_two_view_geometry(ids[k - 1], ids[k])
+            one, other = (
+                keypoints[frame][geometry.inlier_matches[:, side], :2] - 0.5
+                for side, frame in enumerate((k - 1, k))
+            )
+            assert len(one) > 50
+            missed = np.linalg.norm(PLANE.transferred(one, k - 1, k) - other, axis=1)
+            assert np.median(missed) < 0.5

@@ -83,17 +83,27 @@ class BlurredPlane:
         """Return which pixels (N, 2) are in the picture."""
         return np.asarray(np.all((pixels > 0) & (pixels < np.array(SIZE) - 1), axis=1))
 
+    @staticmethod
+    def seen_at(pixels: Array, pose: Array) -> Array:
+        """Return the points (N, 3) of the plane at pixels (N, 2)."""
+        rays = np.column_stack([(pixels - (np.array(SIZE) - 1) / 2) / FOCAL, np.ones(len(pixels))])
+        directions, centre = rays @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
+        normal = np.cross(PLANE[:, 0], PLANE[:, 1])
+        far = normal @ (PLANE[:, 2] - centre) / (directions @ normal)
+        return np.asarray(centre + far[:, None] * directions)
+
+    def transferred(self, pixels: Array, first: float, second: float) -> Array:
+        """Return where pixels (N, 2) of one time are at another."""
+        pose = self.pose(second)
+        world = self.seen_at(pixels, self.pose(first))
+        return projected(self.camera, world @ pose[:, :3].T + pose[:, 3])
+
     def smears(self, time: float) -> SmearGrid:
         """Return exact smears of a frame on a network's grid."""
         shape = tuple(-(-side // STRIDE) for side in SIZE[::-1])
         empty = SmearGrid(cells=np.zeros((*shape, 4), np.float32), stride=STRIDE, shape=SIZE[::-1])
         cells, pose = empty.points().reshape(-1, 2), self.pose(time)
-        rays = np.column_stack([(cells - (np.array(SIZE) - 1) / 2) / FOCAL, np.ones(len(cells))])
-        world_rays = rays @ pose[:, :3]
-        centre = -pose[:, :3].T @ pose[:, 3]
-        normal = np.cross(PLANE[:, 0], PLANE[:, 1])
-        far = normal @ (PLANE[:, 2] - centre) / (world_rays @ normal)
-        world = centre + far[:, None] * world_rays
+        world = self.seen_at(cells, pose)
         first, last = (self.pose(time + t * self.share) for t in (-0.5, 0.5))
         ends = [projected(self.camera, world @ one[:, :3].T + one[:, 3]) for one in (first, last)]
         d = to_double_angle(ends[1] - ends[0])

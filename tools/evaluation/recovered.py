@@ -35,7 +35,7 @@ from tools.evaluation.placed import begun, centre_of
 from tools.pages import joined, publish, table
 from tools.rendering.video import VideoOptions, write_video
 
-RUNS, WIDER = (1, 3, 6), (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
+RUNS, WIDER = [1, 3, 6], (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
 BETWEEN, MARGIN = 6, 4  # frames of the model from one run to the next, and at either end
 RATES = (10, 30)  # frames a second
 SHAKES_PX = (10.0, 30.0)  # of a frame, root mean square
@@ -172,20 +172,29 @@ def row(name: str, run_length: int, records: Sequence[dict[str, list[Any]]]) -> 
     return (name, run_length, smear, f"{len(own)} of {total}", *figures, *worst, points, holds)
 
 
-def main(work: Path, *, sequence: Path | None = None, scenes: int = 2, out: Path | None = None) -> None:
+def main(
+    work: Path,
+    *,
+    sequence: Path | None = None,
+    scenes: int = 2,
+    run_lengths: list[int] = RUNS,
+    out: Path | None = None,
+) -> None:
     """Measure cases of a folder of renderings, and of a sequence."""
     network, rows = SmearNetwork(), []
-    for rate, shake_px, run_length in product(RATES, SHAKES_PX, RUNS):
+    for rate, shake_px, run_length in product(RATES, SHAKES_PX, run_lengths if scenes else ()):
         options = VideoOptions(rate=rate, share=LONG, frames=FRAMES, shake_px=shake_px)
         folders = {seed: work / f"{rate}_{shake_px:g}_{run_length}_{seed}" for seed in range(scenes)}
         cases = [rendered(work, folder, seed, options, run_length) for seed, folder in folders.items()]
         records = [measured(case, network) for case in cases]
         rows.append(row(f"{rate} a second", run_length, records))
     if sequence is not None:
-        for run_length, wider in product(RUNS, WIDER):
+        for run_length, wider in product(run_lengths, WIDER):
             case = from_sequence(sequence, work / f"sequence_{run_length}_{wider}", run_length, wider)
             rows.append(row(sequence.name, run_length, [measured(case, network)]))
-    made = f"`python -m tools.evaluation.recovered WORK --scenes {scenes}`"
+    more = "" if sequence is None else f" --sequence {sequence.name}"
+    lengths = " ".join(map(str, run_lengths))
+    made = f"`python -m tools.evaluation.recovered WORK --scenes {scenes} --run-lengths {lengths}{more}`"
     publish(joined("# Frames that a model lacks, recovered", table(HEAD, rows), f"Made by {made}."), out)
 
 
