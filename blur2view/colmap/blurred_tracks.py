@@ -35,7 +35,8 @@ SAME_PX = 1.0  # between places of one keypoint
 LEAST_MATCHES = 15  # of a pair
 LEVELS = (3, 1, 0)  # of the tracker in each round
 VERIFY_PX = 3.0  # of two-view geometries
-NOTHING: tuple[Array, Array] = np.zeros(0, int), np.zeros((0, 2))
+Found = tuple[NDArray[np.int_], Array]  # numbers of keypoints, and places (N, 2)
+NOTHING: Found = np.zeros(0, int), np.zeros((0, 2))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +112,7 @@ def _surfaces(view: View, pixels: Array, world: Array) -> Array:
     return np.asarray((rays * depth[:, None] - view.pose[:, 3]) @ view.pose[:, :3])
 
 
-def _found(view: View, other: View, world: Array, expected: Array) -> tuple[Array, Array]:
+def _found(view: View, other: View, world: Array, expected: Array) -> Found:
     """Return the numbers of an earlier frame's keypoints that are found in a frame, and their places.
 
     Each pair has its own blur: what differs between both is how unevenly either of them moved, so that places

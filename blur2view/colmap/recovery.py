@@ -10,7 +10,6 @@ tools.evaluation.recovered`` measures what comes of it.
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 
 WORK_SIDE = 960  # pixels: larger photographs are worked on in this size
+KEPT = 16  # pictures in memory
 NEIGHBOURS = 4  # registered frames, the nearest, in which patches are taken
 REACH = 12  # frames to the nearest registered one
 LEAST_POINTS = 30  # that a frame must see
@@ -180,7 +180,7 @@ class FrameSequence:
         self.images = {image.name: image for image in model.images.values() if image.has_pose}
         self.registered = sorted(registered, key=lambda name: times[name])
         self.poses = {name: self.images[name].cam_from_world().matrix() for name in registered}
-        self.looked_at = lru_cache(maxsize=4 * NEIGHBOURS)(self._looked_at)
+        self.looked_at: dict[tuple[str, int], tuple[Any, Any, Any]] = {}  # the last few
 
     def recover(self, names: Sequence[str]) -> tuple[dict[str, RecoveredFrame], dict[str, str]]:
         """Return the frames of these names that can be recovered, and why others cannot.
@@ -234,7 +234,11 @@ class FrameSequence:
 
     def view(self, name: str, pose: Array, camera_id: int) -> View:
         """Return a frame at a pose, in the working size."""
-        light, grid, camera = self.looked_at(name, camera_id)
+        key = name, camera_id
+        self.looked_at[key] = self.looked_at.pop(key, None) or self._looked_at(*key)
+        while len(self.looked_at) > KEPT:
+            del self.looked_at[next(iter(self.looked_at))]
+        light, grid, camera = self.looked_at[key]
         return View(image=light, grid=grid, camera=camera, pose=pose)
 
     def _recover_one(self, name: str) -> RecoveredFrame | str:

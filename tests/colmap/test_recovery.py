@@ -201,13 +201,14 @@ def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
     track_frames(recovery.sequence, project, tracked)
     assert project.read_bytes() == before
     with pycolmap.Database.open(tracked) as database:
-        ids = [database.read_image_with_name(name).image_id for name in PLANE.names]
+        numbers = {image.name: image.image_id for image in database.read_all_images()}
+        ids = [numbers[name] for name in PLANE.names]
         keypoints = [database.read_keypoints(number) for number in ids]
         assert all((points[0] == own).all() for points in keypoints)
         for k in range(1, PLANE.frames):
             geometry = database.read_two_view_geometry(ids[k - 1], ids[k])
             one, other = (
-                keypoints[frame][geometry.inlier_matches[:, side], :2] - 0.5
+                np.asarray(keypoints[frame][geometry.inlier_matches[:, side], :2] - 0.5, float)
                 for side, frame in enumerate((k - 1, k))
             )
             assert len(one) > 50
