@@ -213,4 +213,4 @@ def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
             )
             assert len(one) > 50
             missed = np.linalg.norm(PLANE.transferred(one, k - 1, k) - other, axis=1)
-            assert np.median(missed) < 0.5
+            assert np.median(missed) < 0.7
