@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
+from blur2view.networks.mover_networks import NetworkFormat
 
 LARGEST_DIFFERENCE = 2e-3  # between log-odds or logits of ONNX Runtime and torch
 MOST_ROUNDED = 0.2
@@ -96,6 +97,30 @@ def export(
     onnx.save(graph, temporary)
     temporary.replace(target)
     print(f"{target}: {target.stat().st_size / 1e6:.1f} MB, {worst:.1e} from torch")
+
+
+def export_mover_network(
+    target: Path,
+    form: NetworkFormat,
+    network: nn.Module,
+    channels: tuple[int, int],
+    finer: int,
+    facts: Mapping[str, object],
+    half: bool = False,
+) -> None:
+    """Write a network of a format: of these channels, whose first input is so many times finer than cells."""
+    shown, odd = (
+        [torch.rand(1, count, by * h, by * w) for count, by in zip(channels, (finer, 1), strict=True)]
+        for h, w in ((8, 12), (5, 7))
+    )
+    with torch.no_grad():
+        said = network.eval()(*shown)
+    odds = said[0] if isinstance(said, tuple) else said
+    axes = {name: {2: "rows", 3: "columns"} for name in form.inputs}
+    axes[form.outputs[0]] = {odds.ndim - 2: "rows", odds.ndim - 1: "columns"}
+    inputs, properties = dict(zip(form.inputs, shown, strict=True)), {"blur2view_format": form.version}
+    kind = form.file.removesuffix(".onnx")
+    export(target, network, inputs, form.outputs, axes, odd, kind, facts, properties, half=half)
 
 
 def store_half(graph: onnx.GraphProto) -> None:

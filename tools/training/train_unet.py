@@ -15,10 +15,12 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 from torch.nn import functional as nnf
 
+from blur2view.arrays import AnyArray
 from blur2view.networks.brightness import gain_of
 from blur2view.networks.mover_networks import cell_values
 from blur2view.networks.protocol import Detail
@@ -26,7 +28,7 @@ from blur2view.networks.smear_network import SmearNetwork, floats_of
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example
 from tools.metrics import average_precision
-from tools.rendering.layer_scenes import KINDS, Sources, layer_scene, silhouettes
+from tools.rendering.layer_scenes import KINDS, LayerScene, Sources, layer_scene, silhouettes
 from tools.rendering.shaken import ShakeOptions, processed
 from tools.rendering.textures import load_photos
 from tools.training.run import Schedule, Task, batched, fit, save
@@ -48,10 +50,7 @@ def example(
     rng: np.random.Generator, sources: Sources, size: tuple[int, int], network: SmearNetwork, device: str
 ) -> Example:
     """Draw a scene, photograph it and read its smears."""
-    longest = float(rng.choice(LONGEST_PX, p=LONGEST_SHARES)) * min(size[0] / 512, 2)
-    scene = layer_scene(rng, sources, size, longest_px=longest, device=device)
-    picture = processed(rng, scene.linear, ShakeOptions(size=size))[0]
-    picture = np.clip(picture, 0, 255).astype(np.uint8)
+    scene, picture = photographed(rng, sources, size, device)
     return {
         "image": np.moveaxis(floats_of(picture, gain_of(picture)), -1, 0),
         "cells": np.moveaxis(cell_values(network.predict(picture, detail=Detail.PIXELS)), -1, 0),
@@ -61,6 +60,27 @@ def example(
         "camera": np.array(scene.camera_moved),
         "kind": np.array(KINDS.index(scene.kind)),
     }
+
+
+def photographed(
+    rng: np.random.Generator, sources: Sources, size: tuple[int, int], device: str = "cpu"
+) -> tuple[LayerScene, NDArray[np.uint8]]:
+    """Draw a scene, and a photograph (height, width, 3) of it."""
+    longest = float(rng.choice(LONGEST_PX, p=LONGEST_SHARES)) * min(size[0] / 512, 2)
+    scene = layer_scene(rng, sources, size, longest_px=longest, device=device)
+    picture = processed(rng, scene.linear, ShakeOptions(size=size))[0]
+    return scene, np.clip(picture, 0, 255).astype(np.uint8)
+
+
+def split_sources(photographs: list[Path], things: Path | None) -> tuple[Sources, Sources]:
+    """Return what training scenes are made of, and every seventh, of which the held-out ones are."""
+    cutouts = [] if things is None else sorted(things.rglob("*.png"))
+    shapes = silhouettes() + [np.asarray(Image.open(path).convert("RGBA")) for path in cutouts]
+    every = load_photos(photographs), shapes
+    used = [[one for k, one in enumerate(part) if k % HELD_EVERY] for part in every]
+    kept = [part[::HELD_EVERY] for part in every]
+    sources, apart = (Sources(photographs=one, things=other) for one, other in (used, kept))
+    return sources, apart
 
 
 def draw_examples(seed: int, queue: "Queue[Example]", sources: Sources, size: tuple[int, int]) -> None:
@@ -112,6 +132,20 @@ def loss_of(outputs: tuple[Tensor, Tensor], batch: dict[str, Tensor]) -> Tensor:
     return SMEAR_WEIGHT * smears + MOVING_WEIGHT * moving + CAMERA_WEIGHT * moved
 
 
+def judged(odds: AnyArray, one: Example) -> tuple[str, float]:
+    """Name and return the average precision of log-odds (h, w), or the false area where nothing moves."""
+    moves, kind = one["moving"] > 0.5, KINDS[int(one["kind"])]
+    if moves.any():
+        return f"precision {kind}", average_precision(odds.ravel(), moves.ravel())
+    return f"false {kind}", float((odds > 0).mean())
+
+
+def means(rows: list[tuple[str, float]]) -> dict[str, float]:
+    """Return the mean of the values of every name."""
+    names = sorted({name for name, _ in rows})
+    return {one: round(float(np.mean([value for name, value in rows if name == one])), 3) for one in names}
+
+
 class Movers(Task):
     """The U-Net on examples of a queue."""
 
@@ -137,20 +171,13 @@ class Movers(Task):
     @torch.no_grad()
     def figures(self, network: torch.nn.Module) -> dict[str, Any]:
         """Return average precision by kind, false area where nothing moves, cameras judged rightly."""
-        rows: dict[str, list[float]] = {}
+        rows = []
         for one in self.held:
             batch = {name: value.to(self.device) for name, value in batched([one]).items()}
             said, camera = self.outputs(network, batch)
-            odds, moves = said[0, 4].float().cpu().numpy(), one["moving"] > 0.5
-            kind = KINDS[int(one["kind"])]
-            if moves.any():
-                rows.setdefault(f"precision {kind}", []).append(
-                    average_precision(odds.ravel(), moves.ravel())
-                )
-            else:
-                rows.setdefault(f"false {kind}", []).append(float((odds > 0).mean()))
-            rows.setdefault("camera", []).append(float((float(camera) > 0) == (one["camera"] > 0.5)))
-        return {name: round(float(np.mean(values)), 3) for name, values in sorted(rows.items())}
+            rows.append(judged(said[0, 4].float().cpu().numpy(), one))
+            rows.append(("camera", float((float(camera) > 0) == (one["camera"] > 0.5))))
+        return means(rows)
 
 
 def main(
@@ -168,12 +195,7 @@ def main(
     seed: int = 0,
 ) -> None:
     """Train on folders of photographs, on emoji and cut-outs of a folder, from weights if there are any."""
-    cutouts = [] if things is None else sorted(things.rglob("*.png"))
-    cut = [np.asarray(Image.open(path).convert("RGBA")) for path in cutouts]
-    taken, shapes = load_photos(photographs), silhouettes() + cut
-    kept = Sources(photographs=taken[::HELD_EVERY], things=shapes[::HELD_EVERY])
-    used = [[one for k, one in enumerate(every) if k % HELD_EVERY] for every in (taken, shapes)]
-    sources = Sources(photographs=used[0], things=used[1])
+    sources, kept = split_sources(photographs, things)
     device = "cuda" if torch.cuda.is_available() else "cpu"
     network = UNet().to(device)
     if first is not None:

@@ -14,14 +14,18 @@ from tools.training.train_unet import compressed, loss_of
 from tools.training.unet import UNet
 
 
-def scene(kind: str, seed: int) -> LayerScene:
-    """Draw a small scene of noise and a disc."""
-    rng = np.random.default_rng(seed)
+def noise_and_disc(rng: np.random.Generator) -> Sources:
+    """Return one photograph, of noise, and one thing, a disc."""
     disc = np.full((64, 64, 4), 200, np.uint8)
     disc[..., 3] = 255 * (np.hypot(*(np.mgrid[:64, :64] - 31.5)) < 30)
     photo = rng.integers(0, 255, (200, 300, 3), dtype=np.uint8)
-    sources = Sources(photographs=[photo], things=[disc])
-    return layer_scene(rng, sources, (96, 64), kind=kind, longest_px=12.0)
+    return Sources(photographs=[photo], things=[disc])
+
+
+def scene(kind: str, seed: int) -> LayerScene:
+    """Draw a small scene of noise and a disc."""
+    rng = np.random.default_rng(seed)
+    return layer_scene(rng, noise_and_disc(rng), (96, 64), kind=kind, longest_px=12.0)
 
 
 @pytest.mark.parametrize("kind", KINDS)
