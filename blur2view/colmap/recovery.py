@@ -235,10 +235,11 @@ class FrameSequence:
     def view(self, name: str, pose: Array, camera_id: int) -> View:
         """Return a frame at a pose, in the working size."""
         key = name, camera_id
-        self.looked_at[key] = self.looked_at.pop(key, None) or self._looked_at(*key)
+        seen = self.looked_at.pop(key) if key in self.looked_at else self._looked_at(*key)
+        self.looked_at[key] = seen  # the latest last
         while len(self.looked_at) > KEPT:
             del self.looked_at[next(iter(self.looked_at))]
-        light, grid, camera = self.looked_at[key]
+        light, grid, camera = seen
         return View(image=light, grid=grid, camera=camera, pose=pose)
 
     def _recover_one(self, name: str) -> RecoveredFrame | str:

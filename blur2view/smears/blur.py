@@ -205,8 +205,9 @@ def in_doubt(grid: SmearGrid) -> bool:
         return False
     smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
     still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
-    length = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid).smear_px or 0.0
-    return bool(smeared > LEAST_SMEARED and (still > MOST_STILL or length < PLAIN_PX))
+    whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
+    is_plain = still <= MOST_STILL and (whole.smear_px or 0.0) >= PLAIN_PX and not whole.is_short
+    return bool(smeared > LEAST_SMEARED and not is_plain)
 
 
 def nothing_seen(image: AnyArray) -> str:
