@@ -321,6 +321,8 @@ def _length(one: Photograph, limit_px: float) -> str:
         return "no texture"
     if one.use == Use.OUT_OF_FOCUS:
         return f"by a radius of {one.defocus_px or 0.0:.1f} px"
+    if one.use == Use.SHARP and one.smear_px >= limit_px * NEAR:
+        return "no motion of the camera"  # by its kind: the length is below its own deviation
     near = limit_px / NEAR < one.smear_px < limit_px * NEAR
     digits = 2 if near else 1 if one.smear_px < 9.95 else 0
     ground = "" if one.smear_ground_m is None else f", {values.ground_text(one.smear_ground_m)} on the ground"

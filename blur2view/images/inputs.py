@@ -155,7 +155,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             path = Path(word[1:])
             if not path.name:
                 raise ImageError(f"{word}: name a list behind {LIST}, as {LIST}list.txt")
-            for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES)):
+            for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES), path.parent):
                 beside = path.parent / name
                 there = [p for p in (name, beside) if os.path.lexists(p)]
                 if len({os.path.realpath(p) for p in there}) > 1:
@@ -166,11 +166,16 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             yield word
 
 
-def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
+def _lines(source: str, read: Callable[[], bytes], folder: Path | None = None) -> list[str]:
     """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
 
-    A line that begins with # is a comment, and spaces about a name are none of it, unless a file is named so.
+    A line that begins with # is a comment, and spaces about a name are none of it, unless a file is named so,
+    here or in the ``folder`` of the list.
     """
+
+    def exists(name: str) -> bool:
+        return os.path.lexists(name) or (folder is not None and os.path.lexists(folder / name))
+
     try:
         content = read()
         if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -188,8 +193,8 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
         raise ImageError(f"{source}: has {len(lines)} lines; {most}")
     names = [one for one in lines if one.strip()]
     if "\0" not in text:
-        names = [one if os.path.lexists(one) else one.strip() for one in names]
-        names = [one for one in names if one[0] != COMMENT or os.path.lexists(one)]
+        names = [one if exists(one) else one.strip() for one in names]
+        names = [one for one in names if one[0] != COMMENT or exists(one)]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names

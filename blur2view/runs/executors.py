@@ -96,11 +96,18 @@ def _pool(count: int) -> ProcessPoolExecutor:
 
     They import no module of the current folder, whatever it is called.
     """
-    os.environ["PYTHONSAFEPATH"] = "1"
+    os.environ["PYTHONSAFEPATH"], os.environ["PYTHONPATH"] = "1", _search_path()
     try:
         return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
     except OSError as error:
         raise RunError(f"no processes can be started ({error.strerror}); add --jobs 1") from None
+
+
+def _search_path() -> str:
+    """Return PYTHONPATH without the current folder, unless that is the program's own."""
+    here, root = os.path.realpath("."), os.path.realpath(os.path.join(__file__, "..", "..", ".."))
+    found = [os.path.realpath(one or ".") for one in os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    return os.pathsep.join(one for one in found if one == root or one != here)
 
 
 def _begin() -> None:

@@ -58,8 +58,6 @@ class Journal:
         start = 0
         with open_regular(self.path) as file:
             for line in file:
-                if start == 0 and not line.startswith(HEAD):
-                    raise OutputError(f"{self.path}: is no journal of blur2view; rename or remove it")
                 key = line[len(HEAD) :].partition(b'"')[0]
                 if line.endswith(b"\n"):
                     yield key.decode("ascii", "replace"), (start, len(line))
@@ -82,6 +80,9 @@ def journal_beside(output: Path, *, resume: bool) -> Iterator[Journal]:
     except OSError as error:
         raise unwritable(path, error) from None
     try:
+        begin = os.pread(file, len(HEAD), 0)
+        if begin and begin != HEAD:
+            raise OutputError(f"{path}: is no journal of blur2view; rename or remove it")
         if not resume:
             os.ftruncate(file, 0)
         yield Journal(path, file)

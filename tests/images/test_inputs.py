@@ -154,3 +154,9 @@ def test_a_subfolder_that_cannot_be_read_is_refused_by_itself(folder: Path) -> N
     (reason,) = listed(folder, recursive=True).refused.values()
     (folder / "sub").chmod(0o755)
     assert "sub: cannot be read (Permission denied)" in reason
+
+
+def test_a_list_names_files_beside_it_that_begin_like_a_comment(folder: Path) -> None:
+    (folder / "#c.png").write_bytes(png(np.zeros((8, 8, 3), np.uint8)))
+    (folder / "names.txt").write_text("# a comment\n#c.png\n")
+    assert paths(f"@{folder / 'names.txt'}") == [folder / "#c.png"]
