@@ -169,7 +169,7 @@ class Estimating:
         the better of both orders, is below a tenth of its length and below this many pixels, or below two of
         its own standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)
     --seed N: of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)
-    --model ONNX: a smear network, written by tools/training/export_reader.py (default: the shipped one)
+    --model ONNX: a smear network, written by tools/training/export.py (default: the shipped one)
     --provider NAME: let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has,
         for example onnxruntime-gpu; results differ by rounding (default: the processor)
     --no-timings: without timings: equal calls give equal bytes

@@ -24,7 +24,7 @@ CPU = "CPUExecutionProvider"
 MAX_FILE_BYTES = 1 << 28  # the shipped networks have 10 MB at most
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
 PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
-REMEDY = "export one with tools/training/export_reader.py or leave the model out to use the shipped one"
+REMEDY = "export one with tools/training/export.py or leave the model out to use the shipped one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class ModelInfo:
     license : str
         Licence of the weights.
     training : dict
-        How they were trained and what was measured, as written by ``tools/training/export_reader.py``.
+        How they were trained and what was measured, as written by ``tools/training/export.py``.
     """
 
     model_id: str

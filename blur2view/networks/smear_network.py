@@ -44,7 +44,7 @@ class SmearNetwork:
     Parameters
     ----------
     path : path-like, optional
-        An ONNX file written by ``tools/training/export_reader.py``; the shipped one by default.
+        An ONNX file written by ``tools/training/export.py``; the shipped one by default.
     threads : int, optional
         Threads of one inference; all cores this process may use by default. The result is the same.
     providers : sequence of str

@@ -16,7 +16,7 @@ from tools.arguments import Existing, run
 from tools.datasets.testset import test_options, write_photographed, write_truth
 from tools.rendering.layer_scenes import KINDS, Sources, layer_scene, silhouettes
 from tools.rendering.render import Rendering, RenderOptions, render
-from tools.rendering.shaken import ShakeOptions, processed
+from tools.rendering.sensor import processed
 from tools.rendering.textures import load_photos
 
 FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "layers": 11_000_000}
@@ -49,7 +49,7 @@ def write_layers(out: Path, scenes: int, photos: Path, kind: str) -> None:
     for index in range(scenes):
         rng = np.random.default_rng([FIRST_SEED["layers"], KINDS.index(kind), index])
         scene = layer_scene(rng, sources, size, kind=kind, longest_px=float(rng.choice([16, 40, 80])))
-        picture = np.clip(processed(rng, scene.linear, ShakeOptions(size=size))[0], 0, 255)
+        picture = np.clip(processed(rng, scene.linear)[0], 0, 255)
         static = scene.moving <= 0.5
         truth = {"displacement": scene.displacement, "valid": np.ones_like(static), "static": static}
         unknown = {"K": np.eye(3), "R": np.eye(3), "t": np.zeros(3), "F": None, "kind": kind}

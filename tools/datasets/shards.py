@@ -32,9 +32,7 @@ def write_shards(out: Path, numbers: Iterable[int], examples: Callable[[int], It
 
 
 def load_shard(path: Path) -> Example:
-    """Return the arrays of a shard, as soon as there is one."""
-    while not path.exists():
-        time.sleep(2.0)
+    """Return the arrays of a shard."""
     with np.load(path) as file:
         return dict(file)
 

@@ -144,7 +144,7 @@ class LossTask(Task):
 
     def loss(self, rng: np.random.Generator, step: int) -> Tensor:
         """Return the loss of a batch."""
-        batch = batch_of(self.shards, rng, BATCH)
+        batch = batch_of(self.shards[int(rng.integers(len(self.shards)))], rng, BATCH)
         return paper_loss(self.network(batch), batch["d0"], batch["v0"], self.variant)
 
     @torch.no_grad()
@@ -209,7 +209,7 @@ def main(
         torch.manual_seed(seed)
         schedule = Schedule(
             out=work / f"{variant.name}, alpha {variant.alpha:g}, seed {seed}", steps=steps, rate=RATE,
-            largest_gradient=2.0, seed=seed, save_every=steps, validate_every=steps, warm_up=steps // 10,
+            largest_gradient=2.0, seed=seed, every=steps, warm_up=steps // 10,
         )  # fmt: skip
         found.setdefault(variant, []).append(fit(LossTask(variant, shards, others), schedule))
     parts = {

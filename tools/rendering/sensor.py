@@ -1,4 +1,4 @@
-"""From radiance to a coded photograph: exposure, optics, mosaic, noise, tone, sharpening, compression."""
+"""From radiance to a coded photograph: lenses, exposure, mosaic, noise, tone, sharpening, compression."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,18 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
+
+SPREADS = ("disc", "blades", "gaussian", "ring")
+SPREAD_SHARES = (0.45, 0.25, 0.18, 0.12)
+"""Point spreads of lenses out of focus, and how often each is drawn."""
+ELLIPTIC_SHARE, LEAST_AXIS = 0.3, 0.75
+"""Share of point spreads that are squeezed, as off a lens's axis, and by how much at most."""
+
+
+UPSCALED = 0.8
+"""Radius of the disc that spreads as widely as pixels that were far larger, over their side."""
+UPSCALED_SHARE, DENOISED_SHARE, TWICE_SHARE, REDUCED_SHARE = 0.12, 0.12, 0.15, 0.25
+"""Shares of pictures that were scaled up, smoothed with edges kept, compressed twice, photographed larger."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,3 +168,110 @@ def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOption
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)
     image = np.asarray(np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8)
     return compress(rng, image) if rng.random() < options.jpeg_share else image
+
+
+def small_camera(softness_px: float) -> SensorOptions:
+    """Return a phone's options, in focus: an unbalanced mosaic, halos of sharpening, grain.
+
+    Its point spread has this standard deviation.
+    """
+    return SensorOptions(
+        softness_px=(softness_px, softness_px),
+        defocus_share=0.0,
+        unbalanced_share=0.6,
+        sharpening=(0.2, 2.0),
+        grain_share=0.3,
+    )
+
+
+def processed(rng: np.random.Generator, linear: AnyArray) -> tuple[AnyArray, float]:
+    """Photograph radiance (H, W, 3) and process it as phones, videos and web sites do.
+
+    Return the picture, uint8 RGB or float32 on its scale, and the radius of the disc that spreads as widely
+    as the camera does, pixels.
+    """
+    height, width = linear.shape[:2]
+    softness = rng.uniform(0.0, 1.2)
+    if rng.random() < REDUCED_SHARE:
+        return reduced(rng, linear, softness)
+    spread = 2 * softness
+    if rng.random() < UPSCALED_SHARE:
+        factor = rng.uniform(1.15, 2.5)
+        size = (round(width / factor), round(height / factor))
+        small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
+        image = photograph(rng, np.asarray(small), small_camera(softness))
+        how = cv2.INTER_CUBIC if rng.random() < 0.6 else cv2.INTER_LINEAR
+        image = np.asarray(cv2.resize(image, (width, height), interpolation=how))
+        spread = float(np.hypot(spread * factor, UPSCALED * np.sqrt(factor**2 - 1)))
+    else:
+        image = photograph(rng, linear, small_camera(softness))
+    if rng.random() < DENOISED_SHARE:
+        image = np.asarray(cv2.bilateralFilter(image, 5, rng.uniform(8, 40), rng.uniform(1, 3)))
+    if rng.random() < TWICE_SHARE:
+        image = compress(rng, image)
+    return image, spread
+
+
+def reduced(rng: np.random.Generator, linear: AnyArray, softness: float) -> tuple[AnyArray, float]:
+    """Photograph as a larger picture and reduce that, as octaves are: float32 on the scale of uint8.
+
+    Half of the time by two; else by much more, which leaves hardly any noise. Also return the radius of the
+    camera's spread, as `processed` does.
+    """
+    height, width = linear.shape[:2]
+    if rng.random() < 0.5:
+        large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
+        image = photograph(rng, np.maximum(np.asarray(large), 0), small_camera(softness))
+        small = cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+        return np.asarray(small), softness
+    softness /= 2
+    lens = SensorOptions(softness_px=(softness, softness), defocus_share=0.0)
+    signal = soften(rng, expose(rng, linear.astype(np.float32)), lens)
+    coded = np.clip(tone(rng, np.clip(signal, 0, 1)), 0, 1)
+    noise = rng.standard_normal(coded.shape, dtype=np.float32)
+    noise *= np.float32(np.exp(rng.uniform(np.log(1e-4), np.log(2e-3))))
+    return np.asarray((np.clip(coded + noise, 0, 1) * 255).astype(np.float32)), 2 * softness
+
+
+def point_spread(rng: np.random.Generator, radius_px: float, kind: str | None = None) -> AnyArray:
+    """Return a point spread of this radius, (n, n) float32 of sum one, of a kind that is drawn.
+
+    Of a disc the radius is its own; of others it is that of the disc with as wide a spread: twice the
+    standard deviation along an axis.
+    """
+    kind = kind or str(rng.choice(SPREADS, p=SPREAD_SHARES))
+    squeeze = rng.uniform(LEAST_AXIS, 1) if rng.random() < ELLIPTIC_SHARE else 1.0
+    angle, blades = rng.uniform(0, np.pi), int(rng.integers(5, 10))
+    reach = int(np.ceil((2.5 if kind == "gaussian" else 1.5) * radius_px / squeeze**0.5)) + 1
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(np.float32)
+    x, y = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+    x, y = x * squeeze**0.5, y / squeeze**0.5
+    distance = np.hypot(x, y)
+    match kind:
+        case "gaussian":
+            kernel = np.exp(-2 * (distance / radius_px) ** 2)
+        case "blades":
+            sector = 2 * np.pi / blades
+            along = np.remainder(np.arctan2(y, x), sector) - sector / 2
+            # the apothem of the regular polygon with the disc's second moment
+            apothem = radius_px * np.sqrt(6 / (2 + 1 / np.cos(np.pi / blades) ** 2) / 2)
+            kernel = np.clip(apothem - distance * np.cos(along) + 0.5, 0, 1)
+        case "ring":
+            bright, hole = rng.uniform(0.3, 1), rng.uniform(0.4, 0.8)
+            inside = np.clip(radius_px + 0.5 - distance, 0, 1)
+            kernel = inside - bright * np.clip(hole * radius_px + 0.5 - distance, 0, 1)
+        case _:
+            kernel = np.clip(radius_px + 0.5 - distance, 0, 1)
+    kernel = np.maximum(kernel, 0)
+    return np.asarray(kernel / kernel.sum(), np.float32)
+
+
+def defocused(
+    rng: np.random.Generator, linear: AnyArray, radius_px: float, kind: str | None = None
+) -> AnyArray:
+    """Return radiance (H, W, C), with its alpha if it has one, out of focus by this radius."""
+    if radius_px < 0.3:
+        return linear
+    kernel, image = point_spread(rng, radius_px, kind), linear.astype(np.float32)
+    border = cv2.BORDER_REFLECT if image.shape[2] == 3 else cv2.BORDER_CONSTANT
+    return np.asarray(cv2.filter2D(image, -1, kernel, borderType=border))

@@ -1,10 +1,17 @@
-"""What every export of a trained network to an ONNX file does."""
+"""Export a trained network to the ONNX file that the package ships, checked against torch.
+
+``python -m tools.training.export reader runs/reader/last.pt models/smear.onnx`` writes the averaged weights
+of a checkpoint; ``unet`` and ``blur`` those of `tools.training.train_movers`. Of several checkpoints it
+writes the mean. The reader's products are of integers, the U-Net's weights in half precision.
+"""
 
 import hashlib
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import onnx
@@ -15,116 +22,112 @@ from onnxruntime.quantization.quant_utils import add_pre_process_metadata
 from torch import Tensor, nn
 
 from blur2view.arrays import AnyArray
-from blur2view.errors import ModelError
-from blur2view.networks.mover_networks import NetworkFormat
+from blur2view.networks.brightness import BRIGHT
+from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
+from blur2view.networks.mover_networks import BLUR, CELL_VALUES, PLACE_PX, UNET, NetworkFormat
+from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
+from blur2view.smears.likelihood import DIRECTIONS
+from tools.arguments import Existing, Target, run
+from tools.rendering.render import RenderOptions, render
+from tools.rendering.sensor import photograph
+from tools.training.mover_networks import CELLS, PLACES, BlurNet, UNet
+from tools.training.reader import Circular, Reader, ReaderOptions, clipped_shares
 
 LARGEST_DIFFERENCE = 2e-3  # between log-odds or logits of ONNX Runtime and torch
-MOST_ROUNDED = 0.2
-"""Root mean square of what integers change; the logits' deviations are 2 to 3."""
-MOST_HALVED = 0.05
-"""The same of half precision, where log-odds have deviations of 5."""
+MOST_ROUNDED = {"exact": LARGEST_DIFFERENCE, "integers": 0.2, "halves": 0.05}
+"""Root mean square of what each way of storing changes; the reader's logits have deviations of 2 to 3, the
+U-Net's log-odds of 5."""
+CONVENTION = (
+    "one octave of a photograph; inputs: grey (1,1,H,W) float32, sRGB-coded luma, 0 to 1, H and W "
+    "multiples of 32 and at least 64; cepstra (1,H/32,W/32,32,45) and scales (1,H/32,W/32,3) of its windows "
+    "of 96 px as blur2view.networks.spectra gives them; "
+    "coarser (1,H/32,W/32,32,C): features of the octave half the size, each cell repeated 2 x 2, or zeros; "
+    "outputs: logits (1,H/32,W/32,32,20) over direction (180 k / 32 degrees) and length (shorter, 2 px "
+    "and up, four an octave, longer), radii (1,H/32,W/32,20) over radius out of focus (smaller, 0.7 px and "
+    "up, four an octave, larger), kinds (1,H/32,W/32,5): sharp, out of focus, smeared, both, cannot tell; "
+    "features (1,H/32,W/32,32,C); cell j is centred at pixel 32*j + 15.5"
+)
+PROPERTIES = {
+    "blur2view_format": FORMAT,
+    "stride": str(STEP),
+    "multiple_of": str(STEP),
+    "brightness": str(BRIGHT),
+    "convention": CONVENTION,
+}
 
 
-def export(
-    target: Path,
-    network: nn.Module,
-    inputs: Mapping[str, Tensor],
-    outputs: Sequence[str],
-    axes: dict[str, dict[int, str]],
-    samples: Sequence[Tensor],
-    kind: str,
-    facts: Mapping[str, object],
-    properties: Mapping[str, str] | None = None,
-    eight_bits: bool = False,
-    half: bool = False,
-) -> None:
-    """Write a network, when complete and checked; ModelError if it does not compute what torch does.
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """What is written: a network, what it is traced on and compared with, and what its file says.
 
     Parameters
     ----------
-    target : Path
-        Replaced only by a whole file.
     network : Module
-        Traced on these ``inputs``, whose ``axes`` may have any length.
-    samples : sequence of Tensor
-        Further inputs, on which the file is compared with torch.
+    inputs, samples : dict of Tensor
+        By name: traced on, and further ones on which the file is compared with torch.
+    outputs : tuple of str
+    axes : dict
+        Names of the axes of inputs and outputs that may have any length.
     kind : str
         The file's ``model_id`` is this and the first digits of its digest.
-    facts, properties : mapping
-        How it was trained, and what else the file says of itself.
-    eight_bits : bool
-        Whether products with stored matrices are computed on integers, which takes a third of the time, and
-        weights keep their names, as what is constant is not computed.
-    half : bool
-        Whether weights are stored in half precision.
+    properties : dict of str
+        What else the file says of itself.
+    stored : {"exact", "integers", "halves"}
+        ``integers``: products with stored matrices are computed on integers, which takes a third of the time,
+        and weights keep their names, so that a training can start from the file. ``halves``: weights are
+        stored in half precision.
     """
-    temporary = target.with_suffix(".tmp.onnx")
+
+    network: nn.Module
+    inputs: Mapping[str, Tensor]
+    samples: Mapping[str, Tensor]
+    outputs: tuple[str, ...]
+    axes: dict[str, dict[int, str]]
+    kind: str
+    properties: dict[str, str] = field(default_factory=dict)
+    stored: Literal["exact", "integers", "halves"] = "exact"
+
+
+def write(target: Path, export: Export, facts: Mapping[str, object]) -> None:
+    """Write a network when complete and checked; SystemExit if it does not compute what torch does.
+
+    ``target`` is replaced only by a whole file; ``facts`` say how it was trained.
+    """
+    temporary, network = target.with_suffix(".tmp.onnx"), export.network.eval()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter announces its own deprecation and its tracing
         torch.onnx.export(
-            network.eval(),
-            tuple(inputs.values()),
+            network,
+            tuple(export.inputs.values()),
             str(temporary),
-            input_names=list(inputs),
-            output_names=list(outputs),
-            dynamic_axes=axes,
+            input_names=list(export.inputs),
+            output_names=list(export.outputs),
+            dynamic_axes=export.axes,
             opset_version=17,
             dynamo=False,
-            do_constant_folding=not eight_bits,
+            do_constant_folding=export.stored != "integers",
         )
     graph = onnx.load(temporary)
-    compared = dict(zip(inputs, samples, strict=True))
-    worst = max(np.abs(one).max() for one in differences(temporary, network, compared))
-    if not worst <= LARGEST_DIFFERENCE:
-        raise ModelError(f"{temporary} differs from torch by {worst:.2g}, so it does not replace {target}")
-    if eight_bits:
-        graph = with_integers(graph, temporary)
-        worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, compared))
-        if not worst <= MOST_ROUNDED:
-            raise ModelError(f"{temporary}: integers change it by {worst:.2g}; {target} is not replaced")
-    if half:
-        store_half(graph.graph)
-        onnx.save(graph, temporary)
-        worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, compared))
-        if not worst <= MOST_HALVED:
-            raise ModelError(
-                f"{temporary}: half precision changes it by {worst:.2g}; {target} is not replaced"
-            )
+    worst = max(np.abs(one).max() for one in differences(temporary, network, export.samples))
+    if worst <= LARGEST_DIFFERENCE and export.stored != "exact":
+        graph = (
+            with_integers(graph, temporary) if export.stored == "integers" else with_halves(graph, temporary)
+        )
+        worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, export.samples))
+    if not worst <= MOST_ROUNDED[export.stored]:
+        raise SystemExit(f"{temporary} differs from torch by {worst:.2g}, so it does not replace {target}")
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()[:12]
-    said = {"model_id": f"{kind}-{digest}", "license": "Apache-2.0", "training": json.dumps(facts)}
-    onnx.helper.set_model_props(graph, {**said, **(properties or {})})
+    said = {"model_id": f"{export.kind}-{digest}", "license": "Apache-2.0", "training": json.dumps(facts)}
+    onnx.helper.set_model_props(graph, said | export.properties)
     onnx.checker.check_model(graph)
     onnx.save(graph, temporary)
     temporary.replace(target)
     print(f"{target}: {target.stat().st_size / 1e6:.1f} MB, {worst:.1e} from torch")
 
 
-def export_mover_network(
-    target: Path,
-    form: NetworkFormat,
-    network: nn.Module,
-    channels: tuple[int, int],
-    finer: int,
-    facts: Mapping[str, object],
-    half: bool = False,
-) -> None:
-    """Write a network of a format: of these channels, whose first input is so many times finer than cells."""
-    shown, odd = (
-        [torch.rand(1, count, by * h, by * w) for count, by in zip(channels, (finer, 1), strict=True)]
-        for h, w in ((8, 12), (5, 7))
-    )
-    with torch.no_grad():
-        said = network.eval()(*shown)
-    odds = said[0] if isinstance(said, tuple) else said
-    axes = {name: {2: "rows", 3: "columns"} for name in form.inputs}
-    axes[form.outputs[0]] = {odds.ndim - 2: "rows", odds.ndim - 1: "columns"}
-    inputs, properties = dict(zip(form.inputs, shown, strict=True)), {"blur2view_format": form.version}
-    kind = form.file.removesuffix(".onnx")
-    export(target, network, inputs, form.outputs, axes, odd, kind, facts, properties, half=half)
-
-
-def store_half(graph: onnx.GraphProto) -> None:
-    """Store weights in half precision, cast when the network is run."""
+def with_halves(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
+    """Return a model whose weights are stored in half precision, cast when it is run."""
+    graph = model.graph
     for tensor in [
         one for one in graph.initializer if one.data_type == onnx.TensorProto.FLOAT and len(one.dims) > 1
     ]:
@@ -132,6 +135,8 @@ def store_half(graph: onnx.GraphProto) -> None:
         tensor.CopyFrom(onnx.numpy_helper.from_array(half, f"{name}_half"))
         cast = onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT)
         graph.node.insert(0, cast)
+    onnx.save(model, scratch)
+    return model
 
 
 def with_integers(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
@@ -174,3 +179,120 @@ def differences(path: Path, network: nn.Module, inputs: Mapping[str, Tensor]) ->
     actual = session.run(None, {name: one.numpy() for name, one in inputs.items()})
     pairs = zip(actual, expected if isinstance(expected, tuple) else [expected], strict=True)
     return [one - other.numpy() for one, other in pairs]
+
+
+class ExportedOctave(nn.Module):
+    """What the ONNX file computes: all that is learned, for one octave."""
+
+    def __init__(self, network: Reader) -> None:
+        super().__init__()
+        self.network = network
+        for layer in network.modules():
+            if isinstance(layer, Circular):
+                layer.store_matrix()
+
+    def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Compute the outputs ``logits``, ``radii``, ``kinds`` and ``features``."""
+        cepstra, scales, coarser = inputs
+        scalars = torch.cat([scales, clipped_shares(grey)], -1)
+        return self.network.octave(self.network.windows(cepstra, scalars), coarser)
+
+
+def sample_picture() -> Tensor:
+    """Return a rendered grey picture (1, 1, 256, 320) in [0, 1]."""
+    scene = render(7, RenderOptions(size=(320, 256)))
+    image = photograph(np.random.default_rng(7), scene.linear).astype(np.float32) / 255
+    return torch.from_numpy(np.ascontiguousarray(image.mean(-1)[None, None]))
+
+
+class ExportedUNet(nn.Module):
+    """What the package asks of the U-Net: log-odds of places (N, H/4, W/4), and of the camera (N,)."""
+
+    def __init__(self, unet: UNet) -> None:
+        super().__init__()
+        self.unet = unet
+
+    def forward(self, image: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
+        """Leave out the smears."""
+        said, moved = self.unet(image, cells)
+        return said[:, -1], moved
+
+
+def inputs_of(network: Reader, grey: Tensor) -> dict[str, Tensor]:
+    """Return the inputs of the octave of a picture (1, 1, H, W), its smaller one's features at random."""
+    read = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy())))
+    cepstra, scales = (torch.from_numpy(one)[None] for one in read)
+    coarser = torch.rand(*scales.shape[:3], DIRECTIONS, network.options.region)
+    return dict(zip(INPUTS, (grey, cepstra, scales, coarser), strict=True))
+
+
+def of_reader(network: Reader) -> Export:
+    """Return what is written of a reader: one octave, traced and compared on a rendered picture."""
+    cells, grey = {1: "rows", 2: "columns"}, sample_picture()
+    return Export(
+        network=ExportedOctave(network),
+        inputs=inputs_of(network, grey[..., :128, :192].contiguous()),
+        samples=inputs_of(network, grey),
+        outputs=OUTPUTS,
+        axes={name: cells for name in (*INPUTS, *OUTPUTS)} | {"grey": {2: "height", 3: "width"}},
+        kind="smear",
+        properties=PROPERTIES,
+        stored="integers",
+    )
+
+
+def of_movers(network: UNet | BlurNet) -> Export:
+    """Return what is written of a network that finds movers, traced and compared on noise."""
+    is_unet = isinstance(network, UNet)
+    form: NetworkFormat = UNET if is_unet else BLUR
+    fine, coarse, zoom = (3, CELL_VALUES, STEP) if is_unet else (PLACES, CELLS, STEP // PLACE_PX)
+    shown, odd = (
+        dict(
+            zip(
+                form.inputs,
+                (torch.rand(1, fine, zoom * h, zoom * w), torch.rand(1, coarse, h, w)),
+                strict=True,
+            )
+        )
+        for h, w in ((8, 12), (5, 7))
+    )
+    rows = 1 if is_unet else 2
+    axes = {name: {2: "rows", 3: "columns"} for name in form.inputs}
+    return Export(
+        network=ExportedUNet(network) if isinstance(network, UNet) else network,
+        inputs=shown,
+        samples=odd,
+        outputs=form.outputs,
+        axes=axes | {form.outputs[0]: {rows: "rows", rows + 1: "columns"}},
+        kind=form.file.removesuffix(".onnx"),
+        properties={"blur2view_format": form.version},
+        stored="halves" if is_unet else "exact",
+    )
+
+
+def load_average(path: Path) -> dict[str, Any]:
+    """Return what a checkpoint says; its averaged weights are ``average``, float32."""
+    state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    weights: dict[str, Tensor] = state["average"] if "average" in state else state["unet"]
+    return state | {"average": {k: v.float() if v.is_floating_point() else v for k, v in weights.items()}}
+
+
+def main(which: Literal["reader", "unet", "blur"], checkpoints: list[Existing], target: Target) -> None:
+    """Export the mean of the weights of one or more checkpoints of a network."""
+    states = [load_average(path) for path in checkpoints]
+    weights = [state["average"] for state in states]
+    mean = {name: torch.stack([one[name].double() for one in weights]).mean(0) for name in weights[0]}
+    if which == "reader":
+        reader = Reader(ReaderOptions(**states[0]["widths"]))
+        reader.load_state_dict(mean)
+        export = of_reader(reader)
+    else:
+        network = UNet() if which == "unet" else BlurNet()
+        network.load_state_dict(mean)
+        export = of_movers(network)
+    facts = {name: states[0][name] for name in ("seed", "batch", "figures") if name in states[0]}
+    write(target, export, facts | {"steps": [state["step"] for state in states]})
+
+
+if __name__ == "__main__":
+    run(main)

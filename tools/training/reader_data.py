@@ -1,16 +1,17 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
 ``python -m tools.training.reader_data OUT --photos FOLDER... --shards 400`` writes numbered shards of
-pictures of one size: rendered scenes of 320x256 or 640x512, or photographs and textures of these or of
-1280x1024.
-Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in three, and so on.
-Shard k depends on k and the sources only. Run again it goes on; several processes may share the work
-(``--first 0 --every 2``, ``--first 1 --every 2``). A shard has 30 MB. ``--rendered-share 0`` makes no scenes.
+pictures of one size: rendered scenes of 320x256 or 640x512, or layers of photographs and textures of these or
+of 1280x1024. Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in
+three, and so on. Shard k, of 30 MB, depends on k and the sources only. Run again it goes on; several
+processes may share the work (``--first 0 --every 2``, ``--first 1 --every 2``). ``--rendered-share 0`` makes
+no scenes.
 """
 
 import copy
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -24,95 +25,105 @@ from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windo
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, write_shards
 from tools.rendering import textures
-from tools.rendering.defocus import defocused
 from tools.rendering.exposure import GRID
-from tools.rendering.render import Rendering, RenderOptions, render
-from tools.rendering.sensor import log_uniform
-from tools.rendering.shaken import Shaken, ShakeOptions, processed, shake
-from tools.rendering.textures import load_photos
+from tools.rendering.layer_scenes import LayerScene, Sources, layer_scene, silhouettes
+from tools.rendering.render import RenderOptions, render
+from tools.rendering.sensor import defocused, log_uniform, processed
 from tools.training.reader import clipped_shares
-from tools.training.visible import shows_blur
 
 SHARD_PX = 128 * 320 * 256
 """Pixels of all the pictures in a shard."""
-TEXTURES = 3
-"""Procedural textures that the pictures of a shard share."""
 SMALLEST = 320
 """Width of pictures that are read in two octaves."""
-SMALL = ShakeOptions(size=(320, 256), smear_px=(1.2, 60.0))
-WIDE = ShakeOptions(size=(1280, 1024), smear_px=(2.0, 320.0))
-"""Smaller and larger pictures; the others are as :class:`ShakeOptions` has them."""
+LONGEST_PX = {(320, 256): 60.0, (640, 512): 180.0, (1280, 1024): 320.0}
+"""Sizes of pictures of layers, and their longest smears."""
+SMALL_SHARE, WIDE_SHARE = 0.35, 0.2
+"""Shares of shards of the smallest and of the largest size among those of layers."""
+SHORT_SHARE, SHORT_PX = 0.5, 14.0
+"""Share of pictures of layers whose smears have at most this length."""
+TEXTURES = 3
+"""Procedural textures that the pictures of a shard of layers share."""
+TEXTURED_SHARE = 0.25
+"""Share of pictures of layers whose surfaces are textures, too."""
+RENDERED_SHARE, OF_A_SCENE, LARGE_SCENES = 0.4, 4, 0.2
+"""Share of shards of rendered scenes; pictures of each scene; share of these shards that are of 640x512."""
+FOCUS_SHARE, SCENE_FOCUS_SHARE, RADIUS_PX = 0.5, 0.25, (0.7, 20.0)
+"""Shares of pictures of layers and of scenes that are out of focus, and by how much."""
 SMOOTH_PX = 20.0
 """Deviation of the Gaussian that leaves no detail of a picture, for what noise alone looks like."""
-OF_A_SCENE, LARGE_SCENES = 4, 0.2
-"""Pictures of each rendered scene; and the share of shards of scenes that are of 640x512."""
-SCENE_FOCUS_SHARE = 0.25
-"""Share of pictures of rendered scenes that are out of focus."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
-LONGEST_PX = 400
-"""Smears from here on become hidden zeros."""
+HIDDEN_PX = 400
+"""Smears of rendered scenes from here on become hidden zeros."""
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 DIM_SHARE, DIMMEST = 0.15, 20.0
 """Share of pictures that were coded this many times darker at most, log-uniform, and so in fewer levels."""
+NARROW_PX, WIDE_PX, EXTENT_PX = 0.75, 1.5, 2.0
+"""Deviations of the two Gaussians whose difference is the band of a blur of this extent."""
+REGION_PX = 20.0
+"""Deviation of the region about a cell's centre, as that of a Hann window of 96 px."""
+SIGNAL, LEAST = 2.0, 0.4 / 255
+"""Power of a band over that of the noise there, and its amplitude, from which on it shows something."""
 
 
-RENDERED_SHARE, PROCEDURAL_SHARE = 0.4, 0.1
-"""Shares of shards of rendered scenes, and of pictures that show procedural textures; the rest are
-photographs under a moving camera."""
-SMALL_SHARE, WIDE_SHARE = 0.35, 0.2
-"""Shares of shards of 320x256 and of 1280x1024 among those of no rendered scenes."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Picture:
+    """A picture in linear light (H, W, 3), and what is true of it at places of 4 x 4 pixels (H/4, W/4).
+
+    Smears (..., 2), radii out of focus, pixels; and whether a smear stays within the picture on one surface.
+    """
+
+    linear: Array
+    displacement: Array
+    radius_px: Array
+    valid: Array
 
 
-def procedural(rng: np.random.Generator, count: int) -> list[Array]:
-    """Return procedural textures as uint8 pictures, most of them turned or seen at a slant."""
-    makers, shares = zip(*textures.PROCEDURAL, strict=True)
-    pictures = []
-    for _ in range(count):
-        linear = np.clip(makers[rng.choice(len(makers), p=shares)](rng), 0, 1)
-        if rng.random() < 0.7:
-            linear = slanted(rng, linear)
-        pictures.append((linear ** (1 / 2.2) * 255 + 0.5).astype(np.uint8))
-    return pictures
-
-
-def slanted(rng: np.random.Generator, linear: Array, side: int = 640) -> Array:
-    """Return a texture rotated and in perspective, mirrored beyond its border."""
-    angle, scale = rng.uniform(0, 2 * np.pi), rng.uniform(0.9, 1.6)
-    c, s = np.cos(angle) * scale, np.sin(angle) * scale
-    tilt = rng.normal(0, 0.0006, 2) if rng.random() < 0.6 else np.zeros(2)
-    view = np.array([[c, -s, 0], [s, c, 0], [*tilt, 1.0]])
-    there, back = (np.array([[1, 0, t], [0, 1, t], [0, 0, 1.0]]) for t in (len(linear) / 2, -side / 2))
-    flags = cv2.INTER_AREA | cv2.WARP_INVERSE_MAP
-    matrix = there @ view @ back
-    return np.asarray(
-        cv2.warpPerspective(linear, matrix, (side, side), flags=flags, borderMode=cv2.BORDER_REFLECT)
-    )
-
-
-def scene_pictures(rng: np.random.Generator, size: tuple[int, int]) -> Iterator[Shaken]:
-    """Yield pictures of rendered scenes, some of each, without end."""
+def rendered(rng: np.random.Generator, size: tuple[int, int]) -> Iterator[Picture]:
+    """Yield pictures of rendered scenes, some of each, mirrored at random, without end."""
     while True:
         scene = render(int(rng.integers(2**31)), RenderOptions(size=size))
         for _ in range(OF_A_SCENE):
-            yield scene_picture(rng, scene)
+            linear, smears, valid = scene.linear, scene.displacement, scene.valid
+            for axis, signs in ((1, (-1, 1)), (0, (1, -1))):
+                if rng.random() < 0.5:
+                    linear, smears, valid = (np.flip(each, axis) for each in (linear, smears, valid))
+                    smears = smears * np.array(signs, np.float32)
+            radius = log_uniform(rng, RADIUS_PX) if rng.random() < SCENE_FOCUS_SHARE else 0.0
+            usable = np.all(np.abs(smears) < HIDDEN_PX, axis=-1)  # false for NaN, too
+            yield Picture(
+                linear=defocused(rng, np.ascontiguousarray(linear), radius),
+                displacement=np.where(usable[..., None], smears, 0),
+                radius_px=np.full(valid.shape, radius, np.float32),
+                valid=valid & usable,
+            )
 
 
-def scene_picture(rng: np.random.Generator, scene: Rendering) -> Shaken:
-    """Return a rendered scene, mirrored at random; some are out of focus as a whole."""
-    linear, smears, valid = scene.linear, scene.displacement, scene.valid
-    for axis, signs in ((1, (-1, 1)), (0, (1, -1))):
-        if rng.random() < 0.5:
-            linear, smears, valid = (np.flip(each, axis) for each in (linear, smears, valid))
-            smears = smears * np.array(signs, np.float32)
-    radius = log_uniform(rng, SMALL.radius_px) if rng.random() < SCENE_FOCUS_SHARE else 0.0
-    usable = np.all(np.abs(smears) < LONGEST_PX, axis=-1)  # false for NaN, too
-    return Shaken(
-        linear=defocused(rng, np.ascontiguousarray(linear), radius),
-        displacement=np.where(usable[..., None], smears, 0),
-        radius_px=np.full(valid.shape, radius, np.float32),
-        valid=valid & usable,
-    )
+def layered(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -> Iterator[Picture]:
+    """Yield pictures of layers of photographs, or of these and procedural textures, without end."""
+    makers, shares = zip(*textures.PROCEDURAL, strict=True)
+    drawn = [makers[rng.choice(len(makers), p=shares)](rng) for _ in range(TEXTURES)]
+    made = [(np.clip(linear, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8) for linear in drawn]
+    fitting = [p for p in sources.photographs if min(np.array(p.shape[1::-1]) / size) >= 0.75]
+    photographs = fitting or sources.photographs
+    while True:
+        pool = photographs
+        if rng.random() < TEXTURED_SHARE:
+            pool = [*made, *(photographs[int(k)] for k in rng.integers(len(photographs), size=TEXTURES))]
+        scene: LayerScene = layer_scene(
+            rng,
+            Sources(photographs=pool, things=sources.things),
+            size,
+            longest_px=SHORT_PX if rng.random() < SHORT_SHARE else LONGEST_PX[size],
+            focus_share=FOCUS_SHARE,
+            radius_px=RADIUS_PX,
+        )
+        yield Picture(
+            linear=scene.linear,
+            displacement=scene.displacement,
+            radius_px=scene.radius_px,
+            valid=scene.share > 0.9,
+        )
 
 
 def cells_of(values: Array, side: int) -> Array:
@@ -125,16 +136,14 @@ def cells_of(values: Array, side: int) -> Array:
     return cells.reshape(h, w, -1, *values.shape[2:])
 
 
-def photographed(
-    rng: np.random.Generator, linear: Array, options: ShakeOptions
-) -> tuple[Array, Array, float]:
+def photographed(rng: np.random.Generator, linear: Array) -> tuple[Array, Array, float]:
     """Return the luma of a photograph, that of the same camera's of what has no detail, and its spread.
 
     The spread is the radius of a disc, pixels.
     """
     same = copy.deepcopy(rng)
-    image, spread = processed(rng, linear, options)
-    smooth, _ = processed(same, np.asarray(cv2.GaussianBlur(linear, (0, 0), SMOOTH_PX)), options)
+    image, spread = processed(rng, linear)
+    smooth, _ = processed(same, np.asarray(cv2.GaussianBlur(linear, (0, 0), SMOOTH_PX)))
     levels = 255 / math.exp(rng.uniform(math.log(2), math.log(DIMMEST))) if rng.random() < DIM_SHARE else 255
     image, smooth = (np.round(each * (levels / 255)) / np.float32(255) for each in (image, smooth))
     gain = gain_of(np.asarray(image, np.float32))
@@ -144,17 +153,17 @@ def photographed(
     return shown @ LUMA, noise, spread
 
 
-def example_of(rng: np.random.Generator, picture: Shaken, options: ShakeOptions, count: int) -> Example:
-    """Return what an example holds of each of so many octaves.
+def example_of(rng: np.random.Generator, picture: Picture) -> Example:
+    """Return what an example holds of each of the octaves of a picture.
 
     Features C (h, w, 32, 45), s (h, w, 5); samples of the truth d (h, w, 16, 2), v, r (h, w, 16): smears,
     whether they are valid, radii out of focus with the camera's own spread; t (h, w): whether a cell shows
     its blur at all.
     """
-    shown, noisy, spread = photographed(rng, picture.linear, options)
+    shown, noisy, spread = photographed(rng, picture.linear)
     total = np.hypot(picture.radius_px, spread)
     row: Example = {}
-    for k in range(count):
+    for k in range(2 + round(math.log2(shown.shape[1] / SMALLEST))):
         cepstra, scales = polar_cepstra(power_spectra(windows_of(shown)))
         clipped = clipped_shares(torch.from_numpy(shown)[None, None])[0].numpy()
         side = STEP // GRID * 2**k
@@ -169,40 +178,53 @@ def example_of(rng: np.random.Generator, picture: Shaken, options: ShakeOptions,
     return row
 
 
-def shaken_picture(
-    rng: np.random.Generator, photos: list[Array], made: list[Array], options: ShakeOptions
-) -> Shaken:
-    """Return a photograph or texture under a moving camera."""
-    width, height = options.size
-    fitting = [p for p in photos if p.shape[1] >= 0.75 * width and p.shape[0] >= 0.75 * height]
-    photos = fitting or photos
-    textured = bool(made) and rng.random() * (1 - RENDERED_SHARE) < PROCEDURAL_SHARE
-    surfaces = made if textured else photos
-    if made and rng.random() < 0.1:  # a photograph before a texture, or the reverse
-        surfaces = [*made, *[photos[int(rng.integers(len(photos)))]] * len(made)]
-    return shake(rng, surfaces, options)
+def shows_blur(grey: Array, noise: Array, extent_px: Array) -> Array:
+    """Return whether cells (h, w) show their blur: the frequencies that it leaves hold more than noise.
+
+    Parameters
+    ----------
+    grey, noise : ndarray of shape (32 h, 32 w), float32
+        Luma, and that of the same camera's picture of what has no detail.
+    extent_px : ndarray of shape (h, w)
+        The length of the smear or the diameter of the disc, pixels.
+    """
+    levels = 1 + int(np.log2(max(min(grey.shape) / (2 * STEP), 1)))
+    wanted = np.log2(np.maximum(extent_px, EXTENT_PX) / EXTENT_PX)
+    level = np.minimum(np.round(wanted).astype(int), levels - 1)
+    shows = np.zeros(extent_px.shape, bool)
+    x, y = np.meshgrid(*(STEP * np.arange(n, dtype=np.float32) + STEP / 2 for n in extent_px.shape[::-1]))
+    for k in range(levels):
+        place = x / 2**k - 0.5, y / 2**k - 0.5
+        region_px, powers = max(REGION_PX / 2**k, 4 * WIDE_PX), []
+        for each in (grey, noise):
+            narrow, wide = (cv2.GaussianBlur(each, (0, 0), sigma) for sigma in (NARROW_PX, WIDE_PX))
+            band = cv2.GaussianBlur(np.asarray((narrow - wide) ** 2), (0, 0), region_px)
+            powers.append(cv2.remap(band, *place, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        power, quiet = powers
+        clear = power > SIGNAL * quiet + LEAST**2
+        shows[level == k] = clear[level == k]
+        grey, noise = (
+            cv2.resize(each, (each.shape[1] // 2, each.shape[0] // 2), interpolation=cv2.INTER_AREA)
+            for each in (grey, noise)
+        )
+    return shows
 
 
-def examples(number: int, photos: list[Array], rendered_share: float) -> Iterator[Example]:
-    """Yield the examples of one shard, of sharp photographs, uint8 RGB, or of rendered scenes."""
+def examples(number: int, sources: Sources, rendered_share: float) -> Iterator[Example]:
+    """Yield the examples of one shard, of layers of sources, or of rendered scenes."""
     torch.set_num_threads(1)  # the number of threads decides how sums are rounded
-    rng, options = np.random.default_rng(number), ShakeOptions()
-    draw: Callable[[], Shaken]  # of one size
+    rng, (small, middle, wide) = np.random.default_rng(number), LONGEST_PX
     if rng.random() < rendered_share:
-        options = options if rng.random() < LARGE_SCENES else SMALL
-        draw = partial(next, scene_pictures(rng, options.size))
+        pictures = rendered(rng, middle if rng.random() < LARGE_SCENES else small)
     else:
         kind = rng.random()
-        options = WIDE if kind < WIDE_SHARE else options
-        options = SMALL if kind > 1 - SMALL_SHARE else options
-        made = [] if options is WIDE else procedural(rng, TEXTURES)
-        draw = partial(shaken_picture, rng, photos, made, options)
+        size = wide if kind < WIDE_SHARE else small if kind > 1 - SMALL_SHARE else middle
+        pictures = layered(rng, sources, size)
     left = SHARD_PX
     while left > 0:
-        picture = draw()
-        height, width = picture.linear.shape[:2]
-        yield example_of(rng, picture, options, 2 + round(math.log2(width / SMALLEST)))
-        left -= width * height
+        picture = next(pictures)
+        yield example_of(rng, picture)
+        left -= picture.linear[..., 0].size
 
 
 def main(
@@ -214,8 +236,9 @@ def main(
     first: int = 0,
     every: int = 1,
 ) -> None:
-    """Write shards of sharp photographs in folders, and a share of them of rendered scenes."""
-    work = partial(examples, photos=load_photos(photos), rendered_share=rendered_share)
+    """Write shards of sharp photographs in folders and of emoji, and a share of them of rendered scenes."""
+    sources = Sources(photographs=textures.load_photos(photos), things=silhouettes())
+    work = partial(examples, sources=sources, rendered_share=rendered_share)
     write_shards(out, range(first, first + shards, every), work)
 
 

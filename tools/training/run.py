@@ -16,15 +16,10 @@ from tools.datasets.shards import Example
 
 
 class Task(ABC):
-    """What a training learns: a network, its losses on examples, and facts that the checkpoint states.
-
-    ``groups`` are the parameters as the optimiser takes them; ``factor`` is a group's learning rate over the
-    common one.
-    """
+    """What a training learns: a network, its losses on examples, and facts that the checkpoint states."""
 
     def __init__(self, network: nn.Module, facts: dict[str, Any]) -> None:
         self.network, self.facts = network, facts
-        self.groups: list[dict[str, Any]] = [{"params": list(network.parameters())}]
 
     @abstractmethod
     def loss(self, rng: np.random.Generator, step: int) -> Tensor:
@@ -37,15 +32,14 @@ class Task(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """How a training runs: its folder, steps, peak rate, steps between checkpoints and between figures."""
+    """How a training runs: its folder, steps, peak rate, steps between checkpoints with figures."""
 
     out: Path
     steps: int
     rate: float
     largest_gradient: float
     seed: int
-    save_every: int
-    validate_every: int
+    every: int
     warm_up: int = 200
 
 
@@ -58,7 +52,7 @@ def fit(task: Task, schedule: Schedule) -> dict[str, Any]:
     s, checkpoint = schedule, schedule.out / "last.pt"
     s.out.mkdir(parents=True, exist_ok=True)
     network, average = task.network, copy.deepcopy(task.network)
-    optimiser = torch.optim.AdamW(task.groups, lr=s.rate, weight_decay=1e-4)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=s.rate, weight_decay=1e-4)
     parts: dict[str, Any] = {"network": network, "average": average, "optimiser": optimiser}
     step, figures, losses = 0, dict[str, Any](), list[float]()
     if checkpoint.exists():
@@ -70,7 +64,7 @@ def fit(task: Task, schedule: Schedule) -> dict[str, Any]:
         network.train()
         loss = task.loss(np.random.default_rng([s.seed, step]), step)
         for group in optimiser.param_groups:
-            group["lr"] = group.get("factor", 1.0) * warm_cosine(step, s.steps, s.rate, s.warm_up)
+            group["lr"] = warm_cosine(step, s.steps, s.rate, s.warm_up)
         optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         torch.nn.utils.clip_grad_norm_(network.parameters(), s.largest_gradient)
@@ -78,14 +72,13 @@ def fit(task: Task, schedule: Schedule) -> dict[str, Any]:
         step += 1
         follow(average, network, step)
         losses.append(float(loss.detach()))
-        if step == s.steps or step % s.validate_every == 0:
+        if step == s.steps or step % s.every == 0:
             figures = task.figures(average.eval())
             line = json.dumps({"step": step, "loss": round(float(np.mean(losses)), 4), **figures})
             print(line, flush=True)
             with (s.out / "log.jsonl").open("a") as file:
                 file.write(line + "\n")
             losses = []
-        if step == s.steps or step % s.save_every == 0:
             stored = {name: part.state_dict() for name, part in parts.items()}
             save(checkpoint, stored | {"step": step, "figures": figures} | task.facts)
     return figures
@@ -114,13 +107,6 @@ def follow(average: nn.Module, network: nn.Module, step: int) -> None:
             mean.lerp_(value, 1 - decay)
         else:
             mean.copy_(value)
-
-
-def drawn(shards: list[Example], rng: np.random.Generator) -> Example:
-    """Return a random example of one of some shards."""
-    shard = shards[int(rng.integers(len(shards)))]
-    k = int(rng.integers(len(next(iter(shard.values())))))
-    return {name: array[k] for name, array in shard.items()}
 
 
 def batched(rows: list[Example]) -> dict[str, Tensor]:

@@ -1,148 +1,274 @@
-"""Train the network that sees blur against the camera's motion, on scenes that are drawn first.
+"""Train a network that finds what moves by itself, on scenes of layers that other processes draw beside it.
 
-``python -m tools.training.train_movers PHOTOGRAPHS --out runs/movers`` draws scenes of layers as
-`tools.training.train_unet` does, measures them as the package does, writes them to ``examples`` and ``held``
-in shards of 16 pictures (9 MB), and trains on the processor; ``last.pt`` is what
-`tools.training.export_movers` exports. Stopped, it goes on. ``--shards 1 --held 1 --steps 2`` tries it.
+``python -m tools.training.train_movers unet PHOTOGRAPHS --out runs/unet --things CUTOUTS --first weights.pt``
+trains on a GPU, if there is one, and ``blur`` in its place the network that sees blur against the camera's
+motion. They write ``last.pt``, which `tools.training.export` exports; stopped, a run goes on. ``--steps 2
+--batch 2 --side 128 --workers 1 --held 1`` tries it on a processor. Every seventh photograph is kept for the
+figures.
 """
 
-from collections.abc import Iterator
-from functools import partial
+import multiprocessing
+import os
+from collections import deque
 from pathlib import Path
+from queue import Queue
+from typing import Any, Literal
 
+import cv2
 import numpy as np
 import torch
-from torch import Tensor, nn
+from numpy.typing import NDArray
+from PIL import Image
+from torch import Tensor
 from torch.nn import functional as nnf
 
-from blur2view.movers.blur_evidence import OCTAVES, Picture, of_cells, of_places
+from blur2view.arrays import AnyArray
+from blur2view.movers.blur_evidence import Picture, of_cells, of_places
 from blur2view.movers.camera_motion import Cells, camera_field
 from blur2view.movers.moving import LEFT, at_cells
-from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.networks.brightness import gain_of
+from blur2view.networks.mover_networks import cell_values
+from blur2view.networks.smear_network import SmearNetwork, floats_of, rgb_of
 from blur2view.networks.spectra import STEP
 from tools.arguments import Existing, run
-from tools.datasets.shards import Example, load_shard, load_shards, write_shards
-from tools.metrics import epe_s
-from tools.rendering.layer_scenes import KINDS, PLACE_PX, Sources
-from tools.training.movers import Movers
+from tools.datasets.shards import Example
+from tools.metrics import average_precision, epe_s
+from tools.rendering.layer_scenes import KINDS, PLACE_PX, LayerScene, Sources, layer_scene, silhouettes
+from tools.rendering.sensor import processed
+from tools.rendering.textures import load_photos
+from tools.training.mover_networks import BlurNet, UNet
 from tools.training.run import Schedule, Task, batched, fit
-from tools.training.train_unet import judged, means, photographed, split_sources
 
-SIZE, PICTURES = (640, 480), 16
-"""Of a picture; in a shard."""
-BATCH, RATE = 8, 3e-3
+Which = Literal["unet", "blur"]
+
+HELD_EVERY = 7
+POOL = 512
+"""Newest pictures that batches are drawn of."""
+LONGEST_PX, LONGEST_SHARES = (16.0, 40.0, 90.0), (0.25, 0.4, 0.35)
+"""Longest smears of scenes of 512 px, and how often each is drawn."""
+EDGE = 0.9, 0.25
+"""Share of a place from which on it shows one surface; weight of the smears of others."""
+SMEAR_WEIGHT, MOVING_WEIGHT, CAMERA_WEIGHT = 0.5, 5.0, 0.3
+LEAST_ERROR = 0.02
+"""Of a compressed smear: smaller errors do not matter."""
+STUDENT = 4.0
+"""Degrees of freedom of the errors, whose deviations are asked."""
 READ_WEIGHT = 0.2
-"""Of the second question, whether a smear is read, in the loss."""
+"""Of the question whether a smear is read, in the loss of `BlurNet`."""
 READ_PX, READ_SHARE = 2.0, 0.25
 """Error of a smear that is still read right: constant, and of its length."""
 LEFT_OUT_SHARE = 0.5
 """Share of pictures whose camera motion is fitted with the movers left out, as where the U-Net sees them."""
-LUMA = 4 * OCTAVES
-"""First of the three channels of places that are colours."""
-NORM_SHARDS = 12
-"""Shards that means and deviations of the inputs are taken from."""
+
+
+def photographed(
+    rng: np.random.Generator, sources: Sources, size: tuple[int, int], device: str = "cpu"
+) -> tuple[LayerScene, NDArray[np.uint8]]:
+    """Draw a scene, and a photograph (height, width, 3) of it."""
+    longest = float(rng.choice(LONGEST_PX, p=LONGEST_SHARES)) * min(size[0] / 512, 2)
+    scene = layer_scene(rng, sources, size, longest_px=longest, device=device)
+    return scene, np.clip(processed(rng, scene.linear)[0], 0, 255).astype(np.uint8)
 
 
 def example(
-    rng: np.random.Generator, sources: Sources, size: tuple[int, int], network: SmearNetwork
+    which: Which,
+    rng: np.random.Generator,
+    sources: Sources,
+    size: tuple[int, int],
+    network: SmearNetwork,
+    device: str = "cpu",
 ) -> Example:
-    """Return what the network sees of a scene, the share of each place that moves, and whether it is read."""
-    scene, image = photographed(rng, sources, size)
-    grid = network.predict(image)
+    """Draw a scene, photograph it, read its smears, and return what a network sees of it, and the truth."""
+    scene, image = photographed(rng, sources, size, device)
+    grid, moving = network.predict(image), np.clip(scene.moving, 0, 1)
+    truth = {"moving": moving, "kind": np.array(KINDS.index(scene.kind))}
+    if which == "unet":
+        return truth | {
+            "image": np.moveaxis(floats_of(image, gain_of(image)), -1, 0),
+            "cells": np.moveaxis(cell_values(grid), -1, 0),
+            "displacement": np.moveaxis(scene.displacement, -1, 0),
+            "share": scene.share,
+            "camera": np.array(scene.camera_moved),
+        }
     cells, shape = Cells.of(grid), grid.cells.shape[:2]
-    moves = at_cells(np.clip(scene.moving, 0, 1), shape)
     left_out = (1 - LEFT) * (rng.random() < LEFT_OUT_SHARE)
-    motion = camera_field(cells, 1 - left_out * moves, rng)
-    picture = Picture(rgb_of(image), (shape[0], shape[1]), grid.stride)
-    side = STEP // PLACE_PX
+    motion = camera_field(cells, 1 - left_out * at_cells(moving, shape), rng)
+    picture, side = Picture(rgb_of(image), (shape[0], shape[1]), grid.stride), STEP // PLACE_PX
     error = epe_s(np.kron(cells.displacement, np.ones((side, side, 1))), scene.displacement)
-    return {
-        "places": np.moveaxis(of_places(picture, cells, motion), -1, 0).astype(np.float16),
-        "cells": np.moveaxis(of_cells(cells, grid, motion), -1, 0).astype(np.float16),
-        "moving": np.clip(scene.moving, 0, 1).astype(np.float16),
+    return truth | {
+        "places": np.moveaxis(of_places(picture, cells, motion), -1, 0),
+        "cells": np.moveaxis(of_cells(cells, grid, motion), -1, 0),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
-        "kind": np.array(KINDS.index(scene.kind)),
     }
 
 
-def examples(
-    number: int, *, seed: int, sources: Sources, size: tuple[int, int] = SIZE, count: int = PICTURES
-) -> Iterator[Example]:
-    """Yield the examples of a shard, which depend on the seed, its number and the sources."""
-    rng, network = np.random.default_rng([seed, number]), SmearNetwork(threads=1)
-    return (example(rng, sources, size, network) for _ in range(count))
+def split_sources(photographs: list[Path], things: Path | None) -> tuple[Sources, Sources]:
+    """Return what training scenes are made of, and every seventh, of which the held-out ones are."""
+    cutouts = [] if things is None else sorted(things.rglob("*.png"))
+    shapes = silhouettes() + [np.asarray(Image.open(path).convert("RGBA")) for path in cutouts]
+    every = load_photos(photographs), shapes
+    used = [[one for k, one in enumerate(part) if k % HELD_EVERY] for part in every]
+    kept = [part[::HELD_EVERY] for part in every]
+    sources, apart = (Sources(photographs=one, things=other) for one, other in (used, kept))
+    return sources, apart
+
+
+def draw_examples(
+    which: Which, seed: int, queue: "Queue[Example]", sources: Sources, size: tuple[int, int]
+) -> None:
+    """Draw examples without end, in a process of its own."""
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    rng, network = np.random.default_rng(seed), SmearNetwork(threads=1)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    while True:
+        queue.put(example(which, rng, sources, size, network, device))
+
+
+def compressed(displacement: Tensor) -> Tensor:
+    """Return smears (N, 2, ...) in double angle, of length log(1 + L / 2)."""
+    x, y = displacement[:, 0], displacement[:, 1]
+    length = torch.hypot(x, y).clamp(min=1e-6)
+    scale = torch.log1p(length / 2) / (length * length)
+    return torch.stack([scale * (x * x - y * y), scale * 2 * x * y], 1)
+
+
+def smear_loss(said: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Return the mean error of smears, along and across, and Student's loss of their stated deviations.
+
+    ``said`` (N, 4, ...) and ``target`` (N, 2, ...) are of compressed smears. The deviations pull at no smear:
+    else places that stand still would count hundreds of times as much as others.
+    """
+    error, spread = said[:, :2] - target, said[:, 2:4].clamp(-4, 2)
+    unit = nnf.normalize(target, dim=1, eps=1e-3)
+    along = (error * unit).sum(1)
+    across = error[:, 1] * unit[:, 0] - error[:, 0] * unit[:, 1]
+    short = target.norm(dim=1) < 1e-2  # of no direction
+    parts = torch.where(short, error[:, 0], along), torch.where(short, error[:, 1], across)
+    total = torch.sqrt(parts[0] ** 2 + 2 * parts[1] ** 2 + LEAST_ERROR**2)
+    fitted = torch.zeros_like(total)
+    for part, log_sigma in zip(parts, spread.unbind(1), strict=True):
+        squared = (part.detach() ** 2 + LEAST_ERROR**2) * torch.exp(-2 * log_sigma)
+        fitted = fitted + log_sigma + (STUDENT + 1) / 2 * torch.log1p(squared / STUDENT)
+    loss: Tensor = ((2 * total + 0.3 * fitted) * weight).sum() / weight.sum()
+    return loss
+
+
+def judged(odds: AnyArray, one: Example) -> tuple[str, float]:
+    """Name and return the average precision of log-odds (h, w), or the false area where nothing moves."""
+    moves, kind = one["moving"] > 0.5, KINDS[int(one["kind"])]
+    if moves.any():
+        return f"precision {kind}", average_precision(odds.ravel(), moves.ravel())
+    return f"false {kind}", float((odds > 0).mean())
+
+
+def loss_of(said: tuple[Tensor, Tensor] | Tensor, batch: dict[str, Tensor]) -> Tensor:
+    """Return the loss of what a network says of places.
+
+    `UNet` says (N, 5, h, w), and (N,) of the camera; of `BlurNet`'s (N, 2, h, w) it is the mean cross-entropy
+    of both questions.
+    """
+    cross_entropy = nnf.binary_cross_entropy_with_logits
+    if isinstance(said, Tensor):
+        moves, reads = (cross_entropy(said[:, k], batch[name]) for k, name in enumerate(("moving", "read")))
+        return moves + READ_WEIGHT * reads
+    places, camera = (one.float() for one in said)
+    weight = torch.where(batch["share"] > EDGE[0], 1.0, EDGE[1])
+    smears = smear_loss(places[:, :4], compressed(batch["displacement"]), weight)
+    moving, moved = cross_entropy(places[:, 4], batch["moving"]), cross_entropy(camera, batch["camera"])
+    return SMEAR_WEIGHT * smears + MOVING_WEIGHT * moving + CAMERA_WEIGHT * moved
 
 
 class MoverTask(Task):
-    """The network, the shards it learns from, and those it is judged on."""
+    """One of the networks, on the newest examples of a queue."""
 
-    def __init__(self, train: Path, held: Path, seed: int) -> None:
-        network = Movers()
-        super().__init__(network, {"batch": BATCH, "seed": seed})
-        self.train, self.held = sorted(train.glob("*.npz")), load_shards(held)
-        shards = [load_shard(path) for path in self.train[:NORM_SHARDS]]
-        for key, norm in (("places", network.of_places), ("cells", network.of_cells)):
-            norm.learn(torch.from_numpy(np.concatenate([shard[key] for shard in shards]).astype(np.float32)))
+    def __init__(
+        self, network: UNet | BlurNet, facts: dict[str, Any], queue: "Queue[Example]", held: list[Example]
+    ) -> None:
+        super().__init__(network, facts)
+        self.queue, self.held, self.pool = queue, held, deque[Example](maxlen=POOL)
+        self.device = next(network.parameters()).device
+
+    def said(self, network: torch.nn.Module, batch: dict[str, Tensor]) -> Any:
+        """Return what a network says of a batch."""
+        fine = batch["image"] if "image" in batch else batch["places"]
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
+            return network(fine, batch["cells"])
+
+    def on_device(self, rows: list[Example]) -> dict[str, Tensor]:
+        """Return a batch of examples."""
+        return {name: one.to(self.device) for name, one in batched(rows).items()}
 
     def loss(self, rng: np.random.Generator, step: int) -> Tensor:
-        """Return the loss of pictures of one shard."""
-        batch = batch_of(load_shard(self.train[int(rng.integers(len(self.train)))]), rng)
-        return loss_of(self.network(batch["places"], batch["cells"]), batch)
+        """Return the loss of a batch of the newest examples; at first it waits for as many."""
+        count = self.facts["batch"]
+        while len(self.pool) < count or not self.queue.empty():
+            self.pool.append(self.queue.get())
+        batch = self.on_device([self.pool[int(k)] for k in rng.permutation(len(self.pool))[:count]])
+        return loss_of(self.said(self.network, batch), batch)
 
     @torch.no_grad()
-    def figures(self, network: nn.Module) -> dict[str, float]:
-        """Return average precision by kind, and false area where nothing moves."""
+    def figures(self, network: torch.nn.Module) -> dict[str, Any]:
+        """Return means by kind: average precision, false area where nothing moves, cameras judged rightly."""
         rows = []
-        for shard in self.held:
-            for k in range(len(shard["kind"])):
-                one = {name: array[k] for name, array in shard.items()}
-                batch = batched([one])
-                rows.append(judged(network(batch["places"], batch["cells"])[0, 0].numpy(), one))
-        return means(rows)
-
-
-def batch_of(shard: Example, rng: np.random.Generator) -> dict[str, Tensor]:
-    """Draw pictures of a shard, mirrored, turned and brightened."""
-    chosen = rng.permutation(len(shard["kind"]))[:BATCH]
-    batch = batched([{name: array[k] for name, array in shard.items() if name != "kind"} for k in chosen])
-    axes = [axis for axis in (-2, -1) if rng.random() < 0.5]
-    batch = {name: part.flip(axes) for name, part in batch.items()}
-    if rng.random() < 0.5:
-        batch = {name: part.transpose(-2, -1) for name, part in batch.items()}
-    gains = rng.uniform((0.5, -1.2, -1.2), (1.3, 1.2, 1.2), (len(chosen), 3)).astype(np.float32)
-    batch["places"][:, LUMA:] *= torch.from_numpy(gains)[..., None, None]
-    return batch
-
-
-def loss_of(odds: Tensor, batch: dict[str, Tensor]) -> Tensor:
-    """Return the mean cross-entropy of both questions."""
-    moves, reads = (
-        nnf.binary_cross_entropy_with_logits(odds[:, k], batch[name])
-        for k, name in enumerate(("moving", "read"))
-    )
-    return moves + READ_WEIGHT * reads
+        for one in self.held:
+            said = self.said(network, self.on_device([one]))
+            places = said[0][0, 4] if isinstance(said, tuple) else said[0, 0]
+            rows.append(judged(places.float().cpu().numpy(), one))
+            if isinstance(said, tuple):
+                rows.append(("camera", float((float(said[1]) > 0) == (one["camera"] > 0.5))))
+        names = sorted({name for name, _ in rows})
+        return {
+            one: round(float(np.mean([value for name, value in rows if name == one])), 3) for one in names
+        }
 
 
 def main(
+    which: Which,
     photographs: list[Existing],
     *,
     out: Path,
     things: Existing | None = None,
-    shards: int = 260,
-    held: int = 3,
-    steps: int = 12000,
+    first: Existing | None = None,
+    steps: int = 4000,
+    batch: int = 32,
+    side: int = 512,
+    workers: int = max(1, (os.cpu_count() or 1) - 1),
+    rate: float = 1.5e-3,
+    held: int = 48,
     seed: int = 0,
 ) -> None:
-    """Draw shards of folders of photographs, of emoji and cut-outs of a folder, and train on them."""
-    sources, kept = split_sources(photographs, things)
-    write_shards(out / "examples", range(shards), partial(examples, seed=seed, sources=sources))
-    write_shards(out / "held", range(held), partial(examples, seed=seed + 1, sources=kept))
-    torch.set_num_threads(1)
+    """Train on folders of photographs, on emoji and cut-outs of a folder; ``first`` is a checkpoint."""
     torch.manual_seed(seed)
-    schedule = Schedule(
-        out=out, steps=steps, rate=RATE, largest_gradient=2.0, seed=seed, save_every=200, validate_every=1000
-    )
-    fit(MoverTask(out / "examples", out / "held", seed), schedule)
+    sources, kept = split_sources(photographs, things)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    network: UNet | BlurNet = UNet() if which == "unet" else BlurNet()
+    size = side, side * 3 // 4 // STEP * STEP
+    rng, reader = np.random.default_rng([seed, 1]), SmearNetwork(threads=1)
+    apart = [example(which, rng, kept, size, reader, device) for _ in range(held)]
+    if first is not None:
+        stored = torch.load(first, map_location="cpu", weights_only=True)
+        network.load_state_dict(stored.get("average", stored.get("unet")))
+    elif isinstance(network, BlurNet):
+        for name, norm in (("places", network.of_places), ("cells", network.of_cells)):
+            norm.learn(torch.from_numpy(np.stack([one[name] for one in apart])))
+    context = multiprocessing.get_context("spawn")
+    queue: Any = context.Queue(maxsize=4 * batch)
+    drawing = [
+        context.Process(
+            target=draw_examples, args=(which, 1000 * seed + k, queue, sources, size), daemon=True
+        )
+        for k in range(workers)
+    ]
+    for process in drawing:
+        process.start()
+    often = min(steps, 200)
+    schedule = Schedule(out=out, steps=steps, rate=rate, largest_gradient=2.0, seed=seed, every=often)
+    try:
+        fit(MoverTask(network.to(device), {"batch": batch, "seed": seed}, queue, apart), schedule)
+    finally:
+        for process in drawing:
+            process.terminate()
 
 
 if __name__ == "__main__":

@@ -2,15 +2,13 @@
 
 ::
 
-    python -m tools.training.reader_data examples/train --photos FOLDER... &
+    python -m tools.training.reader_data examples/train --photos FOLDER...
     python -m tools.training.reader_data examples/val --photos HELD... --rendered-share 0 \
         --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
-Step k draws from the newest ``--pool`` of the first ``12 + k / 40`` shards (40 MB each, in memory) and waits
-until they are made: the two may run beside each other, and what is learned depends on the seed alone.
-``--weights`` starts a fresh run from an exported network, such as ``models/smear.onnx``. A batch has so many
-pictures of 320x256, or as many cells of larger ones.
+``--weights`` starts a fresh run from an exported network, such as ``models/smear.onnx``. A batch is of one
+shard: so many pictures of 320x256, or as many cells of larger ones.
 """
 
 from collections.abc import Mapping
@@ -21,20 +19,19 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
 from blur2view.smears.field import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.arguments import Existing, run
-from tools.datasets.shards import Example, load_shard
+from tools.datasets.shards import Example, load_shard, load_shards
 from tools.evaluation.smear_figures import Smears, evaluate_smears
 from tools.metrics import DIRECTION_MIN_PX
 from tools.training.reader import (
     Circular,
     Reader,
-    ReaderOptions,
     box_sums,
     cross_entropy,
     kind_target,
@@ -42,13 +39,12 @@ from tools.training.reader import (
     radius_target,
     target_of,
 )
-from tools.training.run import Schedule, Task, batched, drawn, fit
+from tools.training.run import Schedule, Task, batched, fit
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
 ROUNDED_PARTS = "quantized", "scale", "zero_point"
 """What an exported file holds of a matrix that ONNX Runtime rounded to integers."""
-FIRST_SHARDS, STEPS_PER_SHARD = 12, 40
 PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
 COARSE_WEIGHT = 0.3
@@ -57,8 +53,6 @@ DIFFERING_WEIGHT, LEAST_DIFFERENCE_PX = 2.0, 2.0
 """Further weight of cells that differ wholly from those about them; and what of a difference is too small."""
 BLUR_WEIGHT = 0.4
 """Weight of the losses of radii and of kinds."""
-NEW_RATE = 8.0
-"""Learning rate of what a file to start from does not hold, over that of the rest."""
 LONGEST_PX = 60.0
 """Smears up to this length count in the figures: two octaves, which scenes have, read up to 76 px."""
 FIGURES = "direction_deg", "direction_deg_top50", "length_ratio", "length_spread"
@@ -67,61 +61,37 @@ Batch = Mapping[str, Tensor]
 
 
 class ReaderTask(Task):
-    """The reader, the newest of its shards in memory, and the shards that figures are of."""
+    """The reader, and the shards that it learns from and that figures are of."""
 
     network: Reader
 
-    def __init__(
-        self, folder: Path, held: Path, weights: Path | None, batch: int, shards: int, pool: int, seed: int
-    ) -> None:
+    def __init__(self, train: Path, held: Path, weights: Path | None, batch: int, seed: int) -> None:
         network = Reader()
-        options = {"batch": batch, "seed": seed, "train": str(folder), "weights": str(weights)}
-        super().__init__(network, {"widths": asdict(network.options), "options": options})
-        self.folder, self.batch, self.most, self.pool = folder, batch, shards, pool
-        self.shards: dict[int, Example] = {}
-        self.held = {path.stem: load_shard(path) for path in sorted(held.glob("*.npz"))}
-        own = exported_weights(weights, network) if weights else network.state_dict()
-        missing = network.load_state_dict(own, strict=False).missing_keys
-        named = dict(network.named_parameters())
-        groups = [
-            {"params": [each for name, each in named.items() if (name in missing) == new], "factor": factor}
-            for new, factor in ((False, 1.0), (True, NEW_RATE))
-        ]
-        self.groups = [group for group in groups if group["params"]]
+        facts = {"batch": batch, "seed": seed, "train": str(train), "weights": str(weights)}
+        super().__init__(network, {"widths": asdict(network.options), **facts})
+        self.batch, self.train = batch, sorted(train.glob("*.npz"))
+        self.held = load_shards(held)
+        if weights is not None:
+            network.load_state_dict(exported_weights(weights, network))
 
     def loss(self, rng: np.random.Generator, step: int) -> Tensor:
         """Return the loss of all octaves of a batch."""
-        count = min(FIRST_SHARDS + step // STEPS_PER_SHARD, self.most)
-        wanted = range(max(0, count - self.pool), count)
-        held = self.shards
-        self.shards = {k: held[k] if k in held else load_shard(self.folder / f"{k:06d}.npz") for k in wanted}
-        batch = batch_of(list(self.shards.values()), rng, self.batch)
-        (fine, *smaller), _ = losses_of(self.network, batch, half=True)
+        shard = load_shard(self.train[int(rng.integers(len(self.train)))])
+        (fine, *smaller), _ = losses_of(self.network, batch_of(shard, rng, self.batch), half=True)
         return fine + COARSE_WEIGHT * torch.stack(smaller).sum()
 
-    def figures(self, network: nn.Module) -> dict[str, dict[str, float]]:
+    def figures(self, network: torch.nn.Module) -> dict[str, dict[str, float]]:
         """Return the figures of every shard that trains nothing."""
         assert isinstance(network, Reader)
-        return {name: figures_of(network, shard) for name, shard in self.held.items()}
+        return {str(k): figures_of(network, shard) for k, shard in enumerate(self.held)}
 
 
-def batch_of(shards: list[Example], rng: np.random.Generator, count: int) -> Batch:
-    """Return random examples of one size, half mirrored: `count`, or as many cells in larger ones.
-
-    Sizes are as frequent as their shards.
-    """
-    cells = cells_in(shards[int(rng.integers(len(shards)))])
-    alike = [shard for shard in shards if cells_in(shard) == cells]
-    rows = []
-    for _ in range(max(1, count * PICTURE_CELLS // cells)):
-        row = drawn(alike, rng)
-        rows.append(mirrored(row) if rng.random() < 0.5 else row)
-    return batched(rows)
-
-
-def cells_in(shard: Example) -> int:
-    """Return how many cells a picture of a shard has."""
-    return int(np.prod(shard["v0"].shape[1:3]))
+def batch_of(shard: Example, rng: np.random.Generator, count: int) -> Batch:
+    """Return random examples of a shard, half mirrored: `count`, or as many cells in larger ones."""
+    pictures, cells = len(shard["v0"]), int(np.prod(shard["v0"].shape[1:3]))
+    chosen = rng.integers(pictures, size=max(1, count * PICTURE_CELLS // cells))
+    rows = [{name: array[k] for name, array in shard.items()} for k in chosen]
+    return batched([mirrored(row) if rng.random() < 0.5 else row for row in rows])
 
 
 def mirrored(row: Example) -> Example:
@@ -200,7 +170,7 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
 
 
 def exported_weights(path: Path, network: Reader) -> dict[str, Tensor]:
-    """Return the weights that `tools.training.export_reader` stored; ModelError if a file holds none.
+    """Return the weights that `tools.training.export` stored; ModelError if a file holds none.
 
     What it rounded to 8 bits is rounded still.
     """
@@ -210,9 +180,7 @@ def exported_weights(path: Path, network: Reader) -> dict[str, Tensor]:
         if tensor.name.startswith(WEIGHTS)
     }
     if not stored:
-        raise ModelError(
-            f"{path}: holds no weights to train on from; use a file of tools.training.export_reader"
-        )
+        raise ModelError(f"{path}: holds no weights to train on from; use a file of tools.training.export")
     for name, layer in network.named_modules():
         if isinstance(layer, Circular) and f"{name}.matrix_quantized" in stored:
             whole, scale, _ = (stored.pop(f"{name}.matrix_{part}") for part in ROUNDED_PARTS)
@@ -220,41 +188,26 @@ def exported_weights(path: Path, network: Reader) -> dict[str, Tensor]:
     return stored
 
 
-def load_average(checkpoint: Path) -> tuple[Reader, dict[str, Any]]:
-    """Return the averaged network of a checkpoint, and all that the checkpoint says."""
-    state: dict[str, Any] = torch.load(checkpoint, weights_only=True)
-    network = Reader(ReaderOptions(**state["widths"]))
-    network.load_state_dict(state["average"])
-    return network.eval(), state
-
-
 def main(
     *,
-    train: Path,
-    val: Path,
+    train: Existing,
+    val: Existing,
     out: Path,
     weights: Existing | None = None,
     steps: int = 9000,
     batch: int = 16,
-    learning_rate: float = 2e-3,
-    shards: int = 400,
-    pool: int = 100,
+    rate: float = 2e-3,
     seed: int = 0,
-    save_every: int = 100,
-    validate_every: int = 250,
+    every: int = 250,
 ) -> None:
     """Train by one thread: two processes do more than two threads."""
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     try:
-        task = ReaderTask(train, val, weights, batch, shards, pool, seed)
+        task = ReaderTask(train, val, weights, batch, seed)
     except ModelError as error:
         raise SystemExit(str(error)) from None
-    schedule = Schedule(
-        out=out, steps=steps, rate=learning_rate, largest_gradient=1.0, seed=seed,
-        save_every=save_every, validate_every=validate_every,
-    )  # fmt: skip
-    fit(task, schedule)
+    fit(task, Schedule(out=out, steps=steps, rate=rate, largest_gradient=1.0, seed=seed, every=every))
 
 
 if __name__ == "__main__":

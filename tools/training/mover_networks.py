@@ -1,8 +1,11 @@
-"""The U-Net that sees what moves by itself (torch): from a photograph and what the reader says of its cells.
+"""The two networks that find what moves by itself (torch), both U-Nets over places of 4 x 4 pixels.
 
-The photograph, in blocks of 4 x 4 pixels, goes down to 1/32, where the cells join it and three blocks of
-attention see all of it, and up again to 1/4. There every place has a smear with its deviations, and
+`UNet` sees the photograph. It goes down to 1/32, where what the reader says of its cells joins it and three
+blocks of attention see all of it, and up again to 1/4. There every place has a smear with its deviations, and
 log-odds that it moves by itself; the whole picture has log-odds that the camera moved.
+
+`BlurNet` sees blur against the camera's motion, as :mod:`blur2view.movers.blur_evidence` measures it, and
+gives every place two log-odds: that it moves by itself, and that its smear is read right.
 
 References
 ----------
@@ -18,9 +21,22 @@ from torch.nn import functional as nnf
 from blur2view.networks.mover_networks import CELL_VALUES, PLACE_PX
 
 WIDTHS, BLOCKS, ATTENTION = (32, 64, 96, 160), (1, 2, 2, 2), 3
-"""Channels and residual blocks of each size, from 1/4 to 1/32; blocks of attention."""
+"""Of `UNet`: channels and residual blocks of each size, from 1/4 to 1/32; blocks of attention."""
 OUTPUTS = 5
 """Of a place: smear in double angle (2), logarithms of its deviations along and across (2), log-odds."""
+PLACES, CELLS = 15, 19
+"""Channels of the inputs of `BlurNet`."""
+BLUR_WIDTHS, JOINED = (16, 24, 40, 64, 80), 3
+"""Its channels at places, and at halves of them down to twice a cell; the level of the cells."""
+DROPPED = 0.1
+"""Share of the cells' channels that are left out in training."""
+
+
+def convolved(inputs: int, outputs: int, size: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
+    """Return a convolution, normalised over the batch, and max(0, x)."""
+    padding = dilation * (size // 2) * (size % 2)
+    convolution = nn.Conv2d(inputs, outputs, size, stride, padding, dilation, bias=False)
+    return nn.Sequential(convolution, nn.BatchNorm2d(outputs), nn.ReLU())
 
 
 class Block(nn.Module):
@@ -62,13 +78,6 @@ class Attention(nn.Module):
         return y
 
 
-def convolved(inputs: int, outputs: int, size: int, stride: int = 1) -> nn.Sequential:
-    """Return a convolution with its normalisation and rectifier."""
-    padding = size // 2 if stride == 1 else 0
-    convolution = nn.Conv2d(inputs, outputs, size, stride, padding, bias=False)
-    return nn.Sequential(convolution, nn.BatchNorm2d(outputs), nn.ReLU())
-
-
 class UNet(nn.Module):
     """The network; images have sides of multiples of 32 px."""
 
@@ -76,10 +85,10 @@ class UNet(nn.Module):
         super().__init__()
         pairs = list(zip(WIDTHS, WIDTHS[1:], strict=False))
         last = WIDTHS[-1]
-        self.stem = convolved(3 * PLACE_PX**2, WIDTHS[0], 3)
+        self.stem = convolved(3 * PLACE_PX**2, WIDTHS[0])
         self.enc = nn.ModuleList(blocks(c, n) for c, n in zip(WIDTHS, BLOCKS, strict=True))
         self.down = nn.ModuleList(convolved(fine, coarse, 2, 2) for fine, coarse in pairs)
-        self.cells = nn.Sequential(*convolved(CELL_VALUES + 2, last, 3), Block(last))
+        self.cells = nn.Sequential(*convolved(CELL_VALUES + 2, last), Block(last))
         self.join = convolved(2 * last, last, 1)
         self.att = nn.ModuleList(Attention(last) for _ in range(ATTENTION))
         self.mid = nn.ModuleList(Block(last) for _ in range(ATTENTION))
@@ -111,19 +120,6 @@ class UNet(nn.Module):
         return self.head(x), whole[:, 0]
 
 
-class Exported(nn.Module):
-    """What the package asks of it: log-odds of places (N, H/4, W/4), and of the camera (N,)."""
-
-    def __init__(self, unet: UNet) -> None:
-        super().__init__()
-        self.unet = unet
-
-    def forward(self, image: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
-        """Leave out the smears."""
-        said, moved = self.unet(image, cells)
-        return said[:, -1], moved
-
-
 def blocks(channels: int, count: int) -> nn.Sequential:
     """Return so many blocks."""
     return nn.Sequential(*(Block(channels) for _ in range(count)))
@@ -134,3 +130,68 @@ def places(cells: Tensor) -> Tensor:
     ones = torch.ones_like(cells[:, :1])
     steps = torch.cat([ones.cumsum(3), ones.cumsum(2)], 1) - 1
     return 2 * steps / steps.amax((2, 3), keepdim=True).clamp(min=1) - 1
+
+
+class Norm(nn.Module):
+    """Channels (N, C, h, w) less their mean, over their deviation."""
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(channels, 1, 1))
+        self.register_buffer("scale", torch.ones(channels, 1, 1))
+
+    def learn(self, values: Tensor) -> None:
+        """Take mean and deviation from examples (N, C, h, w)."""
+        self.mean.copy_(values.mean((0, 2, 3))[:, None, None])
+        self.scale.copy_(values.std((0, 2, 3))[:, None, None].clamp(min=1e-3))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Return them."""
+        normed: Tensor = (x - self.mean) / self.scale
+        return normed
+
+
+class BlurNet(nn.Module):
+    """The network: encoder, decoder and skip connections."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.of_places, self.of_cells = Norm(PLACES), Norm(CELLS)
+        self.dropout = nn.Dropout2d(DROPPED)
+        self.first = convolved(PLACES, BLUR_WIDTHS[0])
+        self.down = nn.ModuleList(
+            nn.Sequential(convolved(before, after, stride=2), convolved(after, after))
+            for before, after in zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False)
+        )
+        self.join = nn.Sequential(
+            convolved(BLUR_WIDTHS[JOINED] + CELLS, BLUR_WIDTHS[JOINED], 1),
+            convolved(BLUR_WIDTHS[JOINED], BLUR_WIDTHS[JOINED]),
+        )
+        self.deepest = nn.Sequential(
+            *(convolved(BLUR_WIDTHS[-1], BLUR_WIDTHS[-1], dilation=by) for by in (2, 4))
+        )
+        self.narrow = nn.ModuleList(
+            convolved(below, above, 1) for above, below in zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False)
+        )
+        self.up = nn.ModuleList(convolved(2 * width, width) for width in BLUR_WIDTHS[:-1])
+        self.last = nn.Conv2d(BLUR_WIDTHS[0], 2, 1)
+
+    def forward(self, places: Tensor, cells: Tensor) -> Tensor:
+        """Return log-odds (N, 2, 8 h, 8 w) of places (N, 15, 8 h, 8 w) and cells (N, 19, h, w)."""
+        x = self.first(self.of_places(places))
+        levels = [x]
+        for k, down in enumerate(self.down, 1):
+            x = down(x)
+            if k == JOINED:
+                x = self.join(torch.cat([x, self.dropout(self.of_cells(cells))], 1))
+            levels.append(x)
+        x = self.deepest(x)
+        for k in reversed(range(len(self.up))):
+            above = levels[k]
+            wide = nnf.interpolate(self.narrow[k](x), scale_factor=2.0, mode="nearest")
+            x = self.up[k](torch.cat([wide[:, :, : above.shape[2], : above.shape[3]], above], 1))
+        odds: Tensor = self.last(x)
+        return odds

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tools.training.visible import shows_blur
+from tools.training.reader_data import shows_blur
 
 
 def texture(sigma: float) -> NDArray[np.float32]:
