@@ -61,11 +61,6 @@ def rho(F: Array, ends: Array) -> Array:
     return relative
 
 
-def share_under(values: ArrayLike, bound: float) -> float:
-    """Share of values below a bound; 0 for no values."""
-    return float((np.asarray(values) < bound).mean()) if np.size(values) else 0.0
-
-
 def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
     """Angle between the epipoles' viewing rays, degrees in [0, 90]; the better of F and its transpose.
 
@@ -180,26 +175,7 @@ def auc(sharp: ArrayLike, blurred: ArrayLike) -> float:
 
     ValueError without a value of each.
     """
-    low, high = _sorted(sharp, blurred)
-    below = [np.searchsorted(low, high, side).mean() / len(low) for side in ("left", "right")]
-    return float(np.mean(below))
-
-
-def best_accuracy(sharp: ArrayLike, blurred: ArrayLike) -> tuple[float, float]:
-    """Return the accuracy of the best threshold, and of another the mean of the shares right of both classes.
-
-    The second does not gain by calling all pictures what most are. ValueError without a value of each.
-    """
-    low, high = _sorted(sharp, blurred)
-    bounds = np.concatenate([low, high, [np.inf]])  # from which on a picture is called blurred
-    kept = np.searchsorted(low, bounds)
-    found = len(high) - np.searchsorted(high, bounds)
-    accuracy = (kept + found) / (len(low) + len(high))
-    return float(accuracy.max()), float((kept / len(low) + found / len(high)).max() / 2)
-
-
-def _sorted(sharp: ArrayLike, blurred: ArrayLike) -> tuple[Array, Array]:
     low, high = (np.sort(np.asarray(values, float).ravel()) for values in (sharp, blurred))
     if not len(low) or not len(high):
         raise ValueError(f"expected values of both classes, got {len(low)} and {len(high)}")
-    return low, high
+    return float(np.mean([np.searchsorted(low, high, side).mean() / len(low) for side in ("left", "right")]))

@@ -15,7 +15,7 @@ NEAR = 1.1
 as MPEG-4, nine in ten frames of RedKitchen's sequence keep their length within 6 and 8 %."""
 MAX_SMEAR_PX = 3.0
 """Longest smear of a photograph that is called sharp: up to this, half of the SIFT features that it shares
-with itself under fresh noise are still matched (``python -m tools.benchmarks.triage``; chosen on the
+with itself under fresh noise are still matched (``python -m tools.evaluation.triage``; chosen on the
 photographs of Kodak's suite that train networks, shown on the others)."""
 
 

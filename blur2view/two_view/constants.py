@@ -92,7 +92,7 @@ MODELS = {  # parameters, and penalty beside Schwarz's
 PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they had
 # Probability of parallax: of the 200, two of the 150 others reach it, of the 50 that have it 18.
 PROVEN_FROM = 0.87
-# Share of the smears that must follow F beyond chance, too: in `tools.datasets.degenerate_scenes`, seeds 0 to
+# Share of the smears that must follow F beyond chance, too: in `tools.datasets.synthetic_matches`, seeds 0 to
 # 39, 0.32 to 0.38 of smooth random fields do, 0.54 and more of a camera's motion. Of fields alike over 120 px
 # (`tests/two_view/test_degeneracy.py`), seeds 0 to 11, seven reach 0.4, two 0.5.
 PROVEN_AGREEMENT = 0.5

@@ -1,8 +1,6 @@
-"""No two fields of a photograph's record contradict each other, as it is and at an eighth of its brightness.
+"""No two fields of a photograph's record contradict each other, as it is and at an eighth of its light."""
 
-``python -m tools.evaluation.contradictions FOLDERS`` asks so of all photographs at hand.
-"""
-
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +9,73 @@ import pytest
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.results.photograph import Photograph
-from blur2view.results.triage_class import MAX_DEFOCUS_PX
+from blur2view.results.triage_class import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Limits, use_of
+from blur2view.results.verdict import length_text
 from blur2view.smears.blur import DEFOCUSED_PX
-from tools.evaluation.contradictions import contradictions, dimmed
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
+MOVED = "camera moved", "out of focus and moved"
+USES = {
+    "sharp": {"sharp"},
+    "out of focus": {"out of focus"},
+    "camera at rest": {"sharp", "out of focus"},
+    "cannot tell": {"unclear"},
+    "camera moved": {"sharp", "blurred", "unusable", "out of focus"},
+    "out of focus and moved": {"blurred", "unusable", "out of focus"},
+}
+WORDS = {
+    "sharp": "Sharp",
+    "out of focus": "Out of focus (",
+    "camera at rest": "The camera stood still;",
+    "cannot tell": ("Smooth: cannot tell", "Too dark", "Overexposed", "One colour"),
+    "camera moved": ("Camera moved", "Camera turned", "Camera rolled", "Most of"),
+    "out of focus and moved": ("Camera moved", "Camera turned", "Camera rolled", "Most of"),
+}
+DID = {"PANORAMIC": ("Camera turned", "Camera rolled"), "MULTIPLE": "Most of"}
+
+
+def contradictions(one: Photograph) -> Iterator[str]:
+    """Yield a line for every two fields of a record that say different things."""
+    use, why = use_of(one, Limits())
+    moved, radius = one.blur in MOVED, one.defocus_px or 0.0
+    if use not in USES[one.blur]:
+        yield f"blur is {one.blur}, use {use} ({why})"
+    if not one.verdict.startswith(WORDS[one.blur]):
+        yield f"blur is {one.blur}, verdict {one.verdict}"
+    if use == "sharp" and (radius > MAX_DEFOCUS_PX or (moved and (one.smear_px or 0) > MAX_SMEAR_PX)):
+        yield f"use is sharp, smear {one.smear_px}, radius {radius}"
+    if use == "blurred" and not one.has_geometry:
+        yield "use is blurred without a geometry"
+    if not moved:
+        most = max(MAX_SMEAR_PX, one.smear_sigma_px or 0.0)
+        if one.blur != "cannot tell" and (one.smear_px or 0.0) > most:
+            yield f"blur is {one.blur}, smear {one.smear_px} +/- {one.smear_sigma_px} px"
+        if one.has_geometry or one.config != "DEGENERATE":
+            yield f"blur is {one.blur}, config {one.config}"
+        if "radius" in one.verdict and f"{radius:.1f} px" not in one.verdict:
+            yield f"radius is {radius}, verdict {one.verdict}"
+        return
+    if one.model == "no motion" and (one.model_probability or 0.0) > 0.5:
+        yield f"likeliest is no motion, verdict {one.verdict}"
+    if one.config in DID and not one.verdict.startswith(DID[one.config]):
+        yield f"config is {one.config}, verdict {one.verdict}"
+    if "smears of" in one.verdict and length_text(one) not in one.verdict:
+        yield f"smear is {one.smear_px} px, verdict {one.verdict}"
+    if (one.parallax == "proven") != (one.config in ("UNCALIBRATED", "CALIBRATED")):
+        yield f"parallax is {one.parallax}, config {one.config}"
+    if one.parallax == "proven" and one.models and one.model != "parallax":
+        yield f"parallax is proven, likeliest is {one.model}"
+    if one.config in ("PANORAMIC", "PLANAR") and one.rotation_probability is not None:
+        turned = one.rotation_probability >= (one.plane_probability or 0.0)
+        if turned != (one.config == "PANORAMIC"):
+            yield f"config is {one.config}, a rotation has {one.rotation_probability}"
+    if one.models and one.has_geometry and one.parallax != "proven" and one.model not in one.reason:
+        yield f"likeliest is {one.model}, reason {one.reason}"
+
+
+def dimmed(image: AnyArray) -> AnyArray:
+    """Return a picture (H, W, 3), float32 in [0, 1], at an eighth of its 8-bit values."""
+    return np.asarray(np.round(image / np.float32(8) * 255) / 255, np.float32)
 
 
 def found(image: AnyArray) -> list[str]:

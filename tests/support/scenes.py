@@ -9,7 +9,6 @@ from blur2view import Camera, SmearMatches
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
-from tools.datasets.degenerate_scenes import smooth_noise, with_shared_errors
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     camera,
@@ -17,6 +16,8 @@ from tools.datasets.synthetic_matches import (
     project_smears,
     random_smears,
     scaled_motion,
+    smooth_noise,
+    with_shared_errors,
 )
 
 __all__ = [

@@ -12,7 +12,7 @@ import pytest
     [
         "datasets.sample nowhere.txt/sample.jpg",
         "datasets.sample sample.jpg --photos nowhere",
-        "evaluation.even_blur nowhere",
+        "evaluation.blur_kinds nowhere",
     ],
 )
 def test_what_is_not_there_is_wrong_usage(

@@ -13,8 +13,13 @@ from blur2view.smears.noise import NoiseModel
 from blur2view.two_view.consensus import collinear, constant_field
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
-from tools.datasets.degenerate_scenes import Kind, draw_scene
-from tools.datasets.synthetic_matches import KnownMatches, SyntheticOptions, synthetic_smears
+from tools.datasets.synthetic_matches import (
+    KnownMatches,
+    Scene,
+    SyntheticOptions,
+    draw_scene,
+    synthetic_smears,
+)
 from tools.metrics import rho
 
 SEEDS = range(6)
@@ -44,7 +49,7 @@ def transfer_px(H: Array, scene: KnownMatches) -> float:
     ],
 )
 def test_every_kind_is_named_and_has_its_model(
-    kind: Kind, config: Configuration, model: str, parallax: Parallax, reason: str
+    kind: Scene, config: Configuration, model: str, parallax: Parallax, reason: str
 ) -> None:
     """Of the planes one in six may leave parallax undecided, with a fifth of the smears outliers."""
     undecided = 0

@@ -8,8 +8,14 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
-from tools.datasets.degenerate_scenes import tilted_plane
-from tools.datasets.synthetic_matches import IMAGE_SIZE, camera, project_smears, random_smears, scaled_motion
+from tools.datasets.synthetic_matches import (
+    IMAGE_SIZE,
+    camera,
+    project_smears,
+    random_smears,
+    scaled_motion,
+    tilted_plane,
+)
 from tools.estimators import baselines
 from tools.metrics import epipole_angle_deg
 

@@ -5,7 +5,7 @@ Discs have their radius; a polygon stands for the disc of its second moment (r^2
 """
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,15 @@ import numpy as np
 
 from blur2view import BlurKind, ImageError
 from blur2view.arrays import AnyArray
-from tools.evaluation.even_blur import GAMMA, kernel
 from tools.rendering.sensor import SensorOptions, add_noise, log_uniform
 from tools.rendering.textures import read_photograph
 
+SUFFIXES = (".png", ".jpg")
+GAMMA = 2.2
 SIDE_PX, MULTIPLE_PX = 640, 32  # the longer side of a picture, and what divides both: cells of the network
 LEAST_PX = 224  # of the shorter side
 RADII_PX = (2, 3, 4, 5, 6, 7, 8)
-SMEARS_PX = (4, 6, 8, 12, 18, 25)
+SMEARS_PX = (4, 6, 8, 12, 18, 25, 40)
 BOTH_PX = ((4, 12), (3, 20))  # radius and smear
 DIMMED_PX = 12  # the smear that is also tried dim
 GAINS, BITS = (2, 4, 8, 16), (10, 12)  # divisors of 8-bit values; depths inside 16 bits
@@ -38,8 +39,8 @@ FINE = 16  # samples of a pixel along each side, of the edge of an aperture
 class Picture:
     """A picture's file and what it shows.
 
-    ``coding`` is "" or how dim it is, as "1/4" or "10 bits"; ``moving`` (H, W), float32 in [0, 1], is the
-    smeared alpha of all movers, exactly 0 where nothing moves; ``blades`` is 0 for a disc.
+    ``coding`` is "" or how dim it is, as "1/4" or "10 bits"; ``moving`` is the share of the picture that
+    moves before a camera at rest; ``blades`` is 0 for a disc.
     """
 
     file: bytes
@@ -48,8 +49,9 @@ class Picture:
     radius_px: float = 0.0
     blades: int = 0
     smear_px: float = 0.0
+    angle: float = 0.0  # of the smear, radians
     coding: str = ""
-    moving: AnyArray | None = None
+    moving: float = 0.0
 
     @property
     def name(self) -> str:
@@ -57,6 +59,42 @@ class Picture:
         sizes = " and ".join(f"{size:g} px" for size in (self.radius_px, self.smear_px) if size)
         blur = f"{self.kind} {sizes}" if sizes else str(self.kind)
         return f"{blur}, {self.coding}" if self.coding else blur
+
+
+def photographs_of(folders: Iterable[Path]) -> list[Path]:
+    """Return the photographs of folders, by name; without any the tool ends."""
+    paths = [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES]
+    if not paths:
+        raise SystemExit(f"no photograph in {', '.join(map(str, folders))}")
+    return paths
+
+
+@functools.lru_cache(maxsize=32)
+def radiance_of(path: Path) -> AnyArray:
+    """Return a photograph as linear light (H, W, 3), float32 in [0, 1], reduced; do not write into it.
+
+    ImageError if it cannot be decoded or is too small.
+    """
+    levels = (np.arange(256, dtype=np.float32) / 255) ** np.float32(GAMMA)
+    light = cv2.LUT(read_photograph(path), levels)
+    if (scale := SIDE_PX / max(light.shape[:2])) < 1:
+        light = cv2.resize(light, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    height, width = (side // MULTIPLE_PX * MULTIPLE_PX for side in light.shape[:2])
+    if min(height, width) < LEAST_PX:
+        raise ImageError(f"{path}: is too small at {width}x{height} px: remove it from the folder")
+    y, x = (light.shape[0] - height) // 2, (light.shape[1] - width) // 2
+    return np.ascontiguousarray(light[y : y + height, x : x + width])
+
+
+def kernel(length_px: float, angle: float) -> AnyArray:
+    """Return a box of this length along a direction, bilinear in its pixels, of sum one."""
+    side = int(length_px) + 5 | 1
+    weights = np.zeros((side, side), np.float32)
+    for t in np.linspace(-0.5, 0.5, 801) * length_px:
+        x, y = side // 2 + t * np.cos(angle), side // 2 + t * np.sin(angle)
+        j, i = int(x), int(y)
+        weights[i : i + 2, j : j + 2] += np.outer([i + 1 - y, y - i], [j + 1 - x, x - j])
+    return np.asarray(weights / weights.sum())
 
 
 def aperture(radius_px: float, blades: int = 0, turn: float = 0.0) -> AnyArray:
@@ -78,54 +116,31 @@ def blurred(light: AnyArray, weights: AnyArray) -> AnyArray:
     return np.asarray(cv2.filter2D(light, -1, weights, borderType=cv2.BORDER_REFLECT))
 
 
-def direction(rng: np.random.Generator) -> float:
-    """Return an angle of a smear, radians."""
-    return float(rng.uniform(0, np.pi))
+def smeared(rng: np.random.Generator, light: AnyArray, length_px: float) -> tuple[AnyArray, float]:
+    """Return linear light under an even smear of random direction, and the direction's angle, radians."""
+    angle = float(rng.uniform(0, np.pi))
+    return blurred(light, kernel(length_px, angle)), angle
 
 
-@functools.lru_cache(maxsize=32)
-def radiance_of(path: Path) -> AnyArray:
-    """Return a photograph as linear light (H, W, 3), float32 in [0, 1], reduced; do not write into it.
+def taken(rng: np.random.Generator, light: AnyArray, dim: bool = False, **truth: Any) -> Iterator[Picture]:
+    """Yield the JPEG of linear light with a camera's noise.
 
-    ImageError if it cannot be decoded or is too small.
+    With ``dim`` also its 8-bit values divided, and the same recording of more bits, as PNG.
     """
-    levels = (np.arange(256, dtype=np.float32) / 255) ** np.float32(GAMMA)
-    light = cv2.LUT(read_photograph(path), levels)
-    if (scale := SIDE_PX / max(light.shape[:2])) < 1:
-        light = cv2.resize(light, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    height, width = (side // MULTIPLE_PX * MULTIPLE_PX for side in light.shape[:2])
-    if min(height, width) < LEAST_PX:
-        raise ImageError(f"{path}: is too small at {width}x{height} px: remove it from the folder")
-    y, x = (light.shape[0] - height) // 2, (light.shape[1] - width) // 2
-    return np.ascontiguousarray(light[y : y + height, x : x + width])
-
-
-def recorded(rng: np.random.Generator, light: AnyArray) -> AnyArray:
-    """Return coded values (H, W, 3), float32 in [0, 1], with a camera's noise."""
-    return np.asarray(add_noise(rng, light, CAMERA) ** np.float32(1 / GAMMA))
-
-
-def jpeg(rng: np.random.Generator, coded: AnyArray) -> bytes:
-    """Return coded values as a JPEG of good quality."""
-    pixels = (coded[..., ::-1] * 255).round().astype(np.uint8)
+    coded = np.asarray(add_noise(rng, light, CAMERA) ** np.float32(1 / GAMMA))[..., ::-1]
     quality = int(rng.integers(QUALITY[0], QUALITY[1] + 1))
-    return cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-
-
-def taken(rng: np.random.Generator, light: AnyArray, **truth: Any) -> Picture:
-    """Return the picture of linear light."""
-    return Picture(file=jpeg(rng, recorded(rng, light)), suffix=".jpg", **truth)
-
-
-def taken_dim(rng: np.random.Generator, light: AnyArray, **truth: Any) -> Iterator[Picture]:
-    """Yield the picture of linear light, its 8-bit values divided, and the same recording of more bits."""
-    coded = recorded(rng, light)
-    yield (plain := Picture(file=jpeg(rng, coded), suffix=".jpg", **truth))
-    levels = np.asarray(cv2.imdecode(np.frombuffer(plain.file, np.uint8), cv2.IMREAD_COLOR))
-    dim = {f"1/{gain}": np.round(levels / gain).astype(np.uint8) for gain in GAINS}
-    deep = {f"{bits} bits": (coded[..., ::-1] * (2**bits - 1)).round().astype(np.uint16) for bits in BITS}
-    for coding, pixels in (dim | deep).items():
-        yield Picture(file=cv2.imencode(".png", pixels)[1].tobytes(), suffix=".png", coding=coding, **truth)
+    jpeg = cv2.imencode(".jpg", (coded * 255).round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])[
+        1
+    ]
+    yield Picture(file=jpeg.tobytes(), suffix=".jpg", **truth)
+    if dim:
+        levels = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR))
+        codings = {f"1/{gain}": np.round(levels / gain).astype(np.uint8) for gain in GAINS}
+        codings |= {f"{bits} bits": (coded * (2**bits - 1)).round().astype(np.uint16) for bits in BITS}
+        for coding, pixels in codings.items():
+            yield Picture(
+                file=cv2.imencode(".png", pixels)[1].tobytes(), suffix=".png", coding=coding, **truth
+            )
 
 
 def outline(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
@@ -171,7 +186,7 @@ def passed(
     for _ in range(movers):
         cover = outline(rng, light.shape)
         other = texture(rng, radiance_of(others[int(rng.integers(len(others)))]), cover)
-        weights = kernel(rng.uniform(*MOVER_PX), direction(rng))
+        weights = kernel(rng.uniform(*MOVER_PX), float(rng.uniform(0, np.pi)))
         alpha = blurred(cover, weights)
         alpha = np.where(alpha > FAINT, np.minimum(alpha, 1), 0)
         mover = np.where(alpha[..., None] > 0, blurred(cover[..., None] * other, weights), 0)
@@ -185,24 +200,24 @@ def pictures_of(
 ) -> Iterator[Picture]:
     """Yield all pictures of a sharp photograph; cut-outs are of others, apertures polygons if wanted."""
 
-    def defocus(radius_px: float) -> tuple[AnyArray, int]:
+    def lens(radius_px: float) -> tuple[AnyArray, dict[str, Any]]:
         blades = int(rng.integers(5, 10)) if polygons else 0
-        return aperture(radius_px, blades, float(rng.uniform(0, 6.3))), blades
+        weights = aperture(radius_px, blades, float(rng.uniform(0, 6.3)))
+        return blurred(light, weights), {"radius_px": radius_px, "blades": blades}
 
-    yield from taken_dim(rng, light, kind=BlurKind.SHARP)
+    yield from taken(rng, light, dim=True, kind=BlurKind.SHARP)
     for radius_px in RADII_PX:
-        disc, blades = defocus(radius_px)
-        kind = BlurKind.OUT_OF_FOCUS
-        yield taken(rng, blurred(light, disc), kind=kind, radius_px=radius_px, blades=blades)
+        soft, sizes = lens(radius_px)
+        yield from taken(rng, soft, kind=BlurKind.OUT_OF_FOCUS, **sizes)
     for smear_px in SMEARS_PX:
-        smeared = blurred(light, kernel(smear_px, direction(rng)))
-        take = taken_dim(rng, smeared, kind=BlurKind.CAMERA_MOVED, smear_px=smear_px)
-        yield from take if smear_px == DIMMED_PX else [next(take)]
+        (moved, angle), dim = smeared(rng, light, smear_px), smear_px == DIMMED_PX
+        sizes = {"smear_px": smear_px, "angle": angle}
+        yield from taken(rng, moved, dim=dim, kind=BlurKind.CAMERA_MOVED, **sizes)
     for radius_px, smear_px in BOTH_PX:
-        disc, blades = defocus(radius_px)
-        both = blurred(blurred(light, disc), kernel(smear_px, direction(rng)))
-        sizes: dict[str, Any] = {"radius_px": radius_px, "blades": blades, "smear_px": smear_px}
-        yield taken(rng, both, kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, **sizes)
+        soft, sizes = lens(radius_px)
+        both, angle = smeared(rng, soft, smear_px)
+        sizes |= {"smear_px": smear_px, "angle": angle}
+        yield from taken(rng, both, kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, **sizes)
     for _ in range(composites):
         scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))
-        yield taken(rng, scene, kind=BlurKind.CAMERA_AT_REST, moving=moving)
+        yield from taken(rng, scene, kind=BlurKind.CAMERA_AT_REST, moving=float((moving > 0).mean()))

@@ -1,25 +1,22 @@
 """Rendered photographs of four kinds of motion: the verdict on each is known.
 
-    python -m tools.datasets.motion_kinds render/kinds --scenes 30 --photos KODAK
+    python -m tools.datasets.motion_kinds render/kinds --scenes 30
 
-writes that many scenes of each kind as `testset` does, ``KIND/NNNNN.png`` and ``KIND/NNNNN.npz``, where
-NNNNN is the seed. Paths are as bent and as accelerated as those of the test split, textures those of the test
-split, seeds others. A camera that only turns, or holds still, sees any scene; a plane fills the picture; of
-general motion those scenes are kept whose parallax is at least a fifth of the smears (`off_plane`).
-Nothing moves by itself.
+writes that many scenes of each kind as `testset` does, ``KIND/NNNNN.png`` and ``KIND/NNNNN.npz``, where NNNNN
+is the seed, with the paths and textures of the test split. A camera that only turns, or holds still, sees any
+scene; a plane fills the picture; of general motion those scenes are kept whose parallax is at least a fifth
+of the smears (`off_plane`). Nothing moves by itself.
 """
 
 import multiprocessing
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import AnyArray
 from blur2view.smears.field import smear_ends
-from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.fit_homography import find_plane
-from blur2view.two_view.likelihood import Likelihood
 from tools.arguments import Existing, run
 from tools.datasets.testset import SERIES, write_photographed
 from tools.processes import mapped
@@ -49,25 +46,18 @@ SMEARS_PX = (4.0, 60.0)  # median smears, log-uniform; those of a camera that ho
 LEAST_PARALLAX = 0.2
 LEAST_SEEN = 0.05  # share of the image in which both ends of a smear are seen
 TILT = 0.6  # largest tilt of a plane, radians
-SAMPLE = 1000  # smears that the homography is fitted to
 
 
-def off_plane(displacement: AnyArray, chosen: AnyArray, K: AnyArray) -> tuple[Array, Array]:
-    """Return how far true smears (h, w, 2), where chosen, are from the homography of most, and their lengths.
-
-    Both (M,), of at most SAMPLE of the smears, in focal lengths; the same if no homography is found.
-    """
-    rows, columns = chosen.shape
-    points, d = grid_points((4 * columns, 4 * rows))[chosen], displacement[chosen].astype(float)
-    rng, T = np.random.default_rng(0), np.linalg.inv(K)
-    kept = rng.permutation(len(points))[:SAMPLE]
-    ends: Array = smear_ends(points[kept], d[kept])
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    matches = SmearMatches(ends=ends, sigma_px=0.04 * length + 0.1)
-    likelihood = Likelihood(matches=matches, T=T, has_camera=True)
-    plane = find_plane(likelihood, np.zeros(3), [np.zeros(len(ends), bool)])
-    deviation = 2**0.5 * np.abs(plane.orders(likelihood).least) * likelihood.sigma_px
-    return deviation * T[0, 0], length * T[0, 0]
+def off_plane(scene: Rendering) -> float:
+    """Return how far true smears are from a homography of most of them, over their length; means."""
+    rows, columns = scene.valid.shape
+    points = grid_points((4 * columns, 4 * rows))[scene.valid]
+    first, last = np.moveaxis(smear_ends(points, scene.displacement[scene.valid].astype(float)), 1, 0)
+    H, _ = cv2.findHomography(first, last, cv2.LMEDS)
+    if H is None:
+        return 1.0
+    missed = cv2.perspectiveTransform(first[None], H)[0] - last
+    return float(np.linalg.norm(missed, axis=1).mean() / np.linalg.norm(last - first, axis=1).mean())
 
 
 def one_plane(
@@ -95,13 +85,10 @@ def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int
     """Return the first rendered scene of a kind of the seeds ``seed`` + SERIES k."""
     while True:
         scene = attempt(kind, seed, photos, size)
-        seen = scene.valid.mean() > LEAST_SEEN
-        if seen and (kind == "still" or SMEARS_PX[0] <= scene.median_px <= SMEARS_PX[1]):
-            if kind != "general":
-                return scene
-            deviation, length = off_plane(scene.displacement, scene.valid, scene.K)
-            if deviation.mean() >= LEAST_PARALLAX * length.mean():
-                return scene
+        wanted = scene.valid.mean() > LEAST_SEEN
+        wanted = wanted and (kind == "still" or SMEARS_PX[0] <= scene.median_px <= SMEARS_PX[1])
+        if wanted and (kind != "general" or off_plane(scene) >= LEAST_PARALLAX):
+            return scene
         seed += SERIES
 
 

@@ -1,13 +1,15 @@
-"""Synthetic smears of a moving camera with exact truth: 640x480, an ordinary camera, two kinds of depth.
+"""Synthetic smears with exact truth: 640x480, an ordinary camera.
 
-"smooth": a tilted background with relief and nearer cards, so that neighbouring smears have the same order;
-"scattered": every smear's depth is drawn by itself, so that neighbours tell nothing of each other's order.
-:mod:`tools.benchmarks.benchmark_estimators` sweeps what `SyntheticOptions` holds.
+`synthetic_smears` are of a moving camera before two kinds of depth: "smooth", a tilted background with relief
+and nearer cards, so that neighbouring smears have the same order; "scattered", every smear's depth is drawn
+by itself, so that neighbours say nothing of each other's order. `draw_scene` is of six kinds of scenes, three
+of which have no F.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,12 @@ NOISE_SPREAD = 0.7  # standard deviation of the log of the smears' own noise, wh
 Kind = Literal["smooth", "scattered"]
 Motion = Literal["mixed", "forward", "sideways", "rotating", "near-planar"]
 Report = Literal["equal", "constant", "varied", "varied, constant", "varied, wrong"]
+Scene = Literal["no motion", "pure rotation", "plane", "pure translation", "general", "no geometry"]
+SCENES: tuple[Scene, ...] = get_args(Scene)
+NOISE_PX, OUTLIERS, LENGTH_PX, COUNT = (0.25, 1.0), (0.0, 0.3), (8.0, 40.0), (1000, 2000)
+"""Of `draw_scene`: noise of every coordinate, share of random smears, median length, number of smears."""
+TURNING = (0.2, 1.0)  # median length of the rotation's smears over that of the translation's
+CORRELATIONS_PX = (0.0, 20.0, 40.0, 80.0, 120.0)  # of the directions of fields without any geometry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,10 +67,9 @@ class SyntheticOptions:
 class KnownMatches:
     """Matches, whose ends are in random order, and their truth; pixels.
 
-    ``R``, ``t`` are ``cam2_from_cam1``; ``true_ends`` (M, 2, 2) are exact smears of the camera's motion, open
-    then close, of drawn smears those of the matches, also of outliers. ``swapped`` (N,): where ends[:, 1] is
-    the open end (of its own motion, where an outlier has one); ``outlier`` (N,): random, or of a second one;
-    none is known of a photograph's.
+    ``R``, ``t`` are ``cam2_from_cam1``; ``true_ends`` (M, 2, 2) exact smears of the camera's motion, open
+    then close (of synthetic matches: theirs, of outliers too). ``swapped`` (N,): where ends[:, 1] is the open
+    end; ``outlier`` (N,): random, or of a second motion.
     """
 
     K: Array
@@ -84,6 +91,11 @@ class KnownMatches:
         return with_swaps(self.matches.ends, self.swapped)
 
 
+def smears_about(middle: Array, vector: Array) -> Array:
+    """Return smears (N, 2, 2) of midpoints and vectors (N, 2)."""
+    return np.stack([middle - vector / 2, middle + vector / 2], axis=1)
+
+
 def with_swaps(ends: Array, swapped: NDArray[np.bool_]) -> Array:
     """Return smears (N, 2, 2), some of them with their ends exchanged."""
     return np.where(swapped[:, None, None], ends[:, ::-1], ends)
@@ -102,7 +114,11 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Know
     R, t = motion(scene, K, points, depth, options)
     true_ends = project_smears(K, R, t, points, depth)
     observed = true_ends.copy()
-    moving = nearest_share(wrong, points, options.second_motion)
+    apart, moving = (
+        np.linalg.norm(points - points[wrong.integers(len(points))], axis=1),
+        np.zeros(len(points), bool),
+    )
+    moving[np.argsort(apart, kind="stable")[: round(options.second_motion * len(points))]] = True
     other = motion(wrong, K, points, depth, options)
     observed[moving] = project_smears(K, *other, points, depth)[moving]
     random = wrong.random(options.count) < options.outliers
@@ -196,21 +212,12 @@ def median_length(ends: Array) -> float:
     return float(np.median(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)))
 
 
-def nearest_share(rng: np.random.Generator, points: Array, share: float) -> NDArray[np.bool_]:
-    """Return a mask of the share of the points that lie nearest to one of them: a compact object."""
-    distance = np.linalg.norm(points - points[rng.integers(len(points))], axis=1)
-    marked = np.zeros(len(points), bool)
-    marked[np.argsort(distance, kind="stable")[: round(share * len(points))]] = True
-    return marked
-
-
 def random_smears(rng: np.random.Generator, ends: Array) -> Array:
     """Return smears (N, 2, 2) at the same midpoints of random direction, 0.3 to 2 medians long."""
     angle = rng.uniform(0, 2 * np.pi, len(ends))
     length = rng.uniform(0.3, 2.0, len(ends)) * median_length(ends)
-    half = 0.5 * length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    middle = ends.mean(axis=1)
-    return np.stack([middle - half, middle + half], axis=1)
+    vector = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return smears_about(ends.mean(axis=1), vector)
 
 
 def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[Array, Array]:
@@ -226,3 +233,74 @@ def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[A
         "varied, wrong": rng.permutation(own),
     }.get(options.report, own)
     return own, 2 * np.maximum(stated, 1e-3)
+
+
+def draw_scene(kind: Scene, seed: int) -> KnownMatches:
+    """Return a random scene; the same kind and seed give the same smears.
+
+    "no motion": a still camera, so that smears are noise. "plane": one plane, tilted by about 20 degrees,
+    any motion. "no geometry": smears of one length whose directions are random, correlated over 0 to 120 px.
+    """
+    rng = np.random.default_rng([seed, SCENES.index(kind)])
+    count, length_px = int(rng.integers(*COUNT)), float(np.exp(rng.uniform(*np.log(LENGTH_PX))))
+    K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
+    depth = tilted_plane(rng, points) if kind == "plane" else layered_depth(rng, points)
+    fixed = {"pure rotation": np.inf, "pure translation": 0.0}
+    share = fixed.get(kind, rng.uniform(*TURNING))
+    R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
+    ends = project_smears(K, R, t, points, depth)
+    if kind == "no motion":
+        ends = np.stack([points, points], axis=1)
+    elif kind == "no geometry":
+        ends = random_field(rng, points, length_px)
+    shown = np.stack([points, points + [length_px, 0.0]], axis=1) if kind == "no motion" else ends
+    like = random_smears(rng, shown)
+    outlier = rng.random(count) < rng.uniform(*OUTLIERS)
+    noise_px = rng.uniform(*NOISE_PX)
+    observed = np.where(outlier[:, None, None], like, ends) + noise_px * rng.normal(size=ends.shape)
+    swapped = rng.random(count) < 0.5
+    sigma_px = np.full(count, 2 * noise_px)
+    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=ends, swapped=swapped, outlier=outlier)
+
+
+def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
+    """Return the depth (N,) of one plane at pixels (N, 2), at most 1 / 0.3 of its centre's."""
+    slope = rng.normal(0, [0.3, 0.5])
+    slope *= min(1.0, 0.7 / (0.5 * np.abs(slope).sum()))
+    inverse = 1 + (points / np.array(IMAGE_SIZE) - 0.5) @ slope
+    return np.asarray(rng.uniform(*FAR) / inverse)
+
+
+def random_field(rng: np.random.Generator, points: Array, length_px: float) -> Array:
+    """Return smears (N, 2, 2) about pixels, all of one length, of directions without geometry."""
+    correlation_px = float(rng.choice(CORRELATIONS_PX))
+    vector = np.stack([smooth_noise(rng, points, correlation_px) for _ in range(2)], axis=-1)
+    return smears_about(points, length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True))
+
+
+def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float) -> Array:
+    """Return unit-variance noise (N,) at pixels, Gaussian-correlated over ``correlation_px`` (0: white)."""
+    if correlation_px <= 0:
+        return rng.normal(size=len(points))
+    width, height = IMAGE_SIZE
+    white = rng.normal(size=(height // 4 + 1, width // 4 + 1))
+    field = cv2.GaussianBlur(white, (0, 0), correlation_px / 4)
+    columns, rows = np.clip(np.rint(points / 4).astype(int), 0, [width // 4, height // 4]).T
+    return np.asarray((field / field.std())[rows, columns], float)
+
+
+def with_shared_errors(
+    ends: Array, rng: np.random.Generator, direction_deg: float, length_share: float, over_px: float = 40.0
+) -> Array:
+    """Return smears (N, 2, 2) that err as a network's: turned and stretched as their neighbours are.
+
+    ``direction_deg`` and ``length_share`` are the standard deviations of the direction and of the length's
+    natural logarithm.
+    """
+    middle = ends.mean(axis=1)
+    angle = np.radians(direction_deg) * smooth_noise(rng, middle, over_px)
+    stretch = np.exp(length_share * smooth_noise(rng, middle, over_px))
+    x, y = (ends[:, 1] - ends[:, 0]).T * stretch
+    turned = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
+    return smears_about(middle, turned)

@@ -2,7 +2,7 @@
 
 Some are given the order of every match, which no single photograph gives; some ignore that it is unknown.
 Thresholds of the others were chosen on the base case's seeds 10000 to 10059 of both kinds of
-`tools.benchmarks.benchmark_estimators`, by pose AUC at 10 degrees, from 0.5, 1, 1.5, 2, 3 and 4 px: MAGSAC 1
+`tools.evaluation.estimators`, by pose AUC at 10 degrees, from 0.5, 1, 1.5, 2, 3 and 4 px: MAGSAC 1
 (0.78; 0.5 gave 0.79 in three times the time), ACCURATE 1.5 (0.75), pycolmap 2 (0.71), PoseLib 2 (0.79) and,
 with K, 3 (0.90). Everything else is as their functions have it by default.
 """

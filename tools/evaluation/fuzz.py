@@ -6,8 +6,8 @@ A case is a folder of photographs, a video, a list, a network, a COLMAP project 
 oddity (`KINDS`), in which one command runs as a fresh process. A call is rude if it ends by a signal or with
 an exit code other than 0, 1 and 2; outlasts `PATIENCE_S`; prints a traceback, a control character, or on
 stderr a line that is not its own; fails in silence; changes what was there, but a database that it links to;
-writes what it was not asked to; starts another program (traps of known names lie first on PATH) or runs a
-module of the folder; or opens an internet socket (seen by strace, where it is installed).
+writes what it was not asked to; starts another program (traps of known names lie first on PATH); or opens an
+internet socket (seen by strace, where it is installed).
 """
 
 import os
@@ -36,7 +36,7 @@ from PIL import Image
 
 from blur2view.networks.model_file import shipped_file
 from tools.arguments import Target, run
-from tools.pages import joined, publish, table
+from tools.pages import publish, table
 
 Rng = np.random.Generator
 T = TypeVar("T")
@@ -47,7 +47,6 @@ PROGRAM = (
     "from blur2view.__main__ import program\nif __name__ == '__main__':\n    raise SystemExit(program())\n"
 )
 TRAPS = ("gs", "djpeg", "convert", "magick", "ffmpeg", "ffprobe", "dcraw", "exiftool", "colmap", "sh", "bash")
-MODULES = ("pickle", "signal", "struct", "re", "json", "random", "tempfile", "numpy", "cv2", "queue", "onnx")
 OUTPUTS = {"-o", "--csv", "--keep", "--extract", "--db"}  # options that name what a call may write
 READING = (  # commands that read photographs; a project or its model
     "estimate -o out", "estimate --csv table.csv", "segment -o out", "report -o page.html",
@@ -159,12 +158,6 @@ def named(folder: Path, rng: Rng) -> list[str]:
     return [*drawn(rng, READING).split(), "--", GOOD, name]
 
 
-def with_module(folder: Path, rng: Rng) -> list[str]:
-    """Put a module of a library's name into the folder, which says so when it runs."""
-    (folder / f"{drawn(rng, MODULES)}.py").write_text(f"open({str(folder.parent / 'ran')!r}, 'a')")
-    return [*drawn(rng, READING).split(), "--jobs", "2", GOOD, "other.jpg"]
-
-
 def colliding(folder: Path, rng: Rng) -> list[str]:
     """Let an output be an input, another file of the user's, or a link to one or to a device."""
     command = drawn(rng, (*READING[1:2], *READING[3:6], LINK, PLACE))
@@ -177,19 +170,6 @@ def colliding(folder: Path, rng: Rng) -> list[str]:
     return words if command in PROJECT else [*words, GOOD, "other.jpg"]
 
 
-def odd_tiff(folder: Path, rng: Rng) -> list[str]:
-    """Write a TIFF of drawn bits, samples, number format, colours and extra samples."""
-    bits, samples = drawn(rng, (1, 8, 16, 32, 64)), drawn(rng, (1, 2, 3, 4, 5))
-    pixels = rng.bytes(SIZE[0] * SIZE[1] * samples * bits // 8)
-    tags = {256: SIZE[0], 257: SIZE[1], 258: bits, 259: 1, 262: drawn(rng, (0, 1, 2, 3, 5, 6, 8)), 273: 8}
-    tags |= {274: drawn(rng, (1, 3, 6, 99)), 277: samples, 278: SIZE[1], 279: len(pixels)}
-    tags |= {284: drawn(rng, (1, 1, 2)), 338: drawn(rng, (0, 1, 2)), 339: drawn(rng, (1, 2, 3, 6))}
-    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
-    head = struct.pack("<4sI", b"II*\0", 8 + len(pixels))
-    (folder / "odd.tif").write_bytes(head + pixels + struct.pack("<H", len(tags)) + entries + bytes(4))
-    return [*drawn(rng, READING).split(), "odd.tif", GOOD]
-
-
 def odd_database(folder: Path, rng: Rng) -> list[str]:
     """Change a database as SQLite allows, but COLMAP does not expect."""
     words = drawn(rng, (LINK, PLACE, CAMERA))
@@ -200,15 +180,6 @@ def odd_database(folder: Path, rng: Rng) -> list[str]:
     return words.split()
 
 
-def odd_list(folder: Path, rng: Rng) -> list[str]:
-    """Write a list that names itself, nothing, folders, what is missing, or what is no text."""
-    lines = ["@list.txt", "list.txt", "", ".", "/", "\ufeffgood.jpg", GOOD, "\0", "frames", "/dev/zero", "*"]
-    lines += ["x" * 5000, *(f"goood{k}.jpg" for k in range(int(rng.integers(1, 2000))))]
-    chosen = [drawn(rng, lines) for _ in range(int(rng.integers(1, 300)))]
-    (folder / "list.txt").write_text("\n".join(chosen))
-    return [*drawn(rng, READING).split(), GOOD, "@list.txt"]
-
-
 def plain(_: Path, rng: Rng) -> list[str]:
     """Leave all as it is."""
     command = drawn(rng, (*READING, *PROJECT))
@@ -216,33 +187,28 @@ def plain(_: Path, rng: Rng) -> list[str]:
 
 
 KINDS: dict[str, tuple[float, Callable[[Path, Rng], list[str]]]] = {  # share of the cases, what makes one
-    "damage": (0.26, damaged), "odd name": (0.14, named), "module": (0.06, with_module),
-    "collision": (0.12, colliding), "TIFF": (0.09, odd_tiff), "database": (0.09, odd_database),
-    "list": (0.08, odd_list), "nothing": (0.02, plain), "full disk": (0.08, plain),
-    "few files": (0.02, plain), "killed": (0.04, plain),
+    "damage": (0.40, damaged), "odd name": (0.18, named), "collision": (0.14, colliding),
+    "database": (0.12, odd_database), "nothing": (0.02, plain), "full disk": (0.09, plain),
+    "killed": (0.05, plain),
 }  # fmt: skip
-LIMITS: dict[str, Callable[[Rng], tuple[int, int]]] = {  # of a process's resources
-    "full disk": lambda rng: (resource.RLIMIT_FSIZE, int(10 ** rng.uniform(3.6, 5.7))),
-    "few files": lambda rng: (resource.RLIMIT_NOFILE, int(rng.integers(12, 60))),
-}
 
 
 def call(
-    folder: Path, words: list[str], limit: tuple[int, int] | None = None, patience_s: float = PATIENCE_S
+    folder: Path, words: list[str], most_bytes: int = 0, patience_s: float = PATIENCE_S
 ) -> CompletedProcess[str]:
-    """Run a command in a folder, under a limit; kill it after a time, and then what it started, too."""
+    """Run a command in a folder, its files limited; kill it after a time, and then what it started, too."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(folder.parent)}
     environment["PATH"] = f"{folder.parent / 'bin'}{os.pathsep}{environment['PATH']}"
     program = [sys.executable, str(folder.parent / "bin/program"), *words]
-    if shutil.which("strace") and not limit:
+    if shutil.which("strace") and not most_bytes:
         log = ["-e", "trace=connect,bind", "-o", str(folder.parent / "sockets")]
         program = ["strace", "-f", "-qq", "--seccomp-bpf", *log, *program]
     child = subprocess.Popen(
         program, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=PIPE, stderr=PIPE,
         errors="replace", start_new_session=True,
     )  # fmt: skip
-    if limit:
-        resource.prlimit(child.pid, limit[0], (limit[1], limit[1]))
+    if most_bytes:
+        resource.prlimit(child.pid, resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
     timer = threading.Timer(patience_s, os.killpg, (child.pid, signal.SIGKILL))
     timer.start()
     printed, said = child.communicate()
@@ -289,9 +255,9 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, int, list[str]]:
     words = KINDS[kind][1](folder, rng)
     before = snapshot(folder)
     if kind == "killed":
-        call(folder, words, None, float(rng.uniform(0.3, 4)))
+        call(folder, words, patience_s=float(rng.uniform(0.3, 4)))
         words += ["--resume"] if "out" in words else []
-    done = call(folder, words, LIMITS[kind](rng) if kind in LIMITS else None)
+    done = call(folder, words, int(10 ** rng.uniform(3.6, 5.7)) if kind == "full disk" else 0)
     found = complaints(folder, before, done)
     found += [f"fails: {done.stderr}"] if kind in ("nothing", "killed") and done.returncode else []
     for name in {path.name for path in place.iterdir()} - {"whole", "bin", "case"}:
@@ -312,7 +278,7 @@ def main(*, cases: int = 1000, seed: int = 0, first: int = 0, out: Target | None
                 print(f"RUDE {kind}, --seed {seed} --first {number} --cases 1: {complaint}", flush=True)
     lines = [(kind, *(codes[kind, code] for code in (0, 1, 2)), rude[kind]) for kind in KINDS]
     words = f"Seed {seed}, {codes.total()} cases; `--help` says when a call is rude."
-    publish(joined(words, table("odd | exit code 0 | 1 | 2 | rude", lines)), out)
+    publish(out, words, table("odd | exit code 0 | 1 | 2 | rude", lines))
     raise SystemExit(bool(rude.total()))
 
 

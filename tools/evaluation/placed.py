@@ -21,7 +21,7 @@ from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 from tools.arguments import run
-from tools.pages import joined, publish, table
+from tools.pages import publish, table
 from tools.rendering.video import Shake, VideoOptions, write_video
 
 SHAKES = {"30, slower": (30, 0.7, 10), "10, as fast": (10, 0.7, 10), "10, faster": (10, 6, 12)}
@@ -179,9 +179,9 @@ def measure(work: Path, key: dict[str, Any]) -> dict[str, Any]:
     return record | {"smear": [float(np.linalg.norm(one, axis=-1).mean()) for one in ends_seen]}
 
 
-def page(records: list[dict[str, Any]]) -> str:
-    """Return the medians of every cell as Markdown."""
-    rows = []
+def medians(records: list[dict[str, Any]]) -> list[tuple[object, ...]]:
+    """Return rows of the medians of every cell."""
+    rows: list[tuple[object, ...]] = []
     for shake, share in product(SHAKES, SHARES):
         cell = [one for one in records if (one["shake"], one["share"]) == (shake, share)]
         for method in METHODS if cell else ():
@@ -191,15 +191,15 @@ def page(records: list[dict[str, Any]]) -> str:
             own = f"{np.median([one['fraction'] for one in cell]):.2f}" if method == "place" else ""
             figures = f"{degrees:.3f}", f"{1000 * depth:.2f}", f"{px:.2f}"
             rows.append((shake, share, len(values), f"{smear:.0f}", method, *figures, own))
-    made = f"`python -m tools.evaluation.placed WORK --scenes {1 + max(one['seed'] for one in records)}`"
-    return joined(f"# {TITLE}", table(HEAD, rows), f"Medians over frames. Made by {made}.")
+    return rows
 
 
 def main(work: Path, *, scenes: int = 3, out: Path | None = None) -> None:
     """Measure so many videos of each cell in a folder of renderings, projects and models."""
     cells = product(range(scenes), SHAKES, SHARES)
     keys = [{"shake": shake, "share": share, "seed": seed} for seed, shake, share in cells]
-    publish(page([measure(work, key) for key in keys]), out)
+    rows = medians([measure(work, key) for key in keys])
+    publish(out, f"# {TITLE}", table(HEAD, rows), "Medians over frames.")
 
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
     python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md
 
-Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from
-smears without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and
-without outliers. "correlated": directions and lengths err as one over 40 px, as those of a network;
-the standard deviation of every displacement and the share of independent smears are stated truly.
+Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from smears
+without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and without
+outliers. "correlated": directions and lengths err as one over 40 px, as those of a network; the standard
+deviation of every displacement and the share of independent smears are stated truly.
 """
 
 from functools import partial
@@ -16,13 +16,18 @@ import numpy as np
 from blur2view import Camera, RigidTransform, SmearMatches, estimate_two_view
 from blur2view.smears.noise import NoiseModel
 from tools.arguments import Target, run
-from tools.datasets.degenerate_scenes import with_shared_errors
-from tools.datasets.synthetic_matches import IMAGE_SIZE, Kind, SyntheticOptions, synthetic_smears
+from tools.datasets.synthetic_matches import (
+    IMAGE_SIZE,
+    Kind,
+    SyntheticOptions,
+    synthetic_smears,
+    with_shared_errors,
+)
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
-from tools.pages import joined, publish, table
+from tools.pages import publish, table
 from tools.processes import mapped
 
-CORRELATED_PX = 40.0  # standard deviation of the Gaussian that makes errors of neighbours alike
+CORRELATED_PX = 40.0  # standard deviation of the Gaussian over which errors of neighbours agree
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 HEAD = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
 
@@ -47,9 +52,6 @@ CASES = (
     Case("smooth", 0.0, 2.0, 0.05),
     *(Case(kind, 0.0, 4.0, 0.1) for kind in get_args(Kind)),
 )
-Outcome = tuple[bool, bool, bool, float, float]
-"""Whether the regions of pose, rotation and translation held the truth; the relative error of the rotation
-and that of the translation's direction, degrees."""
 
 
 def correlated(ends: np.ndarray, seed: int, case: Case) -> SmearMatches:
@@ -63,12 +65,11 @@ def correlated(ends: np.ndarray, seed: int, case: Case) -> SmearMatches:
     return SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
 
 
-def outcome(case: Case, seed: int) -> Outcome | None:
-    """Return whether the regions of one seed hold its pose; None without a pose."""
+def outcome(seed: int, case: Case) -> list[float] | None:
+    """Return whether the regions of PARTS hold one seed's pose, and its errors; None without a pose."""
     noise_px = 0.0 if case.direction_deg else 1.0
-    scene = synthetic_smears(
-        seed, SyntheticOptions(kind=case.kind, outliers=case.outliers, noise_px=noise_px)
-    )
+    options = SyntheticOptions(kind=case.kind, outliers=case.outliers, noise_px=noise_px)
+    scene = synthetic_smears(seed, options)
     matches = correlated(scene.matches.ends, seed, case) if case.direction_deg else scene.matches
     camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
     geometry = estimate_two_view(matches, camera=camera)
@@ -76,25 +77,24 @@ def outcome(case: Case, seed: int) -> Outcome | None:
     if pose is None or covariance is None or not pose.translation.any():
         return None
     true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
-    whole, rotation, translation = (
-        squared_distance(covariance, pose, true, part) < CHI_SQUARED_90[part.stop - part.start]
-        for part in PARTS
-    )
+    bounds = [CHI_SQUARED_90[part.stop - part.start] for part in PARTS]
+    squared = [squared_distance(covariance, pose, true, part) for part in PARTS]
+    held = [float(distance < bound) for distance, bound in zip(squared, bounds, strict=True)]
     turned = rotation_error(pose.rotation, scene.R)[1]
-    return whole, rotation, translation, turned, translation_direction_error_deg(pose.translation, scene.t)
+    return [*held, turned, translation_direction_error_deg(pose.translation, scene.t)]
 
 
 def main(*, out: Target | None = None, seeds: int = 200, jobs: int = 2) -> None:
-    """Print the table of the shares of seeds whose regions hold the truth, and write it."""
+    """Write the table of the shares of seeds whose regions hold the truth."""
     rows = []
     for case in CASES:
-        of_seeds = mapped(partial(outcome, case), range(seeds), jobs)
-        found = np.array([one for one in of_seeds if one is not None], float).reshape(-1, 5)
+        of_seeds = mapped(partial(outcome, case=case), range(seeds), jobs)
+        found = np.array([one for one in of_seeds if one is not None]).reshape(-1, 5)
         rotation, translation = np.median(found[:, 3:], axis=0)
         shares = (f"{share:.2f}" for share in found[:, :3].mean(axis=0))
         rows.append((case, len(found), *shares, f"{rotation:.0%}", f"{translation:.1f}"))
     words = f"Share of {seeds} seeds whose nominal 90 % region holds the truth, and median errors."
-    publish(joined(words, table(HEAD, rows)), out)
+    publish(out, words, table(HEAD, rows))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import run
 from tools.evaluation.placed import begun, centre_of
-from tools.pages import joined, publish, table
+from tools.pages import publish, table
 from tools.rendering.video import VideoOptions, write_video
 
 RUNS, WIDER = [1, 3, 6], (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
@@ -192,10 +192,7 @@ def main(
         for run_length, wider in product(run_lengths, WIDER):
             case = from_sequence(sequence, work / f"sequence_{run_length}_{wider}", run_length, wider)
             rows.append(row(sequence.name, run_length, [measured(case, network)]))
-    more = "" if sequence is None else f" --sequence {sequence.name}"
-    lengths = " ".join(map(str, run_lengths))
-    made = f"`python -m tools.evaluation.recovered WORK --scenes {scenes} --run-lengths {lengths}{more}`"
-    publish(joined("# Frames that a model lacks, recovered", table(HEAD, rows), f"Made by {made}."), out)
+    publish(out, "# Frames that a model lacks, recovered", table(HEAD, rows))
 
 
 if __name__ == "__main__":

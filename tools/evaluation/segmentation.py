@@ -1,13 +1,13 @@
 """How good motion masks are: rendered photographs with movers and without, and real ones.
 
-``python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation`` writes
-``segmentation.md``. Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where
-smears are known. The scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
-`tools.datasets.mover_scenes` another with a mover in every picture.
+    python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation.md
+
+Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where smears are known. The
+scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
+`tools.datasets.mover_scenes` others. ``--still`` are folders of photographs in which nothing moves,
+``--objects`` one of photographs ``NAME.jpg`` whose object is white in ``NAME.truth.png``.
 """
 
-import shlex
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,30 +15,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+import blur2view
+from blur2view import MotionLabel, MotionMask, SmearNetwork
 from blur2view.arrays import AnyArray
-from blur2view.images.image import read_image
-from blur2view.movers.mask import MotionLabel, MotionMask, segment
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import estimate
-from blur2view.smears.field import Floats
 from tools.arguments import Existing, Target, run
+from tools.datasets.blurred_photographs import photographs_of
 from tools.datasets.testset import read_test_set
 from tools.metrics import average_precision
-from tools.pages import joined, publish, table
+from tools.pages import publish, table
 from tools.rendering.exposure import GRID
 
 Mask = NDArray[np.bool_]
-
-REAL = Path("../shared/data/real")
-STREETS = ("gopro_street_01.png", "gopro_street_07.png")  # nothing in them moves
-STATIC = [Path("../shared/data/redkitchen"), Path("../shared/data/textures/kodak")]
 LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
 FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
 COLUMNS = ("iou", "precision", "called", "unobservable")
-HEADS = f"scenes | n | {' | '.join(COLUMNS)}"
 WORDS = (
     "Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, "
-    "average\nprecision of the probability, shares that are called moving and unobservable."
+    "average precision of the probability, shares that are called moving and unobservable."
 )
 
 
@@ -83,90 +76,79 @@ def judge(static: Mask, valid: Mask, mask: MotionMask) -> SceneFigures:
     )
 
 
-def split_rows(name: str, judged: list[SceneFigures]) -> list[tuple[str, ...]]:
-    """Return rows of a split: scenes with movers, scenes without any."""
-    some = [one for one in judged if one.share >= LEAST_SHARE]
+def split_rows(name: str, judged: list[SceneFigures]) -> Iterator[tuple[str, ...]]:
+    """Yield means of a split over scenes with movers and over those without any, unknown values left out."""
     still = [one for one in judged if one.is_still]
     many = sum(scene.called > FALSE_SHARE for scene in still)
-    named = {"movers of 1 % or more": some, f"no movers ({many} over {FALSE_SHARE:.1%})": still}
-    return [_row(f"{name}, {kind}", scenes) for kind, scenes in named.items() if scenes]
+    groups = {"movers of 1 % or more": [one for one in judged if one.share >= LEAST_SHARE]}
+    groups[f"no movers ({many} over {FALSE_SHARE:.1%})"] = still
+    for kind, scenes in groups.items():
+        if scenes:
+            values = (np.array([getattr(scene, column) for scene in scenes], float) for column in COLUMNS)
+            known = [value[np.isfinite(value)] for value in values]
+            means = (f"{value.mean():.3f}" if len(value) else "-" for value in known)
+            yield f"{name}, {kind}", str(len(scenes)), *means
 
 
-def _row(name: str, scenes: list[SceneFigures]) -> tuple[str, ...]:
-    """Return means over scenes, those without a value left out."""
-    values = (np.array([getattr(scene, column) for scene in scenes], float) for column in COLUMNS)
-    known = [value[np.isfinite(value)] for value in values]
-    return name, str(len(scenes)), *(f"{value.mean():.3f}" if len(value) else "-" for value in known)
-
-
-def calibration_lines(scenes: list[SceneFigures]) -> list[str]:
+def calibration(scenes: list[SceneFigures]) -> list[str]:
     """Return a table of the probability: of the pixels in each tenth, how many move."""
     every, moving = np.sum([scene.counts for scene in scenes], axis=0)
     shares = ("-" if not n else f"{k / n:.2f}" for n, k in zip(every, moving, strict=True))
     tenths = " | ".join(f"{k / 10:.1f}-{(k + 1) / 10:.1f}" for k in range(10))
     pixels = (f"{n / every.sum():.4f}" for n in every)
-    rows = [("share of the pixels", *pixels), ("of these, moving", *shares)]
-    return table(f"probability | {tenths}", rows)
+    return table(f"probability | {tenths}", [("share of the pixels", *pixels), ("of these, moving", *shares)])
 
 
-def still_lines(groups: dict[str, list[Path]], network: SmearNetwork) -> list[str]:
-    """Return what is called moving in real photographs in which nothing moves."""
-    lines = []
-    for name, paths in groups.items():
-        pictures = [path for path in paths if path.suffix in (".jpg", ".png")]
-        masks = (mask_of(read_image(path), network) for path in pictures)
-        shares = np.array([(mask.labels == MotionLabel.MOVING).mean() for mask in masks])
-        lines.append(
-            f"- {name}, {len(shares)} photographs in which nothing moves: {shares.mean():.2%} called moving, "
-            f"{shares.max():.2%} at most, more than {FALSE_SHARE:.1%} in {(shares > FALSE_SHARE).sum()}"
-        )
-    return lines
+def mask_of(image: AnyArray, network: SmearNetwork) -> MotionMask:
+    """Return the mask of a picture (H, W, 3)."""
+    return blur2view.segment(blur2view.estimate(image, network=network), image)
+
+
+def rendered(folder: Path, network: SmearNetwork) -> list[SceneFigures]:
+    """Return the figures of the scenes of a folder."""
+    scenes = read_test_set(folder)
+    return [judge(one.static, one.valid, mask_of(one.image, network)) for one in scenes]
 
 
 def outlined(folder: Path, network: SmearNetwork) -> Iterator[SceneFigures]:
-    """Yield the figures of photographs ``NAME.jpg`` whose object is white in ``NAME.truth.png``."""
+    """Yield the figures of photographs whose object is known."""
     for path in sorted(folder.glob("*.truth.png")):
-        still = read_image(path)[1::GRID, 1::GRID, 0] == 0
-        image = read_image(path.with_name(f"{path.name.removesuffix('.truth.png')}.jpg"))
+        still = blur2view.read_image(path)[1::GRID, 1::GRID, 0] == 0
+        image = blur2view.read_image(path.with_name(f"{path.name.removesuffix('.truth.png')}.jpg"))
         yield judge(still, np.ones_like(still), mask_of(image, network))
 
 
-def mask_of(image: Floats, network: SmearNetwork) -> MotionMask:
-    """Return the mask of a picture (H, W, 3)."""
-    return segment(estimate(image, network=network), image)
+def still_line(folder: Path, network: SmearNetwork) -> str:
+    """Return what is called moving in photographs in which nothing moves."""
+    masks = (mask_of(blur2view.read_image(path), network) for path in photographs_of([folder]))
+    shares = np.array([(mask.labels == MotionLabel.MOVING).mean() for mask in masks])
+    return (
+        f"- {folder.name}, {len(shares)} still photographs: {shares.mean():.2%} called moving, "
+        f"{shares.max():.2%} at most, more than {FALSE_SHARE:.1%} in {(shares > FALSE_SHARE).sum()}"
+    )
 
 
 def main(
-    scenes: list[Existing], *, static: list[Path] | None = None, objects: Existing | None = None, out: Target
+    scenes: list[Existing],
+    *,
+    still: list[Existing] | None = None,
+    objects: Existing | None = None,
+    out: Target | None = None,
 ) -> None:
-    """Segment rendered scenes, and photographs in which nothing moves.
-
-    In ``objects`` are photographs whose object, moving or not, is known.
-    """
+    """Segment rendered scenes and photographs, and write the page."""
     network = SmearNetwork()
-    judged = {
-        folder: [judge(one.static, one.valid, mask_of(one.image, network)) for one in read_test_set(folder)]
-        for folder in scenes
-    }
-    rows = [row for folder, found in judged.items() for row in split_rows(folder.name, found)]
-    command = f"python -m tools.evaluation.segmentation {shlex.join(sys.argv[1:])}"
-    blocks: list[str | list[str]] = [
-        "# Motion masks",
-        f"`{command}`; network `{network.model_id}`.",
-        WORDS,
-        table(HEADS, rows),
-        "Calibration, all pixels of all scenes:",
-        calibration_lines([one for found in judged.values() for one in found]),
-    ]
+    judged = {folder.name: rendered(folder, network) for folder in scenes}
     if objects:
-        found = list(outlined(objects, network))
-        rows = split_rows(objects.name, found)[:1]
-        blocks += ["Real photographs whose object is known:", table(HEADS, rows), calibration_lines(found)]
-    groups = {"streets": [REAL / name for name in STREETS]} if REAL.is_dir() else {}
-    groups |= {one.name: sorted(one.iterdir()) for one in static or STATIC if one.is_dir()}
-    if groups:
-        blocks += ["Real photographs:", still_lines(groups, network)]
-    publish(joined(*blocks), out)
+        judged[objects.name] = list(outlined(objects, network))
+    rows = [row for name, found in judged.items() for row in split_rows(name, found)]
+    publish(
+        out,
+        "# Motion masks",
+        WORDS,
+        table(f"scenes | n | {' | '.join(COLUMNS)}", rows),
+        *(block for name, found in judged.items() for block in (f"Calibration, {name}:", calibration(found))),
+        [still_line(folder, network) for folder in still or ()],
+    )
 
 
 if __name__ == "__main__":

@@ -37,8 +37,8 @@ from blur2view.smears.field import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
 from tools.datasets.shards import Example, load_shards
-from tools.evaluation.smear_figures import Smears, evaluate_smears
-from tools.pages import filled, table
+from tools.evaluation.evaluate import Smears, smear_figures
+from tools.pages import fill, table
 from tools.training.reader import Reader, ReaderOptions, doubled
 from tools.training.run import Schedule, Task, fit
 from tools.training.train_reader import Batch, batch_of
@@ -162,8 +162,7 @@ class LossTask(Task):
         found, true, sigma = (np.concatenate(part) for part in zip(*parts, strict=True))
         sure = sigma <= np.quantile(sigma, 0.5, method="lower")
         every = Smears(found=found, true=true, sigma=sigma, sure=sure)
-        figures = vars(evaluate_smears(every, len(self.held)))
-        return {name: float(figures[name]) for name in MEASURES}
+        return {name: figure for name, figure in smear_figures(every).items() if name in MEASURES}
 
 
 Found = dict[Variant, list[dict[str, float]]]
@@ -216,7 +215,7 @@ def main(
         "losses": [*variant_table(found, SIX), "", *(verdict(found, measure) for measure in VERDICTS)],
         "alpha": variant_table(found, ALPHA_STUDY),
     }
-    out.write_text(filled(PAGE.read_text(), parts))
+    fill(PAGE, parts, out)
 
 
 if __name__ == "__main__":

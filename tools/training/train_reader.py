@@ -27,7 +27,7 @@ from blur2view.smears.field import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, load_shard, load_shards
-from tools.evaluation.smear_figures import Smears, evaluate_smears
+from tools.evaluation.evaluate import Smears, smear_figures
 from tools.metrics import DIRECTION_MIN_PX
 from tools.training.reader import (
     Circular,
@@ -163,7 +163,7 @@ def figures_of(network: Reader, shard: Example) -> dict[str, float]:
     every = Smears(found=found, true=true, sigma=sigma, sure=sure)
     return {
         "loss": float(np.mean(losses)),
-        **{name: getattr(evaluate_smears(every), name) for name in FIGURES},
+        **{name: figure for name, figure in smear_figures(every).items() if name in FIGURES},
         "kinds_right": float(torch.cat(kinds).mean()),
         "radius_bins": float(torch.cat(radii).sum() / max(len(torch.cat(radii)), 1)),
     }

@@ -1,13 +1,25 @@
 """Synthetic smears: exact truth, and noise, outliers and motions that are what the options say."""
 
+from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.sampson import sampson, serrmin
+from blur2view.two_view.fit_homography import find_plane
+from blur2view.two_view.likelihood import Likelihood
 from tools.datasets import synthetic_matches as synthetic
-from tools.datasets.synthetic_matches import Kind, Motion, SyntheticOptions, synthetic_smears
+from tools.datasets.synthetic_matches import (
+    SCENES,
+    Kind,
+    Motion,
+    Scene,
+    SyntheticOptions,
+    draw_scene,
+    synthetic_smears,
+)
 
 CLEAN: dict[str, Any] = {"outliers": 0.0, "noise_px": 0.0}
 
@@ -39,3 +51,19 @@ def test_reports_are_true_wrong_on_the_whole_or_wrong_one_by_one() -> None:
     rms, tail = scaled_errors("varied, constant")
     assert rms == pytest.approx(1, rel=0.1) and tail > 4
     assert scaled_errors("varied, wrong")[1] > 6
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Scene) -> None:
+    scene, again, other = draw_scene(kind, 3), draw_scene(kind, 3), draw_scene(kind, 5)
+    assert scene.matches.ends.tobytes() == again.matches.ends.tobytes() != other.matches.ends.tobytes()
+    assert 1000 <= len(scene.matches) < 2000
+    if kind in ("plane", "pure translation", "general"):
+        F = fundamental_from_pose(scene.K, scene.R, scene.t)
+        assert serrmin(F, scene.true_ends).max() < 1e-12
+    if kind in ("pure rotation", "plane", "general"):
+        exact = replace(scene.matches, ends=scene.true_ends, sigma_px=np.full(len(scene.true_ends), 0.2))
+        likelihood = Likelihood.of(exact)
+        plane = find_plane(likelihood, np.zeros(3), [scene.swapped])
+        inside = np.mean(np.abs(plane.orders(likelihood).least) < 3)
+        assert inside > 0.99 if kind != "general" else inside < 0.9

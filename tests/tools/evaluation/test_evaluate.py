@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view import SmearField, SmearGrid
+from blur2view import SmearGrid
 from blur2view.geometry.sampson import sampson
 from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene
 from tools.evaluation import evaluate
-from tools.evaluation.smear_figures import SmearFigures, evaluate_smears, pooled
+from tools.evaluation.evaluate import by_octave, pooled, smear_figures
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
@@ -32,36 +32,27 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> TestScene:
     return TestScene(name="0000", image_path=path, **fields)
 
 
-def true_grid(scene: TestScene) -> SmearGrid:
-    """Give the true smears, with a sigma that grows to the right."""
-    return grid_of(scene.displacement, np.linspace(0.5, 1.5, scene.displacement.shape[1]), stride=4)
-
-
-def field_of(scene: TestScene, factor: float = 1.0) -> SmearField:
-    """Give the true field at every pixel, that of its cell, stretched."""
-    smears = true_grid(scene).smears()
-    arrays = smears.displacement, smears.sigma_px, smears.sigma_rad
-    displacement, sigma_px, sigma_rad = (array.repeat(4, 0).repeat(4, 1) for array in arrays)
-    return SmearField(displacement=factor * displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
-
-
-def figures_of(scene: TestScene, factor: float) -> SmearFigures:
-    return evaluate_smears(*pooled([(scene, field_of(scene, factor))]))
+def true_grid(scene: TestScene, factor: float = 1.0) -> SmearGrid:
+    """Give the true smears, stretched, with a sigma that grows to the right."""
+    sigma_px = np.linspace(0.5, 1.5, scene.displacement.shape[1])
+    return grid_of(factor * scene.displacement, sigma_px, stride=4)
 
 
 def test_perfect_field_has_no_error_and_a_stretched_one_its_stretch(scene: TestScene) -> None:
-    perfect, longer = (figures_of(scene, factor) for factor in (1.0, 1.5))
-    assert perfect.images == 1 and perfect.epe_s < 1e-5 and perfect.direction_deg < 1e-4
-    assert longer.epe_s_over_length == pytest.approx(0.5, rel=1e-3)
-    assert longer.epe_s_top50_over_length == pytest.approx(0.5, rel=1e-3)
-    assert longer.length_ratio == pytest.approx(1.5, rel=0.02) and longer.direction_deg < 0.01
+    smears = [pooled([(scene, true_grid(scene, factor))]) for factor in (1.0, 1.5)]
+    perfect, longer = map(smear_figures, smears)
+    assert perfect["epe_s"] < 0.1 and perfect["direction_deg"] < 0.2
+    assert longer["epe_s_over_length"] == pytest.approx(0.5, rel=0.02)
+    assert longer["epe_s_top50_over_length"] == pytest.approx(0.5, rel=0.02)
+    assert longer["length_ratio"] == pytest.approx(1.5, rel=0.02) and longer["direction_deg"] < 0.2
     length = np.linalg.norm(scene.displacement[scene.valid], axis=1)
-    assert sum(o["smears"] for o in longer.octaves) == ((length >= 1) & (length < 128)).sum()
-    for octave in longer.octaves:
+    octaves = list(by_octave(smears[1]))
+    assert sum(o["smears"] for o in octaves) == ((length >= 1) & (length < 128)).sum()
+    for octave in octaves:
         inside = (length >= octave["from_px"]) & (length < 2 * octave["from_px"])
         assert octave["smears"] == inside.sum() > 0
         assert octave["length_ratio"] == pytest.approx(1.5, abs=0.1 / octave["from_px"])
-        assert octave["epe_s_over_length"] == pytest.approx(0.5, rel=1e-3) and octave["direction_deg"] < 0.01
+        assert octave["epe_s_over_length"] == pytest.approx(0.5, rel=0.02) and octave["direction_deg"] < 0.2
 
 
 def test_no_F_is_the_worst_answer_and_the_true_F_the_best(scene: TestScene) -> None:

@@ -1,4 +1,4 @@
-"""The fuzz test finds planted faults, draws the same cases again, and a dozen and a half are not rude."""
+"""The fuzz test finds planted faults, draws the same cases again, and eight calls are not rude."""
 
 import shutil
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 from tools.evaluation import fuzz
 
 pytestmark = pytest.mark.slow
-CASES, SEED = 6, 61
+CASES, SEED = 4, 61
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_a_planted_fault_is_found(
     (tmp_path / "case").mkdir()
     (tmp_path / "case/good.jpg").write_bytes(b"photograph")
     before = fuzz.snapshot(tmp_path / "case")
-    done = fuzz.call(tmp_path / "case", ["estimate", "good.jpg"], None, 2.0 if "sleep" in program else 60.0)
+    done = fuzz.call(tmp_path / "case", ["estimate", "good.jpg"], 0, 2.0 if "sleep" in program else 60.0)
     (place / "ran").exists() and (place / "ran").rename(tmp_path / "ran")
     assert any(complaint in found for found in fuzz.complaints(tmp_path / "case", before, done))
 
@@ -57,7 +57,7 @@ def test_a_mutation_is_drawn_from_its_seed() -> None:
     assert len(set(drawn)) > 40
 
 
-@pytest.mark.parametrize("first", range(0, 3 * CASES, CASES))
+@pytest.mark.parametrize("first", range(0, 2 * CASES, CASES))
 def test_no_call_is_rude(place: Path, first: int) -> None:
     assert not [
         found for case in range(first, first + CASES) for found in fuzz.try_case(place, SEED, case)[2]

@@ -1,1 +1,0 @@
-"""The sweep that compares estimators of F."""
