@@ -38,7 +38,6 @@ from blur2view.networks.protocol import Detail as Detail
 from blur2view.networks.protocol import SmearReader as SmearReader
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
 from blur2view.pipeline import Estimate as Estimate
-from blur2view.pipeline import Timings as Timings
 from blur2view.pipeline import estimate as estimate
 from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.smears.blur import Blur as Blur

@@ -1,8 +1,7 @@
 """Every file that is written: whole or not at all, and in place of nothing but what blur2view wrote itself.
 
-What blur2view writes carries a signature that no other program writes. Formats that have no room for one,
-tables and lists of names, are known by their SHA-256 in a hidden file beside them, as of ``sha256sum``: so is
-that they were changed since.
+What blur2view writes carries a signature that no other program writes. Lists of names have no room for one:
+none that is there is replaced.
 """
 
 import errno
@@ -13,9 +12,10 @@ import tempfile
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from zipfile import ZipFile
 
 from blur2view.errors import OutputError
-from blur2view.input_files import open_regular, read_regular
+from blur2view.input_files import open_picture, open_regular, read_regular
 
 SIGNED_BY = "blur2view"  # the PNG text "Software"
 SIGNS = {
@@ -25,11 +25,11 @@ SIGNS = {
     ".html": (b'name="generator" content="blur2view ',),
     ".ply": (f"comment {SIGNED_BY}\n".encode(),),
     ".gcsv": (f"id,{SIGNED_BY}\n".encode(),),
+    ".csv": (b"name,error,use,verdict,blur,",),
 }
-"""What files hold, by their suffix: keys, the first array of NPZ, the text of PNG, a tag, a comment."""
-KINDS = {"page": ".html", "file": ".json", "point cloud": ".ply", "log": ".gcsv"}
+"""What files hold, by suffix: keys, the first array of NPZ, the text of PNG, a tag, a comment, columns."""
+KINDS = {"page": ".html", "file": ".json", "point cloud": ".ply", "log": ".gcsv", "table": ".csv"}
 """Suffixes of files that may be called anything, by what they are."""
-SUMS = f".{SIGNED_BY}.sha256"  # beside what has no signature
 HALF_WRITTEN = f".{SIGNED_BY}.tmp"  # ending of what is not yet renamed
 SIGN_BYTES = 1 << 20  # of a file, in which its signature stands
 
@@ -85,14 +85,9 @@ def remove_half_written(folder: Path) -> None:
             continue
 
 
-def write_file(target: Path, content: bytes, *, sealed: bool = False) -> None:
-    """Write one file, whole or not at all, in a folder that is created; OutputError where it cannot be.
-
-    ``sealed`` notes its SHA-256 beside it: of a format that has no room for a signature.
-    """
+def write_file(target: Path, content: bytes) -> None:
+    """Write one file, whole or not at all, in a folder that is created; OutputError where it cannot be."""
     write_beside({target: content})
-    if sealed:
-        seal(target, content)
 
 
 def write_beside(files: Mapping[Path, bytes]) -> None:
@@ -107,6 +102,8 @@ def write_beside(files: Mapping[Path, bytes]) -> None:
 
 def unwritable(folder: Path, error: OSError) -> OutputError:
     """Return the one line about a folder that takes no files."""
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        return OutputError(f"{folder}: is no folder, as results need one; name another")
     reason = error.strerror or type(error).__name__
     room = "make room there or " if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
     return OutputError(f"{folder}: results cannot be written there ({reason}); {room}name another folder")
@@ -147,15 +144,18 @@ def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: 
     """Refuse, before any work, to write a file where it would replace what blur2view did not write.
 
     ``what`` it is, as of `KINDS`, and the ``option`` that names it are for the message. OutputError if it is
-    one of the ``inputs``, real paths, or no regular file; if it has no signature, or was changed since.
+    one of the ``inputs``, real paths, no regular file, a link to nowhere, or has no signature.
     """
     remedy = f"name another with {option}"
-    if os.path.realpath(target) in inputs:
+    real = Path(os.path.realpath(target))
+    if str(real) in inputs:
         raise OutputError(f"{target}: the {what} would replace an input of this call; {remedy}")
     if target.is_dir():
         raise OutputError(f"{target}: is a folder, where the {what} is to be; {remedy}")
-    if target.exists() and not is_ours(target, KINDS.get(what)) and not is_sealed(target):
-        raise OutputError(f"{target}: is no {what} of an earlier call, or was changed since; {remedy}")
+    if target.is_symlink() and not real.parent.is_dir():
+        raise OutputError(f"{target}: is a link into a folder that is not there, {real.parent}; {remedy}")
+    if target.exists() and not is_ours(target, KINDS.get(what)):
+        raise OutputError(f"{target}: is no {what} of an earlier call; remove it, or {remedy}")
 
 
 def is_ours(path: Path, kind: str | None = None) -> bool:
@@ -170,31 +170,16 @@ def is_ours(path: Path, kind: str | None = None) -> bool:
     return False
 
 
-def seal(target: Path, content: bytes) -> None:
-    """Note the SHA-256 of a file's content in the hidden file beside it."""
-    beside = target.with_name(SUMS)
-    lines = {name: digest for digest, name in _sums(beside)}
-    lines[target.name] = hashlib.sha256(content).hexdigest()
-    text = "".join(f"{digest}  {name}\n" for name, digest in lines.items())
-    write_beside({beside: os.fsencode(text)})
-
-
-def is_sealed(target: Path) -> bool:
-    """Return whether a file is as this program wrote it, by the hidden file beside it."""
-    noted = {name: digest for digest, name in _sums(target.with_name(SUMS))}.get(target.name)
+def is_whole(path: Path) -> bool:
+    """Return whether a file is there, of a PNG or NPZ with the checksums of all its parts."""
     try:
-        return noted is not None and noted == file_digest(target)
-    except OSError:
+        if path.suffix == ".png":
+            open_picture(read_regular(path)).verify()
+        elif path.suffix == ".npz":
+            return ZipFile(path).testzip() is None
+        return path.is_file()
+    except Exception:  # of any type, of what is damaged
         return False
-
-
-def _sums(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield digests and names; of a file that is not there none."""
-    with suppress(OSError):
-        for line in os.fsdecode(read_regular(path)).split("\n"):
-            digest, _, name = line.partition("  ")
-            if name:
-                yield digest, name
 
 
 def file_digest(path: Path) -> str:

@@ -1,8 +1,6 @@
 """The whole path in one call: photograph -> smears and blur -> ambiguous matches -> two-view geometry."""
 
 import os
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,17 +9,13 @@ import numpy as np
 
 from blur2view.arrays import AnyArray, require
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import ExifValues, disagreement, read_exif
+from blur2view.camera.exif import read_exif
 from blur2view.camera.intrinsics import Intrinsics
-from blur2view.errors import CameraError
 from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
-from blur2view.images.content import read_content
 from blur2view.images.image import read_pixels
-from blur2view.images.source import Source
-from blur2view.images.video import rows_towards
-from blur2view.input_files import MAX_MEMORY_GIB
+from blur2view.images.source import read_content
 from blur2view.movers.moving import Moving, moving_in
 from blur2view.networks.model_file import Execution
 from blur2view.networks.protocol import Detail, SmearReader
@@ -37,36 +31,8 @@ from blur2view.two_view.options import EstimatorOptions
 if TYPE_CHECKING:
     from PIL import Image
 
-CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
 CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
 LONG_S = 2.0  # an exposure beyond is taken for milliseconds
-
-
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """The options of a call, the same for every photograph; ValueError if the memory is not positive."""
-
-    select: SelectOptions
-    options: EstimatorOptions
-    seed: int
-    intrinsics: Intrinsics = field(default_factory=Intrinsics)
-    exposure_s: float | None = None
-    readout_s: float | None = None
-    max_memory_gib: float = MAX_MEMORY_GIB
-    gyroscope: bool = False  # whether rates have the sign of one
-
-    def __post_init__(self) -> None:
-        if not self.max_memory_gib > 0:
-            raise ValueError(f"the memory must be positive, got {self.max_memory_gib} GiB")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Timings:
-    """Wall time of each step, in seconds."""
-
-    predict_s: float
-    select_s: float
-    solve_s: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,8 +51,6 @@ class Estimate:
         F or None, the configuration with its reason, and the masks of the N matches.
     model_id : str
         Name of the network's weights.
-    timings : Timings
-        Seconds per step.
     camera : Camera or None
         The intrinsics that were used.
     shutter : RollingShutter or None
@@ -106,7 +70,6 @@ class Estimate:
     matches: SmearMatches
     geometry: TwoViewGeometry
     model_id: str
-    timings: Timings
     camera: Camera | None = None
     shutter: RollingShutter | None = None
     time: TimeDirection = field(default_factory=TimeDirection)
@@ -188,11 +151,9 @@ def estimate(
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
-    image, clock = photograph_of(image), [time.perf_counter()]
+    image = photograph_of(image)
     grid, blur, moving = _seen(image, network, detail)
-    clock.append(time.perf_counter())
     matches = select_matches(grid, select)
-    clock.append(time.perf_counter())
     if blur.kind.of_camera:
         rng = np.random.default_rng(0 if rng is None else rng)
         geometry = estimate_two_view(matches, options, rng, camera, shutter)
@@ -200,15 +161,12 @@ def estimate(
         geometry = without_motion(matches, blur)
     if geometry.stood_still:
         blur = blur.at_rest()
-    clock.append(time.perf_counter())
-    predict_s, select_s, solve_s = np.diff(clock).tolist()
     return Estimate(
         grid=grid,
         blur=blur,
         matches=matches,
         geometry=geometry,
         model_id=network.model_id,
-        timings=Timings(predict_s=predict_s, select_s=select_s, solve_s=solve_s),
         camera=camera,
         shutter=shutter if shutter is not None and shutter.readout_s else None,
         moving=moving,
@@ -228,68 +186,3 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearG
         return grid, blur_of(grid, image), None
     moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
     return grid, blur_of(grid, image, moving.share_of(grid), moving.camera_moved), moving
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FileEstimate:
-    """The estimate of a photograph's file, and what the file alone says."""
-
-    estimate: Estimate
-    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
-    read_s: float  # spent on decoding
-    exposure_s: float | None  # of the options or else of EXIF
-    warnings: tuple[str, ...]  # of options that EXIF contradicts
-
-
-def estimate_file(
-    source: Source,
-    network: SmearReader,
-    run: Run,
-    content: bytes | None = None,
-    *,
-    as_stored: bool = False,
-    camera_of: CameraOf | None = None,
-    detail: Detail = Detail.GEOMETRY,
-) -> FileEstimate:
-    """Return the estimate of a photograph's file, as ``blur2view estimate`` does.
-
-    Each photograph has a generator of its own, so that its result does not depend on those before it.
-    ``content`` and ``as_stored`` are as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives
-    intrinsics, by default of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
-    """
-    start = time.perf_counter()
-    path, content = Path(str(source)), read_content(source) if content is None else content
-    image = read_pixels(path, as_stored=as_stored, max_memory_gib=run.max_memory_gib, content=content)
-    read_s = time.perf_counter() - start
-    exif = read_exif(path, content)
-    camera = (camera_of or run.intrinsics.of)(path, (image.shape[1], image.shape[0]), exif)
-    result = estimate(
-        image,
-        network=network,
-        select=run.select,
-        options=run.options,
-        rng=np.random.default_rng(run.seed),
-        camera=camera,
-        shutter=_shutter(source, run, exif),
-        detail=detail,
-    )
-    return FileEstimate(
-        estimate=result,
-        image=image,
-        read_s=read_s,
-        exposure_s=run.exposure_s or exif.exposure_s,
-        warnings=(  # an option is believed all the same
-            *disagreement("--exposure", run.exposure_s, exif.exposure_s, "s"),
-            *disagreement(run.intrinsics.stated, camera.focal_px if camera else None, exif.focal_px, "px"),
-        ),
-    )
-
-
-def _shutter(source: Source, run: Run, exif: ExifValues) -> RollingShutter | None:
-    """Return the rolling shutter of a photograph, None where the options name none."""
-    if not run.readout_s:
-        return None
-    if (exposure_s := run.exposure_s or exif.exposure_s) is None:
-        raise CameraError(f"{source}: --readout needs the exposure time, EXIF names none; add --exposure S")
-    towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
-    return RollingShutter(readout_s=run.readout_s, exposure_s=exposure_s, towards=towards)

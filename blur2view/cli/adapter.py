@@ -27,7 +27,7 @@ from blur2view.errors import CameraError
 CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: whole(1), float: float}
 """What makes a value of a word, by the type of the field; ValueError or ArgumentTypeError of a wrong one."""
 ENTRY, RARELY = re.compile(r"((?:-[\w-]+(?:, )?)*) ?([A-Z]*): (.*)"), "Rarely:"
-INPUTS = "reading.images"  # where the words are found that may stand on both sides of options
+INPUTS = "common.reading.images"  # where the words are found that may stand on both sides of options
 ALIKE = 0.8  # of what was meant to what was written
 MESSAGES = {
     "^argument ": "",

@@ -1,6 +1,6 @@
 """The groups of options that commands over photographs are composed of.
 
-The result of a photograph depends on every option but those of groups without an ``effect``: see --resume.
+The result of a photograph depends on every option but those of groups without an ``effect``: see `Setup`.
 """
 
 import sys
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 from blur2view.camera.intrinsics import Intrinsics
+from blur2view.cli.adapter import group
 from blur2view.cli.values import (
     dask_address,
     exposure_s,
@@ -32,7 +33,7 @@ from blur2view.two_view.options import EstimatorOptions
 class Printing:
     """printing.
 
-    -v, --verbose: print all details, as of an estimate its reason, matrices, models and timings
+    -v, --verbose: print the reason of each result, too
     -q, --quiet: print failures only
     """
 
@@ -76,23 +77,6 @@ class Reading:
 
 
 @dataclass(frozen=True, kw_only=True)
-class InTime:
-    """order in time.
-
-    --sequence: the photographs are a video in this order: those before and after each one show which end of
-        its exposure came first, so that rates are one series; with --no-sequence not even the frames of a
-        video do (default: those of a video)
-    Rarely:
-    --timestamps TABLE: times of the photographs: a table that names each in one column and has its time in
-        another, as EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as
-        1403636579.763.png)
-    """
-
-    sequence: bool | None = None
-    timestamps: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Lens:
     """camera: Known intrinsics give the essential matrix E and the pose.
 
@@ -129,12 +113,18 @@ class Lens:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rates:
-    """camera.
+class InTime:
+    """time.
 
     --exposure S: exposure time in seconds, as 0.04, 1/25 or 40ms, with --focal or --camera: the angular
         velocity is the rotation over it (default: that of EXIF)
+    --sequence: the photographs are a video in this order: those before and after each one show which end of
+        its exposure came first, so that rates are one series; with --no-sequence not even the frames of a
+        video do (default: those of a video)
     Rarely:
+    --timestamps TABLE: times of the photographs: a table that names each in one column and has its time in
+        another, as EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as
+        1403636579.763.png)
     --readout S: of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the
         first row to that of the last one; rows are those of the file as stored. A point that moves with the
         rows is seen for longer, so the motion differs with the order in time: one is given, of both that
@@ -144,6 +134,8 @@ class Rates:
     """
 
     exposure: Annotated[float | None, exposure_s] = None
+    sequence: bool | None = None
+    timestamps: Path | None = None
     readout: Annotated[float | None, seconds] = None
     gyroscope: bool = False
 
@@ -172,7 +164,6 @@ class Estimating:
     --model ONNX: a smear network, written by tools/training/export.py (default: the shipped one)
     --provider NAME: let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has,
         for example onnxruntime-gpu; results differ by rounding (default: the processor)
-    --no-timings: without timings: equal calls give equal bytes
     """
 
     beta: float = SelectOptions.beta
@@ -180,7 +171,6 @@ class Estimating:
     seed: Annotated[int, whole(0)] = 0
     model: str | None = None
     provider: str | None = None
-    timings: bool = True
 
     def __post_init__(self) -> None:
         self.select()
@@ -206,35 +196,11 @@ class Many:
         need this blur2view (pip install '.[dask]'). A scheduler is trusted like a shell: who reaches it can
         run programs on the workers and here; blur2view itself listens nowhere. Not with a database's camera,
         nor with --link
-    --max-failures N: stop when as many photographs have failed
     """
 
     effect, either = False, ("jobs", "dask")
     jobs: int | None = None
     dask: Annotated[str | None, dask_address] = None
-    max_failures: int | None = None
-
-    def check(self, lens: Lens) -> None:
-        """Raise ValueError where a camera is wanted that workers of a cluster cannot look up."""
-        if self.dask is not None and lens.database is not None:
-            raise ValueError("the workers of --dask see no database; write its camera out")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Resuming:
-    """many photographs.
-
-    --resume: go on: skip photographs that an earlier call has done with the same content, options, network
-        and version, as their results say; do the others, also over their earlier results
-    """
-
-    effect = False
-    resume: bool = False
-
-    def check(self, *outputs: Path | None) -> None:
-        """Raise ValueError where there is nothing to go on with."""
-        if self.resume and not any(outputs):
-            raise ValueError("--resume goes on with results that are kept; name them, as with -o")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,3 +212,40 @@ class Table:
 
     effect = False
     csv: Path | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Folder:
+    """output.
+
+    -o, --output DIR: write files of each photograph, see below, into DIR, in place of those of an earlier
+        call
+    --json: print one JSON document instead of the summaries, see below
+    --resume: with -o: skip photographs whose results in DIR are whole, and of the same content, options,
+        network and version; do the others
+    """
+
+    effect = False
+    output: Path | None = None
+    json: bool = False
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        if self.resume and self.output is None:
+            raise ValueError("--resume goes on with results that are kept; name them with -o")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """The groups of every command over photographs."""
+
+    reading: Reading
+    table: Table = group(Table)
+    lens: Lens = group(Lens)
+    estimating: Estimating = group(Estimating)
+    many: Many = group(Many)
+    printing: Printing = group(Printing)
+
+    def __post_init__(self) -> None:
+        if self.many.dask is not None and self.lens.database is not None:
+            raise ValueError("the workers of --dask see no database; write its camera out")

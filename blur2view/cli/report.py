@@ -1,6 +1,5 @@
 """``blur2view report``: one page that shows the result of every photograph; its options, help and work."""
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -10,8 +9,8 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.cli.adapter import group
-from blur2view.cli.options import Estimating, InTime, Lens, Many, Printing, Rates, Reading, Table
-from blur2view.cli.photographs import End, Photographs, is_folder
+from blur2view.cli.options import Common, InTime
+from blur2view.cli.run import End, Photographs
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import Setup
 from blur2view.errors import OutputError
@@ -19,7 +18,7 @@ from blur2view.movers.mask import segment
 from blur2view.output_files import write_file
 from blur2view.results.photograph import Photograph
 from blur2view.results.report import report, section, thumbnail
-from blur2view.runs.job import Job, Outcome
+from blur2view.runs.jobs import Job, Outcome
 
 CONTROLS = """
 hover: the values of a smear and, where there is no H, its epipolar line
@@ -59,19 +58,13 @@ class ReportOptions:
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
     the photographs, sortable by verdict, length of the smears and name; for each the picture with smears,
     inliers, epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models
-    that competed, F, the timings, and the JSON document of blur2view estimate to download. A photograph that
+    that competed, F, and the JSON document of blur2view estimate to download. A photograph that
     fails is a card with its reason. It needs a browser of 2023 or later.
     """
 
-    reading: Reading
+    common: Common
     page: Page = group(Page)
-    table: Table = group(Table)
     in_time: InTime = group(InTime)
-    lens: Lens = group(Lens)
-    rates: Rates = group(Rates)
-    estimating: Estimating = group(Estimating)
-    many: Many = group(Many)
-    printing: Printing = group(Printing)
 
     examples = (
         "blur2view report clip.mp4 --every 10 -o report.html",
@@ -79,8 +72,7 @@ class ReportOptions:
     )
 
     def __post_init__(self) -> None:
-        self.rates.check(self.lens)
-        self.many.check(self.lens)
+        self.in_time.check(self.common.lens)
 
     @staticmethod
     def tables() -> dict[str, str | Mapping[str, str]]:
@@ -95,44 +87,40 @@ class ReportOptions:
         run leaves a page of what is done.
         """
         photographs, page = Photographs.of("report", self), self.page.output
-        with photographs.opened({"-o": (page, "page")}, journal=False) as earlier:
-            work = partial(entry_one, photographs.setup, mask=self.page.mask, verbose=self.printing.verbose)
-            finished = photographs.run(photographs.jobs(), work, earlier)
+        with photographs.writing({"-o": (page, "page")}):
+            work = partial(entry_one, photographs.setup, mask=self.page.mask)
+            finished = photographs.run(photographs.jobs(), work)
             entries = [
                 (one.photograph, one.besides["section"], one.besides["thumbnail"])
                 if not one.error
                 else (Photograph(name=job.name, error=_error(job, one)), "", "")
                 for job, one in finished.outcomes
-                if not is_folder(job)
+                if job in finished.records
             ]
-            if finished.end is not End.BROKEN and any(content for _, content, _ in entries):
+            if finished.end is not End.STOPPED and finished.done:
                 content = report(entries, __version__)
                 write_file(page, content)
-                if not self.printing.quiet:
+                photographs.print_total(finished)
+                if not self.common.printing.quiet:
                     print(f"wrote {printable(str(page))} ({len(content) / 1e6:.2f} MB)")
-            elif finished.end in (End.WHOLE, End.STOPPED) and len(entries) > 1:  # else its own line says all
+            elif finished.end is End.WHOLE and len(entries) > 1:  # else its own line says all
                 raise OutputError(f"{page}: is not written, as every photograph failed; name others")
         return finished.exit_code
 
 
-def entry_one(setup: Setup, job: Job, *, mask: bool, verbose: bool) -> Outcome:
+def entry_one(setup: Setup, job: Job, *, mask: bool) -> Outcome:
     """Return the record of one photograph, and what the page shows of it, where it has the name of tables."""
-    one = setup.estimated(job)
-    start, seconds, found = time.perf_counter(), {}, None
+    one, found = setup.estimated(job), None
     if mask:
-        found = segment(one.estimate, one.image, np.random.default_rng(setup.run.seed))
-        seconds = {"segment": time.perf_counter() - start}
-    record = setup.record(one, job, seconds=seconds, mask=found)
-    summary = verdict_line(str(job.source), record.verdict, record.config)
-    return Outcome(
-        photograph=record,
-        summary=f"{summary}\n  {record.reason}" if verbose else summary,
-        besides={
-            "section": section(record, one.estimate, one.image, found),
-            "thumbnail": thumbnail(one.estimate, one.image),
-        },
-        warnings=one.warnings,
-    )
+        found = segment(one.estimate, one.image, np.random.default_rng(setup.common.estimating.seed))
+    record = setup.record(one, job, mask=found)
+    besides = {
+        "section": section(record, one.estimate, one.image, found),
+        "thumbnail": thumbnail(one.estimate, one.image),
+    }
+    summary = verdict_line(str(job.source), record)
+    summary += f"\n  {record.reason}" * setup.common.printing.verbose
+    return Outcome(photograph=record, summary=summary, besides=besides, warnings=one.warnings)
 
 
 def _error(job: Job, outcome: Outcome) -> str:

@@ -1,7 +1,6 @@
 """``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
 import io
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,18 +11,18 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.cli.adapter import group
-from blur2view.cli.files import FAILURES, Folder, png, run_into_folder, wrote
-from blur2view.cli.options import Estimating, Lens, Many, Printing, Reading, Resuming, Table
-from blur2view.cli.photographs import Photographs
-from blur2view.cli.terminal import printable, seconds_lines
+from blur2view.cli.options import Common, Folder
+from blur2view.cli.run import FAILURES, Photographs, run_into_folder, wrote
+from blur2view.cli.terminal import printable
 from blur2view.cli.values import one_of, probability
 from blur2view.cli.work import Setup
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
-from blur2view.movers.mask import MotionMask, segment
+from blur2view.movers.mask import segment
 from blur2view.movers.moving import THRESHOLD
-from blur2view.results.mask_overlay import draw_motion, mask_verdict
-from blur2view.results.photograph import Photograph, explanations
-from blur2view.runs.job import Job, Outcome, content_of
+from blur2view.results.drawing import png
+from blur2view.results.overlay import draw_motion, mask_verdict
+from blur2view.results.photograph import explanations
+from blur2view.runs.jobs import Job, Outcome, content_of
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
@@ -55,16 +54,10 @@ class SegmentOptions:
         (blur2view to-transforms --masks-from DIR puts them where these trainers look)
     """
 
-    reading: Reading
+    common: Common
     folder: Folder = group(Folder)
     threshold: Annotated[float, probability] = THRESHOLD
     masks: Annotated[list[str] | None, one_of(*MaskFormat)] = None
-    table: Table = group(Table)
-    lens: Lens = group(Lens)
-    estimating: Estimating = group(Estimating)
-    many: Many = group(Many)
-    resuming: Resuming = group(Resuming)
-    printing: Printing = group(Printing)
 
     examples = (
         "blur2view segment street.jpg -o masks",
@@ -74,8 +67,6 @@ class SegmentOptions:
     def __post_init__(self) -> None:
         if self.masks is not None and self.folder.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
-        self.resuming.check(self.folder.output, self.table.csv)
-        self.many.check(self.lens)
 
     @staticmethod
     def tables() -> dict[str, str | Mapping[str, str]]:
@@ -95,13 +86,7 @@ class SegmentOptions:
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
         photographs = Photographs.of("segment", self)
-        work = partial(
-            segment_one,
-            photographs.setup,
-            threshold=self.threshold,
-            programs=self.programs,
-            verbose=self.printing.verbose,
-        )
+        work = partial(segment_one, photographs.setup, threshold=self.threshold, programs=self.programs)
         return run_into_folder(
             photographs,
             work,
@@ -112,15 +97,12 @@ class SegmentOptions:
         )
 
 
-def segment_one(
-    setup: Setup, job: Job, *, threshold: float, programs: Sequence[MaskFormat], verbose: bool
-) -> Outcome:
+def segment_one(setup: Setup, job: Job, *, threshold: float, programs: Sequence[MaskFormat]) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
     one = setup.estimated(job)
-    start = time.perf_counter()
-    mask = segment(one.estimate, one.image, np.random.default_rng(setup.run.seed), threshold=threshold)
-    seconds = {"segment": time.perf_counter() - start}
-    record = setup.record(one, job, seconds=seconds, mask=mask)
+    rng = np.random.default_rng(setup.common.estimating.seed)
+    mask = segment(one.estimate, one.image, rng, threshold=threshold)
+    record = setup.record(one, job, mask=mask)
     files = {}
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(content_of(job)))  # programs turn nothing by its EXIF
@@ -129,18 +111,6 @@ def segment_one(
         pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
         written = [*map(png, pictures), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))
-    summary = mask_summary(str(job.source), record, mask, wrote(job, ENDINGS), verbose=verbose)
+    reason = mask.reason if setup.common.printing.verbose else mask.reason.partition(";")[0]
+    summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {reason}{wrote(job, ENDINGS)}"
     return Outcome(photograph=record, summary=summary, files=files, warnings=one.warnings)
-
-
-def mask_summary(name: str, record: Photograph, mask: MotionMask, ending: str, *, verbose: bool) -> str:
-    """Return two lines about one photograph's mask, or everything, with an ending."""
-    lines = [f"{printable(name)}: {mask_verdict(mask)}"]
-    if not verbose:
-        return f"{lines[0]}\n  {mask.reason.partition(';')[0]}{ending}"
-    lines.append(mask.reason)
-    for region in mask.regions:
-        x, y, width, height = region.box
-        size = f"{region.area_px} px at ({x}, {y}), {width}x{height}"
-        lines.append(f"{size}, moves with a probability of {region.probability:.2f}")
-    return "\n  ".join([*lines, *seconds_lines(record.timings_s)]) + ending

@@ -2,18 +2,21 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from blur2view.errors import Blur2ViewError
+
+if TYPE_CHECKING:
+    from blur2view.results.photograph import Photograph
 
 Say = Callable[..., None]
 EXIT_CODES = """
 0: done; a photograph without F is a result, with its reason
 1: something failed: one line on stderr each, other photographs are done all the same
 2: wrong usage
-130: interrupted by Ctrl-C: what is done is kept, --resume goes on
+130: interrupted by Ctrl-C: what is done is kept, with -o --resume does the rest
 141: what read the output wants no more of it, as head does; the rest is not done
 """
 ERASE = "\r\x1b[K"  # what stands on the last line of a terminal
@@ -36,24 +39,16 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def verdict_line(name: str, verdict: str, config: str) -> str:
+def verdict_line(name: str, one: "Photograph") -> str:
     """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
-    return f"{printable(name)}: {verdict} [{config}]"
-
-
-def seconds_lines(timings_s: Mapping[str, float] | None) -> list[str]:
-    """Return a line on the seconds of each step, none where nobody wants it."""
-    if timings_s is None:
-        return []
-    steps = ", ".join(f"{name} {seconds:.2f}" for name, seconds in timings_s.items())
-    return [f"{sum(timings_s.values()):.2f} s ({steps})"]
+    return f"{printable(name)}: {one.verdict} [{one.config}]"
 
 
 class Bar:
-    """How far several photographs are, on the last line of a terminal, below what is printed meanwhile."""
+    """How many of several things are done: the last line of a terminal, below what is printed meanwhile."""
 
-    def __init__(self, count: int) -> None:
-        self.count, self.done, self.start_s = count, 0, time.monotonic()
+    def __init__(self, count: int, noun: str) -> None:
+        self.count, self.noun, self.done, self.start_s = count, noun, 0, time.monotonic()
         self.draw()
 
     def say(self, text: str, file: Any = None) -> None:
@@ -63,14 +58,14 @@ class Bar:
         self.draw()
 
     def advance(self) -> None:
-        """Count a photograph that is done."""
+        """Count one that is done."""
         self.done += 1
         self.draw()
 
     def draw(self) -> None:
         """Print how many are done, the rate and what is left."""
         seconds = time.monotonic() - self.start_s
-        text = f"{self.done} of {plural(self.count, 'photograph')}"
+        text = f"{self.done} of {plural(self.count, self.noun)}"
         if self.done and seconds > 0:
             left = round(seconds / self.done * (self.count - self.done))
             text += f", {self.done / seconds:.2g} a second, {left // 60}:{left % 60:02d} left"
@@ -78,17 +73,12 @@ class Bar:
 
 
 @contextmanager
-def progress(count: int, about: str) -> Iterator[tuple[Say, Callable[[], None]]]:
-    """Yield what prints a line, and what tells of a step that is done.
-
-    Where a person watches several steps a bar stands below the lines, after a line ``about`` them.
-    """
+def progress(count: int, noun: str = "photograph") -> Iterator[tuple[Say, Callable[[], None]]]:
+    """Yield what prints a line, and what counts one more that is done: on a bar, if a person watches."""
     if count < 2 or not sys.stderr.isatty():
         yield print, lambda: None
         return
-    if about:
-        print(printable(about), file=sys.stderr)
-    bar = Bar(count)
+    bar = Bar(count, noun)
     try:
         yield bar.say, bar.advance
     finally:

@@ -10,9 +10,8 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.exif import ExifValues
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
-from blur2view.cli.adapter import group
-from blur2view.cli.options import Estimating, Lens, Many, Printing, Reading, Resuming, Table
-from blur2view.cli.photographs import End, Photographs
+from blur2view.cli.options import Common
+from blur2view.cli.run import End, Photographs
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.views import LinkJob, named_jobs, views_line, views_record, with_time
 from blur2view.cli.work import Setup
@@ -23,8 +22,7 @@ from blur2view.colmap.link import ProjectImage, write_links
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.movers.mask import MotionLabel, segment
-from blur2view.results.encoding import decode, encode
-from blur2view.runs.job import Outcome
+from blur2view.runs.jobs import Outcome
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -102,17 +100,11 @@ class ToColmapOptions:
         it
     """
 
-    reading: Reading
+    common: Common
     database: Database
     link: bool = False
     sequence: bool | None = None
     skip_movers: bool = False
-    table: Table = group(Table)
-    lens: Lens = group(Lens)
-    estimating: Estimating = group(Estimating)
-    many: Many = group(Many)
-    resuming: Resuming = group(Resuming)
-    printing: Printing = group(Printing)
 
     examples = (
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
@@ -122,9 +114,8 @@ class ToColmapOptions:
     def __post_init__(self) -> None:
         if not self.link and (self.database.replace or self.skip_movers or not self.database.backup):
             raise ValueError("--replace, --skip-movers and --no-backup go with --link")
-        if self.link and self.many.dask is not None:
+        if self.link and self.common.many.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
-        self.many.check(self.lens)
 
     @staticmethod
     def tables() -> dict[str, str | Mapping[str, str]]:
@@ -140,19 +131,16 @@ class ToColmapOptions:
         project = db if self.link else None
         jobs, kept = named_jobs(photographs.jobs(), project, replace_views=self.database.replace)
         beside = [Path(f"{db}{end}") for end in BESIDE]
-        with photographs.opened({"--db": (db, "")}, taken=beside) as earlier:
+        with photographs.writing({"--db": (db, "")}, taken=beside):
             before = self._written_before()
             by_name = {job.name: job for job in jobs if job.refusal is None}
             self._refuse_loss(before, by_name.keys())
-            work = partial(
-                views_one, photographs.setup, lens=self.lens, project=project, skip_movers=self.skip_movers
-            )
-            finished = photographs.run(jobs, work, earlier, show=lambda job, outcome: None, total=False)
-            done = [one for _, one in finished.outcomes if not one.error]
-            views = [decode(ExposureViews, one.besides["views"]) for one in done]
+            work = partial(views_one, photographs.setup, project=project, skip_movers=self.skip_movers)
+            finished = photographs.run(jobs, work, show=lambda job, outcome: "")
+            views: list[ExposureViews] = [one.besides["views"] for one in finished.done]
             written = {one.name for one in views}
             incomplete = self.link or not views or (before or set()) - written
-            if finished.end is End.BROKEN or (finished.end is End.INTERRUPTED and incomplete):
+            if finished.end is End.STOPPED or (finished.end is End.INTERRUPTED and incomplete):
                 return finished.exit_code
             self._refuse_loss(before, written)
             in_order = True if self.sequence is None and photographs.inputs.one_video else self.sequence
@@ -176,13 +164,13 @@ class ToColmapOptions:
                 "failures": finished.failures,
             }
             print(json.dumps(document, indent=2, allow_nan=False))
-        elif not self.printing.quiet:
+        elif not self.common.printing.quiet:
             print(self._summary(records, kept, backup))
         return finished.exit_code
 
     def _summary(self, records: list[dict[str, Any]], kept: list[LinkJob], backup: Path | None) -> str:
         """Return a line for each photograph, and one that says what was written."""
-        lines = [views_line(one, linked=self.link, verbose=self.printing.verbose) for one in records]
+        lines = [views_line(one, linked=self.link, verbose=self.common.printing.verbose) for one in records]
         if kept:
             some = ", ".join(printable(job.name) for job in kept[:3]) + ", ..." * (len(kept) > 3)
             there = f"{plural(len(kept), 'photograph')} ({some})"
@@ -224,12 +212,12 @@ class ToColmapOptions:
             )
 
 
-def views_one(setup: Setup, job: LinkJob, *, lens: Lens, project: Path | None, skip_movers: bool) -> Outcome:
-    """Return the record of one photograph, and its views in JSON's types."""
-    plan = job.plan
+def views_one(setup: Setup, job: LinkJob, *, project: Path | None, skip_movers: bool) -> Outcome:
+    """Return the record of one photograph, and its views."""
+    plan, lens = job.plan, setup.common.lens
 
     def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
-        stated = setup.run.intrinsics.of(path, size, exif)
+        stated = lens.intrinsics().of(path, size, exif)
         if plan is None or project is None:
             return stated
         return _project_camera(plan, project, path, size, stated, hint=not lens.stated)
@@ -241,9 +229,11 @@ def views_one(setup: Setup, job: LinkJob, *, lens: Lens, project: Path | None, s
         moving = None
         if skip_movers:
             moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING
-        views = keypoint_views(job.name, plan.keypoints, one.estimate, setup.run.options, moving)
+        views = keypoint_views(
+            job.name, plan.keypoints, one.estimate, setup.common.estimating.options(), moving
+        )
     record = setup.record(one, job)
-    return Outcome(photograph=record, besides={"views": encode(views)}, warnings=one.warnings)
+    return Outcome(photograph=record, besides={"views": views}, warnings=one.warnings)
 
 
 def _project_camera(

@@ -9,25 +9,19 @@ from pathlib import Path
 
 LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below needs its unit
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
-PERCENT, METRES = "%", " m"
+PERCENT = "%"
 Allowed = Callable[[float, str], object]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Amount:
-    """A number of pixels or photographs, or a percentage of what is known later, or metres."""
+    """A number, or a percentage of what is known later."""
 
     number: float
-    unit: str = " px"
+    percent: bool = False
 
     def __str__(self) -> str:
-        metres = self.unit == METRES
-        return ground_text(self.number) if metres else f"{self.number:g}{self.unit.removesuffix(' px')}"
-
-
-def ground_text(metres: float) -> str:
-    """Return a distance on the ground in centimetres, or metres."""
-    return f"{100 * metres:.3g} cm" if metres < 1 else f"{metres:.3g} m"
+        return f"{self.number:g}{PERCENT * self.percent}"
 
 
 def file_path(text: str) -> Path:
@@ -87,7 +81,6 @@ focal_px = quantity(
     px=1,
 )
 radius = quantity("pixels above 0, as 2", lambda value, _: value, px=1)
-metres = quantity("a distance with its unit as 2cm", lambda value, unit: value and unit, mm=1000, cm=100, m=1)
 
 
 def frame_or_seconds(text: str) -> int | float:
@@ -98,12 +91,10 @@ def frame_or_seconds(text: str) -> int | float:
 
 
 def smear(text: str) -> Amount:
-    """Return a length in pixels, a percentage of the diagonal, or a distance on the ground as 2cm."""
-    if text.endswith("m"):
-        return Amount(number=metres(text), unit=METRES)
-    expected = "a number as 3, a percentage as 0.3% or a distance as 3cm"
+    """Return a length in pixels, or a percentage of the width."""
+    expected = "a number as 3 or a percentage as 0.3%"
     value, unit = measured(text.removesuffix("px"), expected, lambda *_: True, PERCENT)
-    return Amount(number=value, unit=unit or Amount.unit)
+    return Amount(number=value, percent=bool(unit))
 
 
 def best(text: str) -> Amount:
@@ -114,7 +105,7 @@ def best(text: str) -> Amount:
         lambda value, unit: 0 < value <= 100 if unit else value >= 1 and value.is_integer(),
         PERCENT,
     )
-    return Amount(number=value, unit=unit or Amount.unit)
+    return Amount(number=value, percent=bool(unit))
 
 
 def positive(text: str) -> float:

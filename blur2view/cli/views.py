@@ -15,7 +15,7 @@ from blur2view.exposure.time_direction import consecutive_runs, with_time_direct
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax
 from blur2view.images.source import Source
-from blur2view.runs.job import Job
+from blur2view.runs.jobs import Job
 
 NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
 
@@ -43,14 +43,12 @@ def named_jobs(
     for job, plan in zip(jobs, plans, strict=True):
         if plan is None and not storable(job.name):
             plan = DatabaseError(f"{job.source}: its name is no UTF-8, which a database needs; rename it")
-        name, besides, refusal = job.name, job.name, job.refusal
+        name, refusal = job.name, job.refusal
         if isinstance(plan, DatabaseError):
             refusal, plan = refusal or plan, None
-        elif plan is not None:  # views depend on the features that are moved, too
-            name, besides = plan.name, f"{plan.name} {plan.digest.hex()}"
-        linked = LinkJob(
-            index=len(begun), source=job.source, name=name, besides=besides, refusal=refusal, plan=plan
-        )
+        elif plan is not None:
+            name = plan.name
+        linked = LinkJob(index=len(begun), source=job.source, name=name, refusal=refusal, plan=plan)
         (kept if plan is not None and plan.step is Step.KEEP else begun).append(linked)
     return begun, kept
 

@@ -5,31 +5,50 @@ The network is loaded once in each process: bytes do not depend on its threads.
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from multiprocessing import parent_process
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from blur2view import __version__
-from blur2view.arrays import Array
-from blur2view.cli.options import Estimating, Lens, Rates
-from blur2view.errors import Blur2ViewError, RunError
+from blur2view.arrays import AnyArray, Array
+from blur2view.camera.camera import Camera
+from blur2view.camera.exif import ExifValues, disagreement, read_exif
+from blur2view.cli.options import Common, InTime
+from blur2view.errors import Blur2ViewError, CameraError, RunError
 from blur2view.exposure.features import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
-from blur2view.images.image import read_image
+from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.image import read_image, read_pixels
 from blur2view.images.source import Source
 from blur2view.images.timestamps import timestamp_of
+from blur2view.images.video import rows_towards
 from blur2view.networks.model_file import model_path, usable_cores
+from blur2view.networks.protocol import Detail
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import file_digest
-from blur2view.pipeline import FileEstimate, Run, estimate_file
+from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph
-from blur2view.runs.job import Job, content_of
+from blur2view.runs.jobs import Job, content_of
 
 Content = tuple[Source, bytes]
+CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimated:
+    """The estimate of a photograph's file, and what the file alone says."""
+
+    estimate: Estimate
+    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
+    exposure_s: float | None  # of the options or else of EXIF
+    warnings: tuple[str, ...]  # of options that EXIF contradicts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,89 +57,123 @@ class Setup:
 
     Parameters
     ----------
-    run : Run
-        The options of the estimate.
-    estimating : Estimating
-        Those of the network.
+    common : Common
+        The options of every command.
+    in_time : InTime
+        Those of exposure and order in time.
     network_sha256 : str
         Of the network's file.
     options_sha256 : str
         Of the command and of every option that results depend on.
     """
 
-    run: Run
-    estimating: Estimating
+    common: Common
+    in_time: InTime
     network_sha256: str
     options_sha256: str
 
     @classmethod
     def of(cls, command: str, options: Any) -> "Setup":
         """Return the setup of a command with these options, which have groups of the names used here."""
-        estimating: Estimating = options.estimating
-        lens: Lens = options.lens
-        rates: Rates = getattr(options, "rates", Rates())
-        path, camera = model_path(estimating.model), lens.database
+        common: Common = options.common
+        path, camera = model_path(common.estimating.model), common.lens.database
         digest = file_digest(path) if path.is_file() else ""
         files = [digest, file_digest(camera) if camera is not None and camera.is_file() else ""]
-        run = Run(
-            select=estimating.select(),
-            options=estimating.options(),
-            seed=estimating.seed,
-            intrinsics=lens.intrinsics(),
-            exposure_s=rates.exposure,
-            readout_s=rates.readout,
-            max_memory_gib=options.reading.max_memory,
-            gyroscope=rates.gyroscope,
+        return cls(
+            common=common,
+            in_time=getattr(options, "in_time", InTime(sequence=False)),
+            network_sha256=digest,
+            options_sha256=_sha256([command, __version__, files, _settings(options)]),
         )
-        settings = [command, __version__, files, _settings(options)]
-        return cls(run=run, estimating=estimating, network_sha256=digest, options_sha256=_sha256(settings))
 
     def network(self) -> SmearNetwork:
         """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
-        return _network(self.estimating.model, self.estimating.provider, self.network_sha256)
+        estimating = self.common.estimating
+        return _network(estimating.model, estimating.provider, self.network_sha256)
 
-    def estimated(self, job: Job, **how: Any) -> FileEstimate:
+    def estimated(
+        self,
+        job: Job,
+        *,
+        as_stored: bool = False,
+        camera_of: CameraOf | None = None,
+        detail: Detail = Detail.GEOMETRY,
+    ) -> Estimated:
         """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
-        ``how`` is what `estimate_file` may be given besides.
+        Each has a generator of its own, so that its result does not depend on those before it. ``as_stored``
+        is as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of
+        options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
         """
-        one = estimate_file(job.source, self.network(), self.run, job.content, **how)
-        if not job.neighbours:
-            return one
-        motions, camera, here = [], one.estimate.camera, (job.source, content_of(job))
+        source, path, content = job.source, Path(str(job.source)), content_of(job)
+        estimating, lens, exposure_s = self.common.estimating, self.common.lens, self.in_time.exposure
+        most = self.common.reading.max_memory
+        image = read_pixels(path, as_stored=as_stored, max_memory_gib=most, content=content)
+        exif = read_exif(path, content)
+        camera = (camera_of or lens.intrinsics().of)(path, (image.shape[1], image.shape[0]), exif)
+        found = estimate(
+            image,
+            network=self.network(),
+            select=estimating.select(),
+            options=estimating.options(),
+            rng=np.random.default_rng(estimating.seed),
+            camera=camera,
+            shutter=self._shutter(source, exif),
+            detail=detail,
+        )
+        focal_px = camera.focal_px if camera else None
+        return Estimated(
+            estimate=self._in_time(found, job),
+            image=image,
+            exposure_s=exposure_s or exif.exposure_s,
+            warnings=(  # an option is believed all the same
+                *disagreement("--exposure", exposure_s, exif.exposure_s, "s"),
+                *disagreement(lens.intrinsics().stated, focal_px, exif.focal_px, "px"),
+            ),
+        )
+
+    def _shutter(self, source: Source, exif: ExifValues) -> RollingShutter | None:
+        """Return the rolling shutter of a photograph, None where the options name none."""
+        if not self.in_time.readout:
+            return None
+        if (exposure_s := self.in_time.exposure or exif.exposure_s) is None:
+            raise CameraError(
+                f"{source}: --readout needs the exposure time, EXIF names none; add --exposure S"
+            )
+        towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
+        return RollingShutter(readout_s=self.in_time.readout, exposure_s=exposure_s, towards=towards)
+
+    def _in_time(self, found: Estimate, job: Job) -> Estimate:
+        """Return an estimate in the order that the photographs before and after it decide."""
+        motions, here = [], (job.source, content_of(job))
         for near in job.neighbours:
             with suppress(Blur2ViewError):  # of one that cannot be read, which has a line of its own
                 there = near.source, content_of(near)
                 pair = (there, here) if near.steps < 0 else (here, there)
-                own, other = _matched(*pair, self.run.max_memory_gib)[:: near.steps]
-                motions.append(neighbour_motion(own, other, near.steps, camera))
-        return replace(one, estimate=in_time(one.estimate, motions))
+                own, other = _matched(*pair, self.common.reading.max_memory)[:: near.steps]
+                motions.append(neighbour_motion(own, other, near.steps, found.camera))
+        return in_time(found, motions) if job.neighbours else found
 
     def key(self, job: Job) -> str:
         """Return the digest of all that the result of a photograph depends on besides its file."""
         return _sha256([self.options_sha256, job.depends_on])
 
-    def record(
-        self, one: FileEstimate, job: Job, *, seconds: Mapping[str, float] | None = None, **stated: Any
-    ) -> Photograph:
-        """Return the record of an estimate, with ``stated`` fields and the ``seconds`` of further steps."""
+    def record(self, one: Estimated, job: Job, **stated: Any) -> Photograph:
+        """Return the record of an estimate, with ``stated`` fields."""
         time_s = timestamp_of(job.source.name) if job.source.time_s is None else job.source.time_s
-        steps = {name.removesuffix("_s"): value for name, value in vars(one.estimate.timings).items()}
-        timings = {"read": one.read_s, **steps, **(seconds or {})}
         known = {
             "frame": job.source.frame,
             "timestamp_s": time_s,
             "exposure_s": one.exposure_s,
-            "gyroscope": self.run.gyroscope,
-            "beta": self.estimating.beta,
-            "max_error_px": self.estimating.max_error,
-            "seed": self.estimating.seed,
+            "gyroscope": self.in_time.gyroscope,
+            "beta": self.common.estimating.beta,
+            "max_error_px": self.common.estimating.max_error,
+            "seed": self.common.estimating.seed,
             "version": __version__,
             "input_sha256": job.input_sha256,
             "options_sha256": self.key(job),
-            "timings_s": timings if self.estimating.timings else None,
         }
-        return Photograph.of(one.estimate, name=job.name, **known | stated)
+        return Photograph.of(one.estimate, name=job.name, **known | stated).of_use()
 
 
 def _settings(options: Any) -> dict[str, Any]:

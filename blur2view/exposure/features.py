@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.errors import ImageError
-from blur2view.images.content import read_content
 from blur2view.images.image import read_image
-from blur2view.images.source import Source
+from blur2view.images.source import Source, read_content
 
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 MAX_SIDE = 640  # pictures are matched at no more pixels: blurred ones show no more in more

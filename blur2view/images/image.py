@@ -16,7 +16,7 @@ from PIL import ExifTags, Image, ImageOps, TiffImagePlugin, UnidentifiedImageErr
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
-from blur2view.images.content import read_content
+from blur2view.images.source import read_content
 from blur2view.input_files import MAX_PIXELS, open_picture
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]

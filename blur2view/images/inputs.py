@@ -16,12 +16,11 @@ from blur2view.images.image import PHOTOGRAPH_SUFFIXES
 from blur2view.images.source import Source, frame_named
 from blur2view.images.video import frame_numbers, is_video
 from blur2view.input_files import read_regular, read_stream
-from blur2view.output_files import is_ours
+from blur2view.output_files import is_ours, real_paths
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]")  # what a photograph begins with, and no list holds
-SHOWN = 3  # folders of a count
 MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
 
 
@@ -53,12 +52,9 @@ class Inputs:
         return len(videos) == 1 and None not in videos
 
     @property
-    def counted(self) -> str:
-        """How many photographs there are, and in which folders and videos the most of them."""
-        folders = Counter(source.folder for source in self.sources)
-        shown = [f"{count} in {path}" for path, count in folders.most_common(SHOWN)]
-        others = f" and {len(folders) - SHOWN} more folders" * (len(folders) > SHOWN)
-        return f"{len(self.sources)} photographs: {', '.join(shown)}{others}"
+    def read(self) -> set[str]:
+        """The files that are read, where their paths lead."""
+        return real_paths([*(source.path for source in self.sources), *self.lists])
 
     def refuse(self, path: Path, reason: str) -> None:
         """Add what cannot be used."""

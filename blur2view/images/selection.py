@@ -1,8 +1,6 @@
 """Which photographs of many to keep by their blur, the sharpest of all or of neighbours; and their files."""
 
-import os
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -11,11 +9,9 @@ import numpy as np
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
-from blur2view.images.content import read_content
-from blur2view.images.source import Source
+from blur2view.images.source import Source, read_content
 from blur2view.images.video import read_frame
-from blur2view.input_files import read_regular
-from blur2view.output_files import HALF_WRITTEN, write_file
+from blur2view.output_files import write_file
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
 THUMBNAIL_PX = 96  # width; the blur of a photograph is no pixel there
@@ -74,51 +70,25 @@ def same_view(first: Array | None, second: Array | None) -> bool:
     return bool(response >= SAME_VIEW)
 
 
-def extracted_names(names: Mapping[Source, str]) -> dict[Source, str]:
-    """Return the file of each photograph below the folder, given what it is called elsewhere.
-
-    A frame of a video is ``frame_00120.png`` by its number there, below the video's name if there are
-    several.
-    """
-    frames = {one: one.frame for one in names if one.frame is not None}
-    several = len({one.path for one in frames}) > 1
-    digits = max([FRAME_DIGITS, *(len(str(number)) for number in frames.values())])
-    files = dict(names)
-    for one, number in frames.items():
-        files[one] = f"{Path(names[one]).parent.as_posix()}/" * several + f"frame_{number:0{digits}d}.png"
-    return files
-
-
-def refuse_others(folder: Path, files: Iterable[str], besides: Collection[Path] = ()) -> None:
-    """Raise OutputError for a folder with a file that is none of these: a program would read it with them.
-
-    So for a file in its place.
-    """
+def refuse_filled(folder: Path) -> None:
+    """Raise OutputError for a folder that holds something: a program would read it with the pictures."""
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is no folder; name another with --extract")
-    ours = set(map(os.path.realpath, [*(folder / file for file in files), *besides]))
-    for path in sorted(folder.rglob("*")):
-        half = path.name.startswith(".") and path.name.endswith(HALF_WRITTEN)  # by a call that was killed
-        if not path.is_dir() and not half and os.path.realpath(path) not in ours:
-            raise OutputError(
-                f"{folder}: holds {path.relative_to(folder)}; name an empty folder with --extract"
-            )
+    if other := next(iter(sorted(folder.glob("*"))), None):
+        raise OutputError(f"{folder}: holds {other.name}; name an empty folder with --extract")
 
 
-def extract(folder: Path, files: Mapping[Source, str]) -> None:
-    """Write photographs as they are, and frames of videos as PNG; a file of another content is not replaced.
+def extract(folder: Path, names: Mapping[Source, str]) -> None:
+    """Write photographs as they are, under these names, and frames of videos as PNG.
 
-    OutputError if there is one, or a file cannot be written; ImageError if a photograph cannot be read.
+    Frame 120 of a video is ``frame_00120.png``, below the video's name if there are several. OutputError if a
+    file cannot be written, ImageError if a photograph cannot be read.
     """
-    for one, name in files.items():
-        target = folder / name
+    several = len({one.path for one in names if one.frame is not None}) > 1
+    for one, name in names.items():
         if one.frame is None:
-            content = read_content(one)
+            write_file(folder / name, read_content(one))
         else:
+            below = folder / Path(name).parent if several else folder
             content = bytes(cv2.imencode(".png", read_frame(one.path, one.frame))[1])
-        with suppress(OSError):
-            if not os.path.lexists(target):
-                write_file(target, content)
-            if read_regular(target) == content:
-                continue
-        raise OutputError(f"{target}: is there with another content; name an empty folder with --extract")
+            write_file(below / f"frame_{one.frame:0{FRAME_DIGITS}d}.png", content)

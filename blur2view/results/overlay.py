@@ -1,4 +1,4 @@
-"""The overlay picture: smears, epipolar lines and certainty of one estimate, drawn with OpenCV alone."""
+"""The overlay pictures: smears and epipolar lines of an estimate, a motion mask; drawn with OpenCV alone."""
 
 import cv2
 import numpy as np
@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import photograph_of
 from blur2view.pipeline import Estimate
-from blur2view.results.drawing import FAINT, PAPER, Picture, View, captioned, draw_line, draw_ring, write
+from blur2view.results.drawing import FAINT, Picture, View, captioned, draw_line, draw_ring
 from blur2view.results.photograph import Photograph
-from blur2view.results.verdict import length_text
+from blur2view.results.verdict import fit_line
 from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
@@ -21,7 +22,10 @@ SQUARES = 14  # of the picture, in each of which the longest smear gets its epip
 CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
 SEEN = 0.25  # radius out of focus over the length of the smear, from which on the circle is drawn
 AT_INFINITY = 1e-12  # third coordinate, of a unit vector, of an epipole that is at infinity
-_AIDS_HEIGHT_PX = 132
+PINK = (255, 70, 170)
+COVER = 0.55  # share of the pink over what moves: the object stays visible
+HATCH_PX = 12
+LEAST_SHARE = 0.005  # of the photograph that is worth a word: less is 0 %
 
 
 def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = None) -> Picture:
@@ -31,7 +35,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     deviation are thin, and not drawn where nothing explains the others. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
     the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
-    the verdict, the configuration, the key of the orientation colours and a map of sigma.
+    the verdict, the configuration and how many smears fit.
 
     Parameters
     ----------
@@ -56,10 +60,11 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
         raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {grid.shape}")
     one = one or Photograph.of(estimate, name="")
     canvas = draw_smears(photograph_of(image), estimate)
-    counts = f"{counts_of(one)} (COLMAP: {one.config})"
-    counts += "; circles: out of focus, by their radius" * bool(len(circles(grid)))
-    counts += "; thin: no longer than their errors" * bool((certainty_of(matches) < 1).any())
-    return captioned(canvas, one.verdict, counts, np.hstack([_orientation_key(), _sigma_inset(grid)]))
+    words = [f"{fit_line(one)} (COLMAP: {one.config})"]
+    words += ["white: epipolar lines, rings: epipoles"] * (lines_of(estimate.geometry) is not None)
+    words += ["circles: out of focus, by their radius"] * bool(len(circles(grid)))
+    words += ["thin: no longer than their errors"] * bool((certainty_of(matches) < 1).any())
+    return captioned(canvas, one.verdict, "; ".join(words))
 
 
 def draw_smears(image: AnyArray, estimate: Estimate, longest: int | None = None) -> Picture:
@@ -192,53 +197,42 @@ def _draw_epipolar_lines(
     cv2.addWeighted(layer, 0.6, canvas, 0.4, 0, dst=canvas)
 
 
-def counts_of(one: Photograph) -> str:
-    """Return how many smears fit what, and their length."""
-    if not one.num_matches:
-        return "no smears used"
-    if one.F is None:
-        return f"{one.num_matches} smears used; {length_text(one)}"
-    fit = f"{one.num_inliers} of {one.num_matches} smears fit F"
-    if one.H is not None:
-        return f"{fit}, and a homography explains them as well; {length_text(one)}"
-    lines = "white: epipolar lines, where F lets the ends of smears lie"
-    return f"{fit}; {length_text(one)}; {lines}; rings: the epipoles, to or from which the camera moved"
+def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
+    """Return the picture of a motion mask over its photograph (H, W, 3), as uint8 RGB.
+
+    What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
+    caption below says how much moves, what the colours mean and what was measured. The photograph's longer
+    side becomes 640 to 1280 pixels.
+    """
+    if mask.labels.shape != image.shape[:2]:
+        raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
+    view = View.of(image.shape)
+    canvas = view.picture(image)
+    labels = cv2.resize(mask.labels, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
+    moving, unseen = labels == MotionLabel.MOVING, labels == MotionLabel.UNOBSERVABLE
+    canvas[unseen] = (0.45 * canvas[unseen]).astype(np.uint8)
+    rows, columns = np.indices(labels.shape)
+    canvas[unseen & ((rows + columns) % HATCH_PX == 0)] = FAINT
+    canvas[moving] = ((1 - COVER) * canvas[moving] + COVER * np.array(PINK)).astype(np.uint8)
+    rims, _ = cv2.findContours(moving.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(canvas, rims, -1, (255, 255, 255), 1, cv2.LINE_AA)
+    drawn = ["pink moves"] * bool(rims) + ["hatched is unobservable"] * bool(unseen.any())
+    words = "; ".join([*filter(None, [", ".join(drawn)]), mask.reason.partition(";")[0]])
+    return captioned(canvas, mask_verdict(mask), words)
 
 
-def _orientation_key() -> Picture:
-    """Return a wheel whose spokes have the colour of their orientation."""
-    key = np.full((_AIDS_HEIGHT_PX, 96, 3), PAPER, np.uint8)
-    angles = np.radians(np.arange(0, 180, 3))
-    spokes = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    centre = np.array([47.5, 70.0])
-    for spoke, colour in zip(spokes, orientation_colours(spokes), strict=True):
-        for side in (-1, 1):
-            draw_line(key, centre + side * np.outer([16, 42], spoke), colour, thickness=2)
-    write(key, "orientation", (12, 16), colour=FAINT)
-    return key
-
-
-def _sigma_inset(grid: SmearGrid) -> Picture:
-    """Return a map of sigma on a logarithmic scale, with the scale's ends in pixels of the photograph."""
-    height, width = grid.shape
-    most = _AIDS_HEIGHT_PX - 34
-    scale = min(150 / width, most / height)
-    size = max(round(width * scale), 1), max(round(height * scale), 1)
-    logs = np.log10(np.maximum(grid.smears().sigma_px, 1e-3))
-    low, high = np.percentile(logs, [2, 98])
-    high = max(high, low + 0.1)  # a constant map has one colour
-    inset = np.full((_AIDS_HEIGHT_PX, 150 + 62, 3), PAPER, np.uint8)
-    bar = np.linspace(high, low, most)[:, None].repeat(10, axis=1)
-    for left, values in ((150 - size[0], cv2.resize(logs, size)), (158, bar)):
-        levels = np.round(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
-        colours = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
-        inset[24 : 24 + len(colours), left : left + colours.shape[1]] = colours
-    write(inset, "uncertainty, px", (0, 16), colour=FAINT)
-    write(inset, _short(10**high), (174, 35))
-    write(inset, _short(10**low), (174, 24 + most))
-    return inset
-
-
-def _short(value: float) -> str:
-    """Return a number of pixels in the room beside the scale."""
-    return f"{float(f'{value:.3g}'):g}"  # without an exponent, as of 1256
+def mask_verdict(mask: MotionMask) -> str:
+    """Return how much moves and how much is unobservable; if that is most, it comes first."""
+    moving, unseen = (
+        float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
+    )
+    if unseen == 1:
+        return "motion is unobservable everywhere"
+    count = len(mask.regions)
+    share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
+    parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
+    moves = parts if count else "no mover found"
+    if unseen < LEAST_SHARE:
+        return moves
+    hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line
+    return f"{moves}; {hidden}" if unseen <= 0.5 else f"{hidden}; elsewhere {moves}"

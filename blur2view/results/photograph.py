@@ -10,11 +10,11 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from blur2view.results.record import Record, derived
-from blur2view.results.verdict import verdict
+from blur2view.results.verdict import Limits, use_of, verdict
 
 if TYPE_CHECKING:
     from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -40,35 +40,30 @@ class Photograph(Record):
 
         ``stated`` are fields that they do not know, or other values.
         """
-        geometry, blur, (height, width) = estimate.geometry, estimate.blur, estimate.grid.shape
-        camera, steps = estimate.camera, vars(estimate.timings).items()
+        blur, (height, width) = estimate.blur, estimate.grid.shape
         known = {
             "width": width,
             "height": height,
             "blur": blur.kind,
             **{key: getattr(blur, key) for key in _BLUR},
-            **_geometry(geometry),
-            "reason": geometry.reason,
-            "models": [_part(row, "model", "parameters", "log_likelihood", "probability")
-                       for row in geometry.table.rows],
-            "independent_smears": geometry.table.effective_count,
-            "motion_model": geometry.model,
-            "num_matches": len(estimate.matches),
-            "num_inliers": int(geometry.inlier_mask.sum()),
-            "support_by_chance": geometry.support_by_chance,
-            "K": None if camera is None else camera.K,
-            "camera": _part(camera, "model", "params", "source", "known"),
-            "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
-            "backward": None if geometry.backward is None else _geometry(geometry.backward),
-            "time_known": estimate.time.known,
-            "time_confidence": estimate.time.confidence,
+            "moving_share": None if estimate.moving is None else blur.moving_share,
             "timestamp_s": estimate.timestamp_s,
             "model_ids": [estimate.model_id],
-            "timings_s": {step.removesuffix("_s"): seconds for step, seconds in steps},
-        }  # fmt: skip
+            **_camera_motion(estimate),
+        }
         if mask is not None:
             known |= _mask(mask)
         return cls(**{key: _plain(value) for key, value in {"name": name, **known, **stated}.items()})
+
+    def of_use(self, limits: Limits | None = None) -> Self:
+        """Return the record with what the photograph is of use for within limits of blur."""
+        use, reason = use_of(self, limits or Limits())
+        return replace(self, use=use, use_reason=reason)
+
+    def of_blur_alone(self) -> Self:
+        """Return what the record says but for geometry, as of a photograph looked at less closely."""
+        fresh = Photograph(name=self.name)
+        return replace(self, **{key: getattr(fresh, key) for key in _GEOMETRY})
 
     @derived
     def verdict(self) -> str:
@@ -97,8 +92,12 @@ class Photograph(Record):
         return cls(**{one.name: stored[one.name] for one in fields(cls) if one.name in stored})
 
 
-_BLUR = ("nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px",
-         "moving_share")  # fmt: skip
+_BLUR = ("nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px")
+
+
+_GEOMETRY = ("config", "reason", "parallax", "models", "independent_smears", "F", "H", "motion_model",
+             "num_matches", "num_inliers", "support_by_chance", "E", "cam2_from_cam1", "pose_covariance",
+             "backward")  # fmt: skip
 
 
 def entries() -> Iterator[tuple[str, str, str]]:
@@ -148,6 +147,30 @@ def _cell(column: str, value: object) -> object:
     if not isinstance(value, float):
         return value
     return round(value, DIGITS) if column == TIME else f"{value:.{DIGITS}g}"
+
+
+def _camera_motion(estimate: Estimate) -> dict[str, Any]:
+    """Return the fields that say what the camera did, and from what that is known."""
+    geometry, camera = estimate.geometry, estimate.camera
+    models = [
+        _part(row, "model", "parameters", "log_likelihood", "probability") for row in geometry.table.rows
+    ]
+    return {
+        **_geometry(geometry),
+        "reason": geometry.reason,
+        "models": models,
+        "independent_smears": geometry.table.effective_count,
+        "motion_model": geometry.model,
+        "num_matches": len(estimate.matches),
+        "num_inliers": int(geometry.inlier_mask.sum()),
+        "support_by_chance": geometry.support_by_chance,
+        "K": None if camera is None else camera.K,
+        "camera": _part(camera, "model", "params", "source", "known"),
+        "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
+        "backward": None if geometry.backward is None else _geometry(geometry.backward),
+        "time_known": estimate.time.known,
+        "time_confidence": estimate.time.confidence,
+    }
 
 
 def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:

@@ -68,15 +68,20 @@ class Record:
         focus, if anything is."""
     )
     defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
-    moving_share: float | None = explained("Share of the picture that moves by itself, where that was asked.")
-    smear_ground_m: float | None = explained("With --gsd of triage: the smear on the ground, metres.")
-    use: str = explained(
-        "Of triage: sharp, blurred (geometry can use it), out of focus, unclear or unusable.", ""
+    moving_share: float | None = explained(
+        "Share of the picture that moves by itself; null where that was not asked."
     )
-    use_reason: str = explained("Of triage: why it is of that use.", "")
+    use: str = explained(
+        """sharp, blurred (geometry can use it), out of focus, unclear or unusable: see uses of triage, whose
+        limits hold elsewhere as they are by default.""",
+        "",
+    )
+    use_reason: str = explained("Why it is of that use.", "")
 
     config: str = explained(
-        "What the camera did: a name of COLMAP's TwoViewGeometryConfiguration, see configurations.", ""
+        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration, see configurations. It and
+        all that follows from geometry is not of triage, which looks less closely.""",
+        "",
     )
     reason: str = explained("One sentence with the figures that decided on the configuration.", "")
     parallax: str = explained(
@@ -157,9 +162,6 @@ class Record:
     model_ids: list[str] = explained("The networks that were used, by their weights.", factory=list)
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
     options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
-    timings_s: dict[str, float] | None = explained(
-        "Seconds per step: read, predict, select, solve, segment; null with --no-timings."
-    )
 
     @derived
     def smear_percent(self) -> float | None:
@@ -251,11 +253,6 @@ class Record:
     def rate_unit(self) -> str:
         """rad/s, or without an exposure time rad; empty without a pose."""
         return "" if self.cam2_from_cam1 is None else "rad/s" if self.exposure_s else "rad"
-
-    @derived
-    def elapsed_s(self) -> float | None:
-        """Seconds that it took, without --no-timings."""
-        return None if self.timings_s is None else sum(self.timings_s.values())
 
     @property
     def has_geometry(self) -> bool:

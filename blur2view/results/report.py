@@ -22,7 +22,7 @@ from PIL import Image
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
-from blur2view.results.drawing import View
+from blur2view.results.drawing import View, png
 from blur2view.results.overlay import (
     SQUARES,
     certainty_of,
@@ -135,9 +135,6 @@ def _facts(one: Photograph) -> Iterable[str]:
     if one.rate_unit:
         rates = ", ".join(f"{value or 0.0:.3f}" for value in (one.wx, one.wy, one.wz))
         yield f"<h3>Rotation</h3><p>({rates}) {one.rate_unit} about x, y, z</p>"
-    if one.timings_s:
-        steps = ", ".join(f"{step} {seconds:.2f}" for step, seconds in one.timings_s.items())
-        yield f"<h3>Seconds</h3><p>{one.elapsed_s:.2f}: {escape(steps)}</p>"
 
 
 def _smears(estimate: Estimate) -> Iterable[str]:
@@ -238,9 +235,7 @@ def _uri(kind: str, content: bytes) -> str:
 
 
 def _png(picture: AnyArray) -> str:
-    file = BytesIO()
-    Image.fromarray(picture).save(file, "PNG")
-    return _uri("image/png", file.getvalue())
+    return _uri("image/png", png(picture))
 
 
 def _jpeg(picture: AnyArray, quality: int) -> str:

@@ -1,17 +1,84 @@
-"""What a record means, in one sentence: the same in the terminal, pictures, the report and tables."""
+"""What a record means: in one sentence, and what the photograph is of use for; the same everywhere."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import StrEnum
 
-from blur2view.results.record import Record
+from blur2view.results.record import Matrix, Record
 
 MAY_HAVE_TURNED = 0.1
 """Probability of a rotation from which on it is named beside the movement."""
 MAX_DEFOCUS_PX = 2.0
 """Radius above which it is named: `smears.blur.DEFOCUSED_PX`, which takes too long to import for a help."""
+MAX_SMEAR_PX = 3.0
+"""Longest smear of a photograph that is called sharp: up to this, half of the SIFT features that it shares
+with itself under fresh noise are still matched (``python -m tools.evaluation.triage``; chosen on the
+photographs of Kodak's suite that train networks, shown on the others)."""
+FAR_PX = 1e4
+"""An epipole that is farther away is given as a direction."""
 DIAGONAL = 0.5
 """Of a direction, its smaller part over its larger one."""
+
+
+class Use(StrEnum):
+    """What a photograph is of use for."""
+
+    SHARP = "sharp"
+    BLURRED = "blurred"
+    """Blurred, and geometry explains it, so that the views of its exposure are of use."""
+    UNUSABLE = "unusable"
+    """Blurred, and nothing explains it."""
+    OUT_OF_FOCUS = "out of focus"
+    UNCLEAR = "unclear"
+    """Too smooth or too dark to show blur."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Up to where a photograph is called sharp.
+
+    Parameters
+    ----------
+    max_smear : float
+        Longest smear, pixels, or if ``percent`` per cent of the width.
+    percent : bool
+    max_defocus_px : float
+        Largest radius out of focus.
+    """
+
+    max_smear: float = MAX_SMEAR_PX
+    percent: bool = False
+    max_defocus_px: float = MAX_DEFOCUS_PX
+
+
+def use_of(one: Record, limits: Limits) -> tuple[str, str]:
+    """Return the use of a photograph, and why; both are empty if it failed.
+
+    The kind of blur decides first: only where the camera moved the length of the smear is compared with the
+    limit.
+    """
+    if one.error:
+        return "", ""
+    unit = "% of the width" if limits.percent else "px"
+    length, radius = one.smear_percent if limits.percent else one.smear_px, one.defocus_px or 0.0
+    if one.blur == "cannot tell" or length is None:
+        return Use.UNCLEAR, f"{one.nothing_seen or 'smooth or too dark'}: its blur cannot be told"
+    still = one.blur in ("sharp", "out of focus", "camera at rest")
+    short = still or length <= limits.max_smear
+    soft = radius > limits.max_defocus_px
+    why = f"smear {length:.3g} {unit}, {'at most' if short else 'above'} {limits.max_smear:g}"
+    why = f"{one.blur}: no motion of the camera" if still else why
+    about_focus = f"radius out of focus {radius:.1f} px" + f", above {limits.max_defocus_px:g} px" * soft
+    if short and (one.blur == "out of focus" or soft):
+        return Use.OUT_OF_FOCUS, about_focus
+    if short:
+        return Use.SHARP, why
+    why += f"; {about_focus}" * soft
+    if not one.has_geometry:
+        return Use.UNUSABLE, f"{why}; no one motion of the camera explains it"
+    return Use.BLURRED, f"{why}; the camera's motion explains it, so that its views are of use"
 
 
 def verdict(one: Record) -> str:
@@ -32,6 +99,49 @@ def verdict(one: Record) -> str:
         case "out of focus and moved":
             return f"{_motion(one)}; out of focus, too ({_radius(one)})"
     return _motion(one)
+
+
+def use_line(one: Record) -> str:
+    """Return what a photograph is of use for, and how long its blur is."""
+    if one.use == Use.UNCLEAR:
+        return f"{one.use} (no texture)"
+    if one.use == Use.OUT_OF_FOCUS:
+        return f"{one.use} (by a {_radius(one)})"
+    length = one.smear_px or 0.0
+    if one.use == Use.SHARP and length < (one.smear_sigma_px or 0.0):  # which says nothing
+        return f"{one.use} (no motion of the camera)"
+    return f"{one.use} (smears of {length:.{1 if length < 10 else 0}f} px)"
+
+
+def fit_line(one: Record) -> str:
+    """Return how many smears fit, without a pose the epipole, the camera if it was scaled."""
+    count = one.num_matches or 0
+    if one.F is None and one.H is None:
+        return f"{count} smears used"
+    fit = f"{one.num_inliers} of {count} smears fit"
+    share = 100 * (one.num_inliers or 0) // max(count, 1)  # rounded down: not all are 100%
+    by_chance = f"{share}%, {100 * (one.support_by_chance or 0.0):.0f}% would by chance"
+    # beside H a share of F would read as certainty
+    both = one.F is not None and one.H is not None
+    parts = [f"{fit} F, and a homography explains them as well" if both else f"{fit} ({by_chance})"]
+    if one.F is not None and one.H is None and one.cam2_from_cam1 is None:
+        line = f"moved to or from the epipole at {_epipole(one.F)}"
+        parts.append(line if one.readout_s else f"{line}, if the shutter is global")
+    if one.camera is not None and "scaled" in one.camera["source"]:
+        parts.append(one.camera["source"])
+    return "; ".join(parts)
+
+
+def _epipole(F: Matrix) -> str:
+    """Return where the epipole lies in the photograph, or its direction if it is far away."""
+    import numpy as np
+
+    from blur2view.geometry.epipolar import epipoles
+
+    x, y, w = epipoles(np.array(F))[0]
+    if abs(w) * FAR_PX > math.hypot(x, y):
+        return f"({x / w:z.0f}, {y / w:z.0f})"
+    return f"infinity at {math.degrees(math.atan2(y, x)) % 180:.0f} degrees"
 
 
 def length_text(one: Record, *, digits: int = 2) -> str:
@@ -57,6 +167,8 @@ def _motion(one: Record) -> str:
     """Return what a camera that moved did, as far as that can be told."""
     undecided = ", parallax undecided" * (one.parallax == "undecided")
     posed = one.cam2_from_cam1 is not None
+    if not one.config:  # of triage
+        return f"Camera moved; {length_text(one)}"
     by = f" {_turned_by(one)}" if posed else f"; {length_text(one)}"
     match one.config:
         case "UNDEFINED":

@@ -1,1 +1,1 @@
-"""Many photographs: jobs, what does them, and the loop that gives their outcomes in order."""
+"""Many photographs: jobs in order, and what does them."""

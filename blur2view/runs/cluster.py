@@ -11,7 +11,7 @@ from typing import Any
 
 from blur2view.errors import ImageError, RunError
 from blur2view.runs.executors import AHEAD
-from blur2view.runs.job import Done, Job, Outcome, Work, failed, perform
+from blur2view.runs.jobs import Done, Job, Outcome, Work, failed, perform
 
 CONNECT_S = 5  # for the scheduler to answer
 WORKERS_S = 10  # and then for a worker to be there
@@ -98,9 +98,11 @@ class Cluster:
         """Raise RunError for whatever keeps the cluster from going on: no module, no scheduler."""
         try:
             yield
+        except RunError:
+            raise
         except (Exception, asyncio.CancelledError) as error:  # of a lost scheduler: cancelled
             reason = " ".join(str(error).split()) or type(error).__name__
             raise RunError(
-                f"{self.address}: cannot go on ({reason}); see that its scheduler runs and the workers have "
-                "this blur2view, and go on with --resume"
+                f"{self.address}: cannot go on ({reason}); see that its scheduler runs and its workers have "
+                "this blur2view"
             ) from None

@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
@@ -12,11 +12,9 @@ from multiprocessing import get_context, parent_process
 import cv2
 
 from blur2view.errors import ImageError, RunError
-from blur2view.runs.job import Done, Job, Outcome, Work, failed, perform
+from blur2view.runs.jobs import Done, Executor, Job, Outcome, Work, failed, perform
 
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
-Executor = Callable[[Work, Iterator[Job]], Done]
-"""Does jobs, each taken when there is room for it, and yields it with its outcome when done, in any order."""
 
 
 def executor(count: int) -> Executor:

@@ -110,10 +110,3 @@ def test_rows_follow_each_other_by_the_orientation_of_exif(run: Any, tmp_path: P
         angles[orientation] = document["rotation_deg"], np.degrees(np.linalg.norm(rotation_vector(other)))
     assert angles[2] == angles[1] != angles[6]
     np.testing.assert_allclose(angles[3], angles[1][::-1], rtol=0.1)
-
-
-def test_verbose_summary_has_the_pose_in_both_orders_of_a_rolling_shutter(call: Call, photo: Path) -> None:
-    done = call("estimate", photo, "--focal", 300, "--exposure", "1/20", "--readout", 0.03, "-v")
-    assert done == 0
-    for words in ("PLANAR", "angular velocity", " or, in the other order in time, ", "translation towards"):
-        assert words in done.out

@@ -33,7 +33,6 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert document["model_ids"] == ["colour-code"] and document["seed"] == 0
     assert document["beta"] == SelectOptions.beta
     assert document["max_error_px"] == EstimatorOptions.max_error_px
-    assert set(document["timings_s"]) == {"read", "predict", "select", "solve"}
 
     with np.load(out / "moving.smear.npz") as arrays:
         assert arrays["smear_grid"].shape == (-(-HEIGHT // 32), WIDTH // 32, 4)
@@ -55,13 +54,11 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert np.median(rho) < 0.01
 
 
-def test_verbose_summary_has_reason_matrix_and_timings(run: Call, moving: Path, tmp_path: Path) -> None:
+def test_verbose_summary_has_the_reason(run: Call, moving: Path, tmp_path: Path) -> None:
     done = run(moving, "-v", "-o", tmp_path / "out")
-    assert done == 0
-    text = done.out
     document = json.loads((tmp_path / "out" / "moving.json").read_text())
-    for words in ("PLANAR", document["reason"], "F =", "solve "):
-        assert words in text
+    assert done == 0 and document["reason"] in done.out
+    assert document["reason"] not in run(moving).out
 
 
 def test_json_is_one_document_that_equals_the_file(
@@ -86,8 +83,8 @@ def test_many_photographs_show_progress_to_a_person(
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     captured = run(still, moving)
-    assert captured == 0 and captured.err.startswith(f"2 photographs: 2 in {still.parent}\n")
-    assert "0 of 2 photographs" in captured.err and "2 of 2 photographs, " in captured.err
+    assert captured == 0 and captured.err.startswith("\r\x1b[K0 of 2 photographs")
+    assert "2 of 2 photographs, " in captured.err
     assert " a second, 0:00 left" in captured.err and captured.err.endswith("\r\x1b[K")
     assert captured.out.startswith(f"{still}: Sharp")
     done = run(still)

@@ -54,7 +54,7 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
 ) -> None:
     address, workers = cluster
     write_photographs(tmp_path / "in", 30, (128, 160))
-    words = ["estimate", tmp_path / "in", "--model", tiny_model, "--no-timings"]
+    words = ["estimate", tmp_path / "in", "--model", tiny_model]
     assert finish(*words, "--jobs", 1, "-o", tmp_path / "here")[0] == 0
     running = start(*words, "--dask", address, "-o", tmp_path / "out")
     wait_for(running, tmp_path / "out", 4)
@@ -77,7 +77,10 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
     scheduler.kill()
     _, complaints = running.communicate()
     assert running.returncode == 1 and complaints.count("\n") == 1, complaints
-    assert f"{address}: cannot go on (" in complaints and "go on with --resume" in complaints
+    assert (
+        f"{address}: cannot go on (" in complaints
+        and "the same call with --resume does the rest" in complaints
+    )
     code, printed, _ = finish(*words, "--resume")
     assert code == 0 and " done before in " in printed
 

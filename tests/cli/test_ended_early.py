@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from blur2view import pipeline
+from blur2view.cli import work
 from blur2view.images.image import read_pixels
 from blur2view.output_files import write_files
-from blur2view.runs import loop
+from blur2view.runs import jobs
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
 
@@ -23,25 +23,6 @@ def wait_for(running: subprocess.Popen[str], folder: Path, count: int, pattern: 
     """Wait until a folder holds as many results."""
     while running.poll() is None and len(list(folder.glob(pattern))) < count:
         time.sleep(0.01)
-
-
-def test_run_ends_after_as_many_failures_as_are_allowed_and_goes_on(
-    run: Call, folder: Path, tmp_path: Path
-) -> None:
-    bad = [folder / f"{n:03d}.png" for n in (1, 3)]
-    good = [path.read_bytes() for path in bad]
-    for path in bad:
-        path.write_text("bad")
-    printed = run(folder, "-o", tmp_path / "out", "--max-failures", 2)
-    assert printed == 1
-    assert printed.lines[-1] == (
-        "blur2view: stopped after 4 of 5 photographs; what is done is kept, "
-        "the same call with --resume goes on"
-    )
-    for path, content in zip(bad, good, strict=True):
-        path.write_bytes(content)
-    done = run(folder, "-o", tmp_path / "out", "--resume")
-    assert done == 0 and "5 photographs: 2 done, 3 done before" in done.out
 
 
 def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
@@ -55,10 +36,10 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
         write_files(files)
 
     with monkeypatch.context() as patched:
-        patched.setattr(loop, "write_files", full)
+        patched.setattr(jobs, "write_files", full)
         error, stopped = run(folder, "-o", tmp_path / "out").lines
     assert "No space left on device" in error
-    assert stopped.startswith("blur2view: stopped after 4 of 5 photographs")
+    assert stopped.startswith("blur2view: stopped after 3 of 5 photographs")
     read.clear()
     assert run(folder, "-o", tmp_path / "out", "--resume") == 0
     assert read == ["003.png", "004.png"]
@@ -73,13 +54,12 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
         return read_pixels(path, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(pipeline, "read_pixels", interrupt)
+        patched.setattr(work, "read_pixels", interrupt)
         done = call("estimate", folder, "-o", tmp_path / "out")
         assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
         assert call("estimate", folder / "003.png").err == "blur2view: interrupted\n"
     assert done == 130 and done.err == (
-        "blur2view: interrupted after 3 of 5 photographs; what is done is kept, "
-        "the same call with --resume goes on\n"
+        "blur2view: interrupted after 3 of 5 photographs; the same call with --resume does the rest\n"
     )
     assert "3 photographs" in (tmp_path / "page.html").read_text()
     done = call("estimate", folder, "-o", tmp_path / "out", "--resume")
@@ -92,7 +72,7 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     tmp_path: Path, tiny_model: Path, jobs: int
 ) -> None:
     write_photographs(tmp_path / "in", 24, (128, 160))
-    words = [tmp_path / "in", "--model", tiny_model, "--no-timings"]
+    words = [tmp_path / "in", "--model", tiny_model]
     assert finish("estimate", *words, "--jobs", 1, "-o", tmp_path / "whole")[0] == 0
     killed = start("estimate", *words, "--jobs", jobs, "-o", tmp_path / "out")
     wait_for(killed, tmp_path / "out", 3)
@@ -104,29 +84,6 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     assert code == 0 and 3 <= before < 24
     assert f"{24 - before} done, {before} done before" in printed
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
-
-
-@pytest.mark.slow
-def test_killed_triage_goes_on_to_the_same_table_and_list(tmp_path: Path, tiny_model: Path) -> None:
-    write_photographs(tmp_path / "in", 24, (128, 160))
-    words = [tmp_path / "in", "--model", tiny_model, "--no-timings", "--jobs", 1]
-
-    def outputs(name: str) -> list[object]:
-        return ["--csv", tmp_path / f"{name}.csv", "--keep", tmp_path / f"{name}.txt"]
-
-    assert finish("triage", *words, *outputs("whole"))[0] == 0
-    killed = start("triage", *words, *outputs("out"))
-    journal = tmp_path / ".out.csv.blur2view.jsonl"
-    while killed.poll() is None and (not journal.exists() or journal.read_bytes().count(b"\n") < 3):
-        time.sleep(0.01)
-    killed.send_signal(signal.SIGKILL)
-    killed.communicate()
-    with journal.open("ab") as file:
-        file.write(b'{"blur2view": "cut')  # as a power cut leaves it
-    code, printed, complaints = finish("triage", *words, *outputs("out"), "--resume")
-    assert code == 0 and complaints == "" and " done before) in " in printed
-    for ending in (".csv", ".txt"):
-        assert (tmp_path / f"out{ending}").read_bytes() == (tmp_path / f"whole{ending}").read_bytes()
 
 
 @SIGNALS

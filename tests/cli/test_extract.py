@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from blur2view.images.video import read_frame
-from blur2view.output_files import half_written
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, write_frames
 from tests.support.tables import table
@@ -24,14 +23,14 @@ def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alik
 ) -> None:
     clip, folder = write_clip(tmp_path / "clip.mp4", 7), tmp_path / "clip"
     whole = ("--best", "100%", "--extract", folder, "--csv", tmp_path / "video.csv")
-    done = call("triage", clip, *whole, "--no-timings")
+    done = call("triage", clip, *whole)
     assert sorted(path.name for path in folder.iterdir()) == [f"frame_{k:05d}.png" for k in range(7)]
     assert done == 0 and f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in done.out
     for number in range(7):  # the pixels themselves
         np.testing.assert_array_equal(
             cv2.imread(str(folder / f"frame_{number:05d}.png")), read_frame(clip, number)
         )
-    assert call("triage", folder, "--sequence", "--csv", tmp_path / "frames.csv", "--no-timings") == 0
+    assert call("triage", folder, "--csv", tmp_path / "frames.csv") == 0
     video, frames = table(tmp_path / "video.csv"), table(tmp_path / "frames.csv")
     place = dict.fromkeys(("name", "frame", "timestamp_s", "input_sha256", "options_sha256"), "")
     assert [one | place for one in video] == [one | place for one in frames]
@@ -46,29 +45,6 @@ def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(call: Call,
     first, second = (int(name[6:11]) for name in names)
     assert 0 <= first < 4 <= second < 8
     before = contents(folder)
-    (folder / names[0]).rename(half_written(folder / names[0]))  # as a killed call leaves it
-    assert call("triage", *words) == 0 and contents(folder) == before
-    printed = call("triage", clip, "--best", 1, "--extract", folder)
-    assert printed == 1 and "name an empty folder with --extract" in printed.err
+    done = call("triage", *words)
+    assert done.line == f"blur2view: {folder}: holds {names[0]}; name an empty folder with --extract"
     assert contents(folder) == before
-    (folder / names[0]).write_bytes(b"mine")
-    done = call("triage", *words)
-    assert done == 1 and f"{names[0]}: is there with another content" in done.err
-    assert (folder / names[0]).read_bytes() == b"mine"
-    (folder / "mine.txt").touch()
-    done = call("triage", *words)
-    assert done.line == f"blur2view: {folder}: holds mine.txt; name an empty folder with --extract"
-
-
-def test_a_run_that_is_ended_early_extracts_nothing_and_keeps_an_earlier_choice(
-    frames: Path, call: Call, tmp_path: Path
-) -> None:
-    keep, folder = tmp_path / "keep.txt", tmp_path / "chosen"
-    words = ["--best", "1", "--keep", keep, "--extract", folder]
-    assert call("triage", frames, *words) == 0
-    whole = keep.read_text()
-    (frames / "0.png").write_bytes(b"no picture")
-    words[-1] = folder = tmp_path / "others"
-    done = call("triage", frames, tmp_path / "none.png", *words, "--max-failures", "1")
-    assert done == 1 and keep.read_text() == whole
-    assert str(folder) not in done.out.splitlines()[-1]

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.output_files import is_sealed, write_file
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import command, contents, environment
@@ -32,22 +31,28 @@ def test_only_results_of_blur2view_are_replaced(run: Call, moving: Path, still: 
         (out / name).write_bytes(ours)
 
 
-@pytest.mark.parametrize("option", ["--csv", "--keep", "--keep-for-training"])
-def test_tables_and_lists_are_replaced_until_somebody_changes_them(
-    call: Call, frames: Path, tmp_path: Path, option: str
+def test_tables_are_replaced_and_what_is_of_others_or_a_list_is_not(
+    call: Call, frames: Path, tmp_path: Path
 ) -> None:
-    target = tmp_path / "target"
-    target.write_text("still.png\n")  # a list of the user's, of this photograph alone
-    words = ("triage", frames / "still.png", option, target)
-    assert call(*words) == 1 and target.read_text() == "still.png\n"
-    target.unlink()
-    for _ in range(2):
+    for option in ("--csv", "--keep"):
+        target = tmp_path / option
+        target.write_text("still.png\n")  # a list of the user's, of this photograph alone
+        words = ("triage", frames / "still.png", option, target)
+        done = call(*words)
+        assert done == 1 and "is no " in done.line and target.read_text() == "still.png\n"
+        target.unlink()
         assert call(*words) == 0
-    written = target.read_bytes()
-    target.write_bytes(written + b"chaos.png\n")
-    done = call(*words)
-    assert done == 1 and "is no " in done.line and "or was changed since" in done.line
-    assert target.read_bytes() == written + b"chaos.png\n"
+    assert call("triage", frames / "still.png", "--csv", tmp_path / "--csv") == 0
+    assert call(*words) == 1
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_link_to_nowhere_is_refused_before_any_work(
+    call: Call, frames: Path, here: Path, read: list[str]
+) -> None:
+    (link := here / "link.csv").symlink_to(here / "nowhere" / "t.csv")
+    done = call("triage", frames, "--csv", link)
+    assert done == 1 and f"{link}: is a link into a folder that is not there" in done.line and read == []
 
 
 def test_links_are_followed_and_special_files_refused(call: Call, frames: Path, tmp_path: Path) -> None:
@@ -151,15 +156,4 @@ def test_a_full_disk_is_clear_lines_and_loses_nothing(
     assert full.returncode == 1 and "Traceback" not in full.stderr
     assert "File too large" in full.stderr and len(full.stderr.splitlines()) <= 2
     after = contents(tmp_path)
-    assert {name: after[name] for name in before if not name.endswith(".jsonl")} == {
-        name: content for name, content in before.items() if not name.endswith(".jsonl")
-    }
-
-
-def test_what_was_sealed_is_known_until_it_is_changed(tmp_path: Path) -> None:
-    for name in ("a.txt", "b  c.txt"):
-        write_file(tmp_path / name, b"1\n", sealed=True)
-    assert is_sealed(tmp_path / "a.txt") and is_sealed(tmp_path / "b  c.txt")
-    (tmp_path / "a.txt").write_bytes(b"2\n")
-    assert not is_sealed(tmp_path / "a.txt") and is_sealed(tmp_path / "b  c.txt")
-    assert not is_sealed(tmp_path / "absent.txt")
+    assert {name: after[name] for name in before} == before

@@ -1,20 +1,15 @@
 """``--resume``: what is skipped, what is done again; what an earlier call left may be of anybody."""
 
 import json
-import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from blur2view import pipeline
-from blur2view.errors import ImageError
-from blur2view.images.image import read_pixels
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.many_photographs import announcing, contents, write_photographs, write_video
+from tests.support.many_photographs import contents
 
 
 def test_resume_does_only_what_is_new_changed_or_incomplete(
@@ -44,17 +39,17 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
 
 @pytest.mark.parametrize("size", [0, -2])
 def test_a_result_that_is_empty_or_cut_is_no_result(run: Call, folder: Path, here: Path, size: int) -> None:
-    assert run(folder, "-o", "out", "--no-timings") == 0
+    assert run(folder, "-o", "out") == 0
     whole = Path("out/000.json").read_bytes()
     Path("out/000.json").write_bytes(whole[:size])
-    done = run(folder, "-o", "out", "--resume", "--no-timings")
+    done = run(folder, "-o", "out", "--resume")
     if size:
         assert done == 0 and Path("out/000.json").read_bytes() == whole
     else:  # which blur2view never leaves
         assert done == 1 and "000.json: is no result of an earlier call" in done.line
 
 
-@pytest.mark.parametrize("option", [["--seed", 3], ["--no-timings"], ["--focal", 300]])
+@pytest.mark.parametrize("option", [["--seed", 3], ["--focal", 300]])
 def test_other_options_are_done_again(
     run: Call, folder: Path, tmp_path: Path, read: list[str], option: list[object]
 ) -> None:
@@ -66,25 +61,28 @@ def test_other_options_are_done_again(
     assert len(read) == 5
 
 
+@pytest.mark.parametrize("name", ["000.png", "000.smear.npz"])
+@pytest.mark.parametrize("at", [-20, 400])
+def test_a_result_that_is_damaged_is_done_again(
+    run: Call, folder: Path, here: Path, name: str, at: int
+) -> None:
+    assert run(folder, "-o", "out") == 0
+    whole = (path := Path("out", name)).read_bytes()
+    path.write_bytes(whole[:at] + bytes([whole[at] ^ 255]) + whole[at:][1:])
+    assert run(folder, "-o", "out", "--resume") == 0 and path.read_bytes() == whole
+
+
+def test_one_photograph_that_was_done_before_has_a_line(run: Call, folder: Path, here: Path) -> None:
+    assert run(folder / "000.png", "-o", "out") == 0
+    done = run(folder / "000.png", "-o", "out", "--resume")
+    assert done == 0 and done.out == f"{folder / '000.png'}: done before\n"
+
+
 def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path, here: Path) -> None:
-    words = (folder, "-o", "out", "--no-timings")
+    words = (folder, "-o", "out")
     assert run(*words, "--csv", "whole.csv") == 0
     assert run(*words, "--csv", "again.csv", "--resume") == 0
     assert Path("again.csv").read_bytes() == Path("whole.csv").read_bytes()
-
-
-def test_triage_goes_on_by_its_journal_whatever_it_chooses(
-    call: Call, folder: Path, here: Path, read: list[str]
-) -> None:
-    words = ("triage", folder, "--csv", "t.csv")
-    assert call(*words) == 0
-    read.clear()
-    for more in ((), ("--max-smear", 100, "--keep", "k.txt"), ("--best", 1, "--extract", "kept")):
-        done = call(*words, "--resume", *more)
-        assert done == 0 and read == [] and "5 photographs (5 done before)" in done.out
-    assert Path("k.txt").read_text() and len(os.listdir("kept")) == 1
-    write_photographs(folder, 6)
-    assert call(*words, "--resume", "--keep", "k.txt") == 0 and read == ["005.png"]
 
 
 @pytest.mark.parametrize("command", ["estimate", "segment"])
@@ -94,7 +92,7 @@ def test_resume_takes_no_result_of_another_photograph(
     out, other = tmp_path / "out", tmp_path / "other" / "000.png"
     other.parent.mkdir()
     shutil.copy(folder / "001.png", other)
-    words = ("--no-timings", "-o", out)
+    words = ("-o", out)
     assert call(command, folder / "000.png", *words) == 0
     before = contents(out)
     done = call(command, other, *words, "--resume", "-v")
@@ -109,19 +107,12 @@ def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: 
     assert call("to-colmap", folder, "--db", new) == 1
     partial = new.read_bytes()
     one.write_bytes(good)
-    assert call("to-colmap", folder, "--db", new, "--resume") == 0
+    assert call("to-colmap", folder, "--db", new) == 0
     assert whole.read_bytes() == new.read_bytes() != partial
     new.write_bytes(b"theirs")
-    for words in ([], ["--resume"]):
-        done = call("to-colmap", folder, "--db", new, *words)
-        assert done == 1 and "exists; choose another --db" in done.line
+    done = call("to-colmap", folder, "--db", new)
+    assert done == 1 and "exists; choose another --db" in done.line
     assert new.read_bytes() == b"theirs"
-
-
-def test_a_journal_of_another_program_is_refused(call: Call, folder: Path, here: Path) -> None:
-    Path(".t.csv.blur2view.jsonl").write_text('{"mine": 1}\n')
-    done = call("triage", folder, "--csv", "t.csv", "--resume")
-    assert done == 1 and "is no journal of blur2view" in done.line and not Path("t.csv").exists()
 
 
 def test_results_say_the_digest_of_their_photograph(run: Call, folder: Path, tmp_path: Path) -> None:
@@ -131,22 +122,3 @@ def test_results_say_the_digest_of_their_photograph(run: Call, folder: Path, tmp
     document = json.loads((tmp_path / "out" / "000.json").read_text())
     assert document["input_sha256"] == hashlib.sha256((folder / "000.png").read_bytes()).hexdigest()
     assert len(document["options_sha256"]) == 64 and document["version"]
-
-
-def test_a_video_whose_last_failure_is_its_end_is_not_stopped(
-    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    clip = announcing(monkeypatch, write_video(tmp_path / "clip.mp4", 40), 41)
-    (tmp_path / "bad.png").write_text("bad")
-
-    def failing(path: Path, **options: Any) -> Any:
-        if path.name == "000039":
-            raise ImageError(f"{path}: fails")
-        return read_pixels(path, **options)
-
-    monkeypatch.setattr(pipeline, "read_pixels", failing)
-    words = ("triage", clip, "--from", 38, "--max-failures", 1)
-    done = call(*words)
-    assert done == 1 and "stopped" not in done.err and "2 photographs" in done.out
-    done = call(*words, tmp_path / "bad.png")
-    assert done == 1 and "stopped after 2 of 4 photographs" in done.err

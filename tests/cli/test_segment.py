@@ -61,7 +61,7 @@ def test_files_hold_the_mask_and_describe_it(
     for name, value in {"static": 0, "moving": 255, "unobservable": 128}.items():
         np.testing.assert_allclose(document["mask"]["shares"][name], (grey == value).mean())
     assert sum(region["area_px"] for region in document["mask"]["regions"]) == (grey == 255).sum()
-    assert document["mask"]["reason"] and document["timings_s"]["segment"] > 0
+    assert document["mask"]["reason"]
 
 
 @pytest.mark.parametrize(

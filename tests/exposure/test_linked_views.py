@@ -9,7 +9,7 @@ from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
 from blur2view.exposure.views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.sampson import sampson
-from blur2view.pipeline import Estimate, Timings
+from blur2view.pipeline import Estimate
 from blur2view.smears.blur import blur_of
 from blur2view.smears.selection import SelectOptions, select_matches
 from tests.support.grids import grid_of
@@ -40,15 +40,8 @@ def result() -> Result:
     camera = Camera(K=K, width=width, height=height)
     geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
     assert geometry.cam2_from_cam1 is not None
-    timings = Timings(predict_s=0, select_s=0, solve_s=0)
     estimate = Estimate(
-        grid=grid,
-        blur=blur_of(grid),
-        matches=matches,
-        geometry=geometry,
-        model_id="",
-        timings=timings,
-        camera=camera,
+        grid=grid, blur=blur_of(grid), matches=matches, geometry=geometry, model_id="", camera=camera
     )
     return estimate, displacement
 

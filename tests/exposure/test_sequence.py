@@ -13,7 +13,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.rotation import rotation_flow
 from blur2view.images.video import read_frame, read_video
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import Estimate, Timings
+from blur2view.pipeline import Estimate
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
@@ -41,7 +41,6 @@ def estimate_of(shutter: RollingShutter | None) -> Estimate:
         matches=matches,
         geometry=estimate_two_view(matches, camera=CAMERA, shutter=shutter),
         model_id="test",
-        timings=Timings(predict_s=0, select_s=0, solve_s=0),
         camera=CAMERA,
         shutter=shutter,
     )

@@ -8,7 +8,7 @@ from blur2view.exposure.views import views_of
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import sampson
-from blur2view.pipeline import Estimate, Timings
+from blur2view.pipeline import Estimate
 from blur2view.smears.blur import Blur, BlurKind
 from tests.support.grids import grid_of
 from tests.support.scenes import Scene, disturb, make_scene
@@ -26,7 +26,6 @@ def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
         matches=matches,
         geometry=geometry,
         model_id="none",
-        timings=Timings(predict_s=0, select_s=0, solve_s=0),
         camera=camera,
     )
 

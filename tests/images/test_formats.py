@@ -17,9 +17,8 @@ from PIL import Image
 
 from blur2view.errors import ImageError
 from blur2view.images import video
-from blur2view.images.content import read_content
 from blur2view.images.image import read_image
-from blur2view.images.source import Source, frame_named
+from blur2view.images.source import Source, frame_named, read_content
 from blur2view.images.video import EndOfVideo, read_frame, rows_towards
 from tests.images.test_image import tiff
 from tests.support.many_photographs import write_video

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.cli.files import png
 from blur2view.errors import ImageError
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.source import Source
 from blur2view.images.video import frame_numbers
+from blur2view.results.drawing import png
 from tests.support.many_photographs import write_video
 
 

@@ -15,7 +15,7 @@ from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
 from blur2view.movers.moving import Moving, factor_of, reduced
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
-from blur2view.results import mask_overlay
+from blur2view.results import overlay
 from tests.support.grids import grid_of
 from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, Floats, photo, smears
 
@@ -202,14 +202,14 @@ def test_parts_are_described_by_their_own_pixels() -> None:
 
 def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
     image, _, mask = before(SIDEWAYS)
-    picture = mask_overlay.draw_motion(image, mask)
+    picture = overlay.draw_motion(image, mask)
     pink = np.abs(
         picture[240, 448].astype(float) - 0.45 * 255 * image[240, 448] - 0.55 * np.array((255, 70, 170))
     )
     assert pink.max() < 20 and np.abs(picture[20, 20] - 255 * image[20, 20]).max() < 25
-    assert "moving part" in mask_overlay.mask_verdict(mask)
+    assert "moving part" in overlay.mask_verdict(mask)
     with pytest.raises(ValueError, match="expected a mask of shape"):
-        mask_overlay.draw_motion(image[:100, :100], mask)
+        overlay.draw_motion(image[:100, :100], mask)
 
 
 @pytest.mark.slow

@@ -9,8 +9,7 @@ import pytest
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.results.photograph import Photograph
-from blur2view.results.triage_class import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Limits, use_of
-from blur2view.results.verdict import length_text
+from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Limits, length_text, use_of
 from blur2view.smears.blur import DEFOCUSED_PX
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
-from blur2view.pipeline import Estimate, Timings
+from blur2view.pipeline import Estimate
 from blur2view.results.overlay import draw_overlay
 from blur2view.smears.blur import blur_of
 from blur2view.smears.field import smear_ends
@@ -35,7 +35,6 @@ def estimate_of(ends: NDArray[np.float64], inliers: list[bool], F: NDArray[np.fl
         matches=SmearMatches(ends=ends, sigma_px=np.ones(len(ends))),
         geometry=geometry,
         model_id="made-up",
-        timings=Timings(predict_s=0, select_s=0, solve_s=0),
     )
 
 

@@ -17,7 +17,7 @@ NAME = "folder/<b>photo & more.png"
 def page_of(*, F: bool = True, mask: bool = False, again: int = 1) -> tuple[Photograph, str]:
     """Return a record, and the page of it."""
     estimate, image = made_up(F=turning_F() if F else None)
-    one = Photograph.of(estimate, name=NAME, timings_s=None)
+    one = Photograph.of(estimate, name=NAME)
     text = section(one, estimate, image, boxed_mask() if mask else None)
     return one, report([(one, text, thumbnail(estimate, image))] * again, "1.2").decode()
 

@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.results.photograph import Photograph
-from blur2view.results.triage_class import Limits, classified, use_of
+from blur2view.results.verdict import Limits, use_of
 
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 PAN = [[1.0, 0.0, 32.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -83,29 +83,11 @@ def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> Non
         assert use_of(one, Limits())[0] == use
 
 
-def test_limits_are_in_pixels_in_per_cent_of_the_width_or_on_the_ground() -> None:
+def test_limits_are_in_pixels_or_in_per_cent_of_the_width() -> None:
     one = moved("UNCALIBRATED", F=F)  # 9 px, 1.4 %
     for limits, use in (
         (Limits(max_smear=10.0), "sharp"),
-        (Limits(max_smear=1.5, unit="%"), "sharp"),
-        (Limits(max_smear=1.3, unit="%"), "blurred"),
-        (Limits(max_smear=0.2, unit="m", gsd_m=0.02), "sharp"),
-        (Limits(max_smear=0.1, unit="m", gsd_m=0.02), "blurred"),
+        (Limits(max_smear=1.5, percent=True), "sharp"),
+        (Limits(max_smear=1.3, percent=True), "blurred"),
     ):
-        (row,) = classified([one], limits)
-        assert row.use == use and (limits.unit != "m" or row.smear_ground_m == pytest.approx(0.18))
-
-
-def test_near_the_limit_a_frame_is_as_sharp_as_the_one_before() -> None:
-    lengths = (2.0, 3.2, 3.4, 2.9, 2.6)
-    frames = [moved("UNCALIBRATED", F=F, smear_px=px, frame=k) for k, px in enumerate(lengths)]
-    assert [row.use for row in classified(frames, Limits())] == [
-        "sharp",
-        "sharp",
-        "blurred",
-        "blurred",
-        "sharp",
-    ]
-    alone = [replace(one, frame=None) for one in frames]
-    expected = ["sharp", "blurred", "blurred", "sharp", "sharp"]
-    assert [row.use for row in classified(alone, Limits())] == expected
+        assert one.of_use(limits).use == use

@@ -8,14 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.errors import ImageError, OutputError
+from blur2view.errors import ImageError
 from blur2view.images.source import Source
 from blur2view.results.photograph import Photograph
 from blur2view.runs import executors
-from blur2view.runs.executors import Executor, executor, in_processes
-from blur2view.runs.job import Job, Outcome, content_of, neighbours_of
-from blur2view.runs.journal import journal_beside
-from blur2view.runs.loop import outcomes
+from blur2view.runs.executors import executor, in_processes
+from blur2view.runs.jobs import Executor, Job, Outcome, content_of, neighbours_of, outcomes
 
 
 @dataclass
@@ -101,15 +99,6 @@ def test_neighbours_are_named_beside_a_photograph_and_lie_in_its_folder() -> Non
     frames = [Source(path=Path("v.mp4"), frame=frame) for frame in (0, 5)]
     steps = [[(one.steps, one.source.frame) for one in near] for near in neighbours_of(frames, None)]
     assert steps == [[(1, 1)], [(-1, 4), (1, 6)]] and neighbours_of(frames, False) == [(), ()]
-
-
-@pytest.mark.parametrize("resume", [False, True])
-def test_a_file_in_place_of_the_journal_is_refused_and_kept(tmp_path: Path, resume: bool) -> None:
-    foreign = tmp_path / ".t.csv.blur2view.jsonl"
-    foreign.write_text("precious")
-    with pytest.raises(OutputError, match="no journal"), journal_beside(tmp_path / "t.csv", resume=resume):
-        pass
-    assert foreign.read_text() == "precious"
 
 
 def test_processes_search_no_module_in_the_current_folder(

@@ -16,7 +16,7 @@ from blur2view import (
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.sampson import serrmin
-from blur2view.pipeline import Estimate, Timings
+from blur2view.pipeline import Estimate
 from tests.support.grids import grid_of
 
 WIDTH, HEIGHT = 640, 360
@@ -59,15 +59,8 @@ def made_up(
         inlier_mask=errors < np.median(errors),
         second_end_is_open=np.zeros(len(used), bool),
     )
-    timings = Timings(predict_s=0.3, select_s=0.01, solve_s=0.2)
     estimate = Estimate(
-        grid=grid,
-        blur=blur_of(grid),
-        matches=used,
-        geometry=geometry,
-        model_id="made-up",
-        timings=timings,
-        camera=camera,
+        grid=grid, blur=blur_of(grid), matches=used, geometry=geometry, model_id="made-up", camera=camera
     )
     image = np.zeros((height, width, 3), np.float32)
     for column, row in DOTS:

@@ -17,8 +17,8 @@ from PIL import Image
 
 import blur2view
 from blur2view.cli import commands
-from blur2view.results.drawing import INK, PAPER, write
-from blur2view.results.mask_overlay import draw_motion
+from blur2view.results.drawing import PAPER, write
+from blur2view.results.overlay import draw_motion
 from tools.arguments import Existing, Target, run
 from tools.pages import write_picture
 
@@ -42,7 +42,7 @@ def tile(path: Path, network: blur2view.SmearNetwork, plain: bool, masks: bool, 
     height = round(overlay.shape[0] * width / overlay.shape[1])
     small = np.asarray(cv2.resize(overlay, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     title = np.full((24, width, 3), PAPER, np.uint8)
-    write(title, path.stem, (8, 17), colour=INK)
+    write(title, path.stem, (8, 17))
     return np.vstack([title, small])
 
 
