@@ -131,7 +131,7 @@ def estimate(
         Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
         another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
     detail : Detail
-        ``Detail.PIXELS`` reads every window of a large photograph, for ``grid.at_pixels()``.
+        ``Detail.RANKING`` reads fewer windows.
 
     Returns
     -------

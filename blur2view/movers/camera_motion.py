@@ -7,74 +7,16 @@ of signs, are starts; the one with the least Geman-McClure cost is refined by re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.smears.grid import SmearGrid
+from blur2view.movers.evidence import Cells
 
-LEAST_PX = 0.1  # stated deviation
-FLOOR_PX, FLOOR_SHARE = 0.4, 0.05  # errors that no cell states: constant, and in proportion to its length
 SAMPLES, SCORED = 150, 400  # triples of cells, and cells that their fields are scored on
 SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
 STEPS = 12  # of reweighted least squares
 RIDGE = 0.3  # weight, in cells, of each quadratic coefficient over FIELD_SHARE of the median length
 FIELD_SHARE = 0.3
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cells:
-    """The smears of a grid.
-
-    Parameters
-    ----------
-    points : ndarray of shape (h, w, 2)
-        Their centres (x, y), pixels.
-    displacement : ndarray of shape (h, w, 2)
-        Pixels, of either sign.
-    sigma_px, sigma_rad : ndarray of shape (h, w)
-        Standard deviations of the end-point error and of the direction.
-    shape : (int, int)
-        Height and width of the photograph.
-    """
-
-    points: Array
-    displacement: Array
-    sigma_px: Array
-    sigma_rad: Array
-    shape: tuple[int, int]
-
-    @classmethod
-    def of(cls, grid: SmearGrid) -> Cells:
-        """Return the cells of a grid."""
-        smears = grid.smears()
-        return cls(
-            points=grid.points(),
-            displacement=smears.displacement.astype(float),
-            sigma_px=np.maximum(smears.sigma_px.astype(float), LEAST_PX),
-            sigma_rad=np.minimum(smears.sigma_rad.astype(float), np.pi / 2),
-            shape=grid.shape,
-        )
-
-    @property
-    def length_px(self) -> Array:
-        """Lengths (h, w)."""
-        return np.asarray(np.linalg.norm(self.displacement, axis=-1))
-
-    @property
-    def error_px(self) -> Array:
-        """Standard deviations (h, w) with the errors that no cell states."""
-        return np.hypot(self.sigma_px, FLOOR_PX + FLOOR_SHARE * self.length_px)
-
-    def apart_px(self, motion: Array) -> Array:
-        """Return how far smears of either sign are from a motion (h, w, 2), (h, w), pixels."""
-        signed = (np.linalg.norm(self.displacement - sign * motion, axis=-1) for sign in (1, -1))
-        return np.asarray(np.minimum(*signed))
-
-    def departure(self, motion: Array) -> Array:
-        """Return the same in standard deviations."""
-        return self.apart_px(motion) / self.error_px
 
 
 def camera_field(cells: Cells, weight: Array, rng: np.random.Generator) -> Array:

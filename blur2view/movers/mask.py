@@ -133,17 +133,13 @@ def segment(
     side = found.place_px
     probability = to_pixels(found.probability, image.shape, side)
     parts = to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
-    moves = without_small_pieces(along_edges(parts, image, side) > 0.5, LEAST_PLACES * side**2)
+    moves = along_edges(parts, image, side) > 0.5
+    regions = regions_of(moves, probability, LEAST_PLACES * side**2)
     labels = np.full(probability.shape, MotionLabel.STATIC, np.uint8)
     unseen = np.kron(found.smooth, np.ones((side, side), bool))
     labels[unseen[: image.shape[0], : image.shape[1]]] = MotionLabel.UNOBSERVABLE
     labels[moves] = MotionLabel.MOVING
-    return MotionMask(
-        labels=labels,
-        probability=probability,
-        regions=regions_of(moves, probability),
-        reason=_reason(labels, found),
-    )
+    return MotionMask(labels=labels, probability=probability, regions=regions, reason=_reason(labels, found))
 
 
 def _reason(labels: NDArray[np.uint8], found: Moving) -> str:
@@ -171,27 +167,23 @@ def along_edges(values: Floats, image: AnyArray, place_px: int) -> Floats:
     return np.asarray(followed, np.float32)
 
 
-def without_small_pieces(moves: Mask, least_px: int) -> Mask:
-    """Return a mask (H, W) without its connected pieces of fewer pixels."""
-    _, piece, stats, _ = cv2.connectedComponentsWithStats(moves.astype(np.uint8), connectivity=4)
-    kept = stats[:, cv2.CC_STAT_AREA] >= least_px
-    kept[0] = False
-    return np.asarray(kept[piece])
-
-
-def regions_of(moves: Mask, probability: Floats) -> tuple[MovingRegion, ...]:
-    """Describe the connected parts of a mask (H, W), largest first."""
+def regions_of(moves: Mask, probability: Floats, least_px: int = 1) -> tuple[MovingRegion, ...]:
+    """Describe the connected parts of a mask (H, W), largest first, and take smaller ones out of it."""
     count, part, stats, centres = cv2.connectedComponentsWithStats(moves.astype(np.uint8), connectivity=4)
-    total = np.zeros(count)
-    for row, values in zip(part, probability, strict=True):  # at once it would take 16 bytes per pixel
-        total += np.bincount(row, weights=values, minlength=count)
-    order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")
-    return tuple(
-        MovingRegion(
-            area_px=int(stats[k, cv2.CC_STAT_AREA]),
-            box=(int(stats[k, 0]), int(stats[k, 1]), int(stats[k, 2]), int(stats[k, 3])),
-            centroid=(float(centres[k, 0]), float(centres[k, 1])),
-            probability=float(total[k] / stats[k, cv2.CC_STAT_AREA]),
+    regions = []
+    for k in range(1, count):
+        x, y, width, height, area = stats[k].tolist()
+        box = slice(y, y + height), slice(x, x + width)
+        own = part[box] == k
+        if area < least_px:
+            moves[box][own] = False
+            continue
+        regions.append(
+            MovingRegion(
+                area_px=area,
+                box=(x, y, width, height),
+                centroid=(float(centres[k, 0]), float(centres[k, 1])),
+                probability=float(probability[box][own].mean(dtype=float)),
+            )
         )
-        for k in order.tolist()
-    )
+    return tuple(sorted(regions, key=lambda region: -region.area_px))

@@ -16,15 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.movers.bilateral import bilateral_mean
-from blur2view.movers.blur_evidence import Picture, of_cells, of_places
-from blur2view.movers.camera_motion import Cells, camera_field
-from blur2view.networks.brightness import gain_of
-from blur2view.networks.model_file import Execution
-from blur2view.networks.mover_networks import BLUR, PLACE_PX, UNET, cell_values, shipped
+from blur2view.movers.camera_motion import camera_field
+from blur2view.movers.evidence import PLACE_PX, Cells, Picture, cell_values, of_cells, of_places
+from blur2view.networks.model_file import BLUR, UNET, Execution, shipped
 from blur2view.networks.octave_reader import LENGTHS
 from blur2view.networks.protocol import Detail
-from blur2view.networks.smear_network import SmearNetwork, floats_of, rgb_of
+from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
 from blur2view.networks.spectra import STEP
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import DIRECTIONS, PER_OCTAVE
@@ -50,6 +47,14 @@ PLAIN_PX = 5.0
 """Length of the camera's motion that speaks neither for nor against it."""
 MOST_PX = 2_500_000
 """Pixels of a photograph; larger ones are halved until they have no more."""
+LUMA, COLOUR, NEAR = 0.07, 0.04, 0.13
+"""Standard deviations of the weights: luma, differences of colours, and position as a share of the width."""
+BIN = 1.5
+"""Side of a bin, standard deviations."""
+EDGE_PLACES, EDGE_EPS = 3, 1e-2
+"""Radius of the windows in which averages follow the picture's edges, places; OpenCV's epsilon."""
+ROWS = 1000
+"""Bins that are weighed at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,15 +137,14 @@ def moving_in(
     grid = reduced(grid, factor, image.shape[:2])
     missing = [(0, -side % STEP) for side in image.shape[:2]]
     shown = np.pad(floats_of(image, gain_of(image)), [*missing, (0, 0)], mode="symmetric")
-    looks, moved = shipped(UNET, execution)(shown, cell_values(grid))
+    looks, moved = shipped(UNET, execution).run(first_axis(shown), first_axis(cell_values(grid)))
     del shown
     cells, picture = Cells.of(grid), Picture(rgb_of(image), grid.cells.shape[:2], grid.stride)
     low, high = np.quantile(looks, [0.5, 0.995])
     likely = np.clip((at_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
     motion = camera_field(cells, 1 - (1 - LEFT) * likely, rng)
-    (blurred, _), *_ = shipped(BLUR, execution)(
-        of_places(picture, cells, motion), of_cells(cells, grid, motion)
-    )
+    seen = of_places(picture, cells, motion), of_cells(cells, grid, motion)
+    ((blurred, _),) = shipped(BLUR, execution).run(*map(first_axis, seen))
     smooth, odds = picture.smooth(), INTERCEPT + SLOPE * (looks + blurred)
     camera_px = factor * float(np.median(np.linalg.norm(motion, axis=-1)))
     camera_moved = float(sigmoid(float(moved) + 2 * np.log(max(camera_px, 0.1) / PLAIN_PX)))
@@ -152,6 +156,49 @@ def moving_in(
         camera_px=camera_px,
         camera_moved=camera_moved,
     )
+
+
+def bilateral_mean(values: Floats, colour: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Return the mean (h, w) of the values (h, w) that are known, over places nearby of a like colour.
+
+    A bilateral filter as wide as objects are. Places are gathered in bins of colour and position, all of
+    which are weighed against each other (Chen, Paris and Durand, Real-time edge-aware image processing with
+    the bilateral grid, SIGGRAPH 2007), and the means follow the picture's edges.
+
+    Parameters
+    ----------
+    values : ndarray of shape (h, w)
+    colour : ndarray of shape (h, w, 3)
+        Luma and two differences of colours, levels in [0, 1], as of `evidence.Picture`.
+    known : ndarray of shape (h, w), bool
+        Places whose values have a say.
+    """
+    y, x = np.mgrid[: values.shape[0], : values.shape[1]] / (NEAR * values.shape[1])
+    places = np.dstack([colour / np.array([LUMA, COLOUR, COLOUR]), x, y]).reshape(-1, 5)
+    bins = np.round(places / BIN).astype(np.int64)
+    bins -= bins.min(axis=0)
+    numbers = np.ravel_multi_index(tuple(bins.T), tuple(bins.max(axis=0) + 1))
+    _, index = np.unique(numbers, return_inverse=True)
+
+    def total(weights: NDArray[np.generic]) -> Floats:
+        return np.bincount(index, weights.ravel()).astype(np.float32)
+
+    count, among = np.bincount(index).astype(np.float32), total(known)
+    sums = total(np.where(known, values, 0))
+    means = np.stack([total(column) for column in places.T], axis=1) / count[:, None]
+    half = (means**2).sum(axis=1) / 2
+    average = np.empty_like(sums)
+    for first in range(0, len(means), ROWS):
+        some = slice(first, first + ROWS)
+        weights = np.exp(np.minimum(means[some] @ means.T - half[some, None] - half, 0))
+        average[some] = (weights @ sums) / np.maximum(weights @ among, 1e-3)
+    binned = np.ascontiguousarray(average[index].reshape(values.shape))
+    return np.asarray(cv2.ximgproc.guidedFilter(colour, binned, EDGE_PLACES, EDGE_EPS), np.float32)
+
+
+def first_axis(channels: Floats) -> Floats:
+    """Return values (h, w, C) as (C, h, w)."""
+    return np.ascontiguousarray(np.moveaxis(channels, -1, 0))
 
 
 def sigmoid(log_odds: AnyArray | float) -> Array:

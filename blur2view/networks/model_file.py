@@ -1,35 +1,77 @@
-"""Files of networks: found, opened, and those of smear networks checked before anything runs."""
+"""Files of networks: found, checked, opened and run by ONNX Runtime."""
 
 import json
 import os
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.input_files import read_regular
-from blur2view.networks.spectra import STEP
 
-FORMAT = "4"
-INPUTS = "grey", "cepstra", "scales", "coarser"
-OUTPUTS = "logits", "radii", "kinds", "features"
-"""Of float32: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C),
-logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
-SHIPPED = "smear.onnx"
 CPU = "CPUExecutionProvider"
 MAX_FILE_BYTES = 1 << 28  # the shipped networks have 10 MB at most
 BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
-PATIENCE_S, PATIENCE_S_A_CELL = 10.0, 0.1  # the shipped network takes a millisecond a cell
-REMEDY = "export one with tools/training/export.py or leave the model out to use the shipped one"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkFormat:
+    """A kind of network: the file of ``models/`` that ships, and what its files hold.
+
+    Parameters
+    ----------
+    file, what, version : str
+        Name of the shipped file, what it is called in errors, and its ``blur2view_format``.
+    inputs, outputs : tuple of str
+        Names, all of float32.
+    remedy : str
+        What a user can do about a file that is not one.
+    """
+
+    file: str
+    what: str
+    version: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    remedy: str = "install blur2view again"
+
+
+SMEAR = NetworkFormat(
+    file="smear.onnx",
+    what="a smear network",
+    version="4",
+    inputs=("grey", "cepstra", "scales", "coarser"),
+    outputs=("logits", "radii", "kinds", "features"),
+    remedy="export one with tools/training/export.py or leave the model out to use the shipped one",
+)
+"""Of one octave: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C);
+logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
+UNET = NetworkFormat(
+    file="unet.onnx",
+    what="a mover network",
+    version="unet-1",
+    inputs=("image", "cells"),
+    outputs=("log_odds", "camera_moved"),
+)
+"""Image (1, 3, 32 h, 32 w), cells (1, 70, h, w); log_odds (1, 8 h, 8 w), camera_moved (1,)."""
+BLUR = NetworkFormat(
+    file="movers.onnx",
+    what="a mover network",
+    version="movers-1",
+    inputs=("places", "cells"),
+    outputs=("log_odds",),
+)
+"""Places (1, 15, 8 h, 8 w), cells (1, 19, h, w); log_odds (1, 2, 8 h, 8 w)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelInfo:
-    """What a network file says of itself.
+    """What a smear network's file says of itself.
 
     Parameters
     ----------
@@ -39,7 +81,7 @@ class ModelInfo:
         Numbers per cell and direction that one octave hands to the next larger one.
     brightness : float
         What darker photographs are brightened to before they are read, as in training (see
-        :mod:`blur2view.networks.brightness`); 0: they are read as they are.
+        `blur2view.networks.smear_network.gain_of`); 0: they are read as they are.
     license : str
         Licence of the weights.
     training : dict
@@ -54,11 +96,11 @@ class ModelInfo:
 
 
 def model_path(name: str | os.PathLike[str] | None) -> Path:
-    """Return the file of a network: the shipped one for None or "default", or the path itself.
+    """Return the file of a smear network: the shipped one for None or "default", or the path itself.
 
     A file of that name is named with its folder, ``./default``.
     """
-    return shipped_file(SHIPPED) if name is None or name == "default" else Path(name)
+    return shipped_file(SMEAR.file) if name is None or name == "default" else Path(name)
 
 
 def shipped_file(name: str) -> Path:
@@ -85,27 +127,37 @@ class Execution:
 
 
 class OnnxNetwork:
-    """A network that ONNX Runtime has opened.
+    """A network of a format, opened by ONNX Runtime.
 
-    Nothing of it is run before it is asked to, and then within a bound on memory, `BYTES_A_CORE` of all
-    networks of the process together, and on time.
+    All networks of the process together get no more memory than `BYTES_A_CORE` for each core.
+
+    Parameters
+    ----------
+    form : NetworkFormat
+    path : Path, optional
+        The shipped file by default.
+    execution : Execution, optional
+        What runs it; the processor by default.
 
     Raises
     ------
     ModelError
-        If the file cannot be read or is no network, or there is no such provider; it names the remedy.
+        If the file cannot be read or is no network of the format, or there is no such provider; it names the
+        remedy.
     """
 
-    def __init__(self, path: Path, execution: Execution, remedy: str = REMEDY) -> None:
-        self.path, self.execution, self.remedy = path, execution, remedy
+    def __init__(
+        self, form: NetworkFormat, path: Path | None = None, execution: Execution | None = None
+    ) -> None:
+        self.form, self.path = form, path or shipped_file(form.file)
+        self.execution = execution or Execution()
         try:
-            content = read_regular(path, MAX_FILE_BYTES)
+            content = read_regular(self.path, MAX_FILE_BYTES)
         except OSError as error:
-            raise ModelError(f"{path}: cannot read the network ({error.strerror}); {remedy}") from None
-        onnxruntime = _onnxruntime()
-        wanted = _provider_names(execution.providers)
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = execution.threads
+            raise self.error(f"cannot read the network ({error.strerror})") from None
+        wanted = _provider_names(self.execution.providers)
+        options = _onnxruntime().SessionOptions()
+        options.intra_op_num_threads = self.execution.threads
         options.inter_op_num_threads = 1
         options.use_deterministic_compute = True
         options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
@@ -113,7 +165,7 @@ class OnnxNetwork:
         options.log_severity_level = 4  # only what is fatal: the exception says the rest
         try:
             # with its fallback ONNX Runtime would print to stdout and try once more
-            self.session = onnxruntime.InferenceSession(
+            self.session = _onnxruntime().InferenceSession(
                 content,
                 options,
                 providers=[*wanted, CPU],
@@ -121,34 +173,73 @@ class OnnxNetwork:
                 disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
             )
         except Exception:  # of a dozen types of its own, and UnicodeDecodeError of a damaged name
-            raise ModelError(f"{path}: is not an ONNX network that can be run; {remedy}") from None
+            raise self.error("is not an ONNX network that can be run") from None
         if idle := [name for name in wanted if name not in self.session.get_providers()]:
             missing = f"{_short(idle[0])} does not start: a library or a device is missing"
             raise ModelError(f"{missing}; leave it out")
+        self.metadata = self._checked_metadata()
+        self.model_id = self.metadata["model_id"]
 
-    def run(
-        self, inputs: dict[str, AnyArray], size: tuple[int, int], *, frugal: bool = False
-    ) -> list[AnyArray]:
-        """Return all outputs; ModelError if it cannot be run, or takes far longer than it should.
+    def error(self, what: str) -> ModelError:
+        """Return the error that names the file, what is wrong and the remedy."""
+        return ModelError(f"{self.path}: {what}; {self.form.remedy}")
 
-        ``size`` is width and height of the picture, pixels. The run ends at its next operator. A ``frugal``
-        one gives its memory back, which the next has to take anew.
+    def _checked_metadata(self) -> dict[str, str]:
+        try:
+            metadata: dict[str, str] = self.session.get_modelmeta().custom_metadata_map
+        except ValueError as error:  # of a name that is no text
+            raise self.error(f"has damaged metadata ({error})") from None
+        stated = metadata.get("blur2view_format", "")
+        if stated != self.form.version:
+            other = f"but of {stated}" if stated else "or of none"
+            raise self.error(f"is not {self.form.what} of format {self.form.version}, {other}")
+        if "model_id" not in metadata:
+            raise self.error("has damaged metadata (no model_id)")
+        return metadata
+
+    def info(self) -> ModelInfo:
+        """Return what a smear network's file says of itself; ModelError if that is damaged."""
+        metadata = self.metadata
+        try:
+            shapes = {node.name: node.shape for node in self.session.get_inputs()}
+            return ModelInfo(
+                model_id=self.model_id,
+                features=int(shapes[SMEAR.inputs[-1]][-1]),
+                brightness=float(metadata.get("brightness", "0")),
+                license=metadata.get("license", ""),
+                training=json.loads(metadata.get("training", "{}")),
+            )
+        except (KeyError, ValueError, RecursionError) as error:
+            raise self.error(f"has damaged metadata ({error})") from None
+
+    def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
+        """Return all outputs for the inputs, in order, without the first axis of both.
+
+        A ``frugal`` run gives its memory back, which the next has to take anew.
+
+        Raises
+        ------
+        ModelError
+            If the network cannot be run on them, or what it gives is not finite.
         """
         options = _onnxruntime().RunOptions()
         if frugal:
             options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
-        cells = size[0] * size[1] // STEP**2
-        timer = threading.Timer(PATIENCE_S + PATIENCE_S_A_CELL * cells, setattr, (options, "terminate", True))
-        timer.daemon = True
-        timer.start()
+        given = {name: one[None] for name, one in zip(self.form.inputs, inputs, strict=True)}
         try:
-            outputs: list[AnyArray] = self.session.run(None, inputs, options)
-        except Exception:  # of the same types, or that its time was over
-            why = "takes too long" if options.terminate else "cannot be run"
-            raise ModelError(f"{self.path}: {why} on {size[0]}x{size[1]} pixels; {self.remedy}") from None
-        finally:
-            timer.cancel()
-        return outputs
+            outputs: list[AnyArray] = self.session.run(None, given, options)
+        except Exception:  # of the same types
+            height, width = inputs[0].shape[-2:]
+            raise self.error(f"cannot be run on {width}x{height} values") from None
+        if not all(np.isfinite(output).all() for output in outputs):
+            raise self.error("gives values that are not finite")
+        return [output[0] for output in outputs]
+
+
+@cache
+def shipped(form: NetworkFormat, execution: Execution) -> OnnxNetwork:
+    """Return the network of a format that ships."""
+    return OnnxNetwork(form, execution=execution)
 
 
 def _provider_names(providers: Sequence[str]) -> list[str]:
@@ -185,35 +276,3 @@ def _onnxruntime() -> Any:
     arena = onnxruntime.OrtArenaCfg({"max_mem": most, "arena_extend_strategy": 1})
     onnxruntime.create_and_register_allocator(cpu, arena)
     return onnxruntime
-
-
-def metadata_of(network: OnnxNetwork, what: str, version: str) -> dict[str, str]:
-    """Return the metadata of a network's file; ModelError unless it is ``what``, of this format."""
-    path, remedy = network.path, network.remedy
-    try:
-        metadata: dict[str, str] = network.session.get_modelmeta().custom_metadata_map
-    except ValueError as error:  # of a name that is no text
-        raise ModelError(f"{path}: has damaged metadata ({error}); {remedy}") from None
-    stated = metadata.get("blur2view_format", "")
-    if stated != version:
-        other = f"but of {stated}" if stated else "or of none"
-        raise ModelError(f"{path}: is not {what} of format {version}, {other}; {remedy}")
-    if "model_id" not in metadata:
-        raise ModelError(f"{path}: has damaged metadata (no model_id); {remedy}")
-    return metadata
-
-
-def read_info(network: OnnxNetwork) -> ModelInfo:
-    """Return what a smear network's file says of itself; ModelError of any other."""
-    metadata = metadata_of(network, "a smear network", FORMAT)
-    try:
-        shapes = {node.name: node.shape for node in network.session.get_inputs()}
-        return ModelInfo(
-            model_id=metadata["model_id"],
-            features=int(shapes[INPUTS[-1]][-1]),
-            brightness=float(metadata.get("brightness", "0")),
-            license=metadata.get("license", ""),
-            training=json.loads(metadata.get("training", "{}")),
-        )
-    except (KeyError, ValueError, RecursionError) as error:
-        raise ModelError(f"{network.path}: has damaged metadata ({error}); {network.remedy}") from None

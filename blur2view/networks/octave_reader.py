@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.errors import ModelError
 from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
-from blur2view.networks.model_file import INPUTS, OnnxNetwork
+from blur2view.networks.model_file import OnnxNetwork
 from blur2view.networks.spectra import STEP, WINDOW, in_batches, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
 from blur2view.smears.likelihood import (
@@ -121,16 +120,11 @@ class OctaveReader:
             coarse = Octave(*(repeated(one, 2)[: size[0], : size[1]] for one in smaller))
         above = np.zeros(shape, np.float32) if coarse is None else coarse.features
         cepstra, scales = polar_cepstra(power, self.threads)
-        inputs = grey[None, None], cepstra[None], scales[None], above[None]
-        named = dict(zip(INPUTS, inputs, strict=True))
-        outputs = self.network.run(named, grey.shape[::-1], frugal=frugal)
-        expected = (*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape
-        found = [output.shape for output in outputs]
-        if found != [(1, *one) for one in expected]:
-            raise ModelError(f"{self.network.path}: gives shapes {found}; {self.network.remedy}")
-        if not all(np.isfinite(output).all() for output in outputs[:3]):
-            raise ModelError(f"{self.network.path}: gives values that are not finite; {self.network.remedy}")
-        own = Octave(*(output[0] for output in outputs))
+        outputs = self.network.run(grey[None], cepstra, scales, above, frugal=frugal)
+        expected = [(*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape]
+        if (found := [output.shape for output in outputs]) != expected:
+            raise self.network.error(f"gives shapes {found}")
+        own = Octave(*outputs)
         if coarse is None:
             return own
         smears, radii = joined(own.smears, coarse.smears), joined(own.radii, coarse.radii)

@@ -14,10 +14,8 @@ from blur2view.smears.grid import SmearGrid
 class Detail(StrEnum):
     """What a photograph is read for."""
 
-    PIXELS = "pixels"
-    """Smears of every pixel: every window is read."""
     GEOMETRY = "geometry"
-    """The camera's motion and masks: above ``max_pixels`` some thousand windows spread over it."""
+    """The camera's motion and masks: of more than 2.5 megapixels some thousand windows spread over it."""
     RANKING = "ranking"
     """The order of photographs by their blur: some fifty to two hundred windows."""
 
@@ -33,7 +31,7 @@ class SmearReader(Protocol):
     def execution(self) -> Execution:
         """What runs it: threads and providers, which the network that finds movers then uses, too."""
 
-    def predict(self, image: AnyArray, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
         """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1].
 
         `SmearGrid` states shapes and units of the cells. One without radii and kinds of blur will do: the

@@ -1,12 +1,11 @@
-"""The smear network: a checked ONNX file, run on photographs in one piece.
+"""The smear network: a checked ONNX file, run on photographs.
 
 Of a large photograph it reads as many windows as of an ordinary one, spread over the picture, and only the
-octaves that its smears need; or all windows, in overlapping tiles.
+octaves that its smears need.
 """
 
 import os
 from collections.abc import Sequence
-from itertools import product
 
 import cv2
 import numpy as np
@@ -14,8 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.arrays import AnyArray, over_backdrop
-from blur2view.networks.brightness import brightened, gain_of
-from blur2view.networks.model_file import Execution, OnnxNetwork, model_path, read_info, usable_cores
+from blur2view.networks.model_file import SMEAR, Execution, OnnxNetwork, model_path, usable_cores
 from blur2view.networks.octave_reader import LEAST_PX, LEVELS, VALUES, OctaveReader, octave_count, octaves
 from blur2view.networks.protocol import Detail
 from blur2view.networks.spectra import STEP
@@ -27,6 +25,8 @@ from blur2view.smears.noise import WINDOW_PX
 Floats = NDArray[np.float32]
 
 
+MOST_PX = 2_500_000
+"""Pixels of a photograph of which every window is read, 1920x1080 among them."""
 LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels nothing can be measured and the network
@@ -35,6 +35,11 @@ _FLAT_WINDOW_PX = 33
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
 UNSEEN = 0.0, 0.0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD
 _STRIP_ROWS = 64  # converted at a time
+QUANTILE, BRIGHT, LARGEST_GAIN = 0.995, 0.9, 256.0
+"""Of a photograph's values, that which says how bright it is (lamps and reflections are brighter); what it is
+brought to, if it is darker; and by how much at most."""
+SAMPLES = 1_000_000
+"""Values at least, where there are as many, that the quantile is taken of."""
 _LEVELS = np.arange(256, dtype=np.float32) / np.float32(255)
 
 
@@ -57,9 +62,6 @@ class SmearNetwork:
         If the file is missing, not ONNX, or no network of this format, or there is no such provider.
     """
 
-    max_pixels = 2_500_000  # of photographs that are read in one piece, 1920x1080 among them
-    tile_px, overlap_px = 1280, 256  # of tiles, whose overlaps are blended
-
     def __init__(
         self,
         path: str | os.PathLike[str] | None = None,
@@ -70,8 +72,8 @@ class SmearNetwork:
         self.path = model_path(path)
         providers = (providers,) if isinstance(providers, str) else tuple(providers)
         self.execution = Execution(threads=threads or usable_cores(), providers=providers)
-        network = OnnxNetwork(self.path, self.execution)
-        self.info = read_info(network)
+        network = OnnxNetwork(SMEAR, self.path, self.execution)
+        self.info = network.info()
         self._reader = OctaveReader(network, self.info.features)
 
     @property
@@ -82,15 +84,13 @@ class SmearNetwork:
     def __repr__(self) -> str:
         return f"<SmearNetwork {self.model_id} of {self.path.name}, a cell every {STEP} px>"
 
-    def predict(self, image: AnyArray, levels: int = LEVELS, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid.
 
         Parameters
         ----------
         image : ndarray of shape (H, W, 3) or (H, W)
             A photograph as :func:`rgb_of` takes it.
-        levels : int
-            Sizes at most that are read, the image's own included; the smaller ones for long smears.
         detail : Detail
             What it is read for. Where not every window is, those that are are spread over the picture, in the
             sizes that its smears need.
@@ -110,74 +110,42 @@ class SmearNetwork:
             If the network cannot be run or its output is not what its format promises.
         """
         image = photograph_of(image)
-        shape = image.shape[0], image.shape[1]
-        apart = STEP << self._spread(shape, detail)
+        apart = STEP << self._spread(image.shape, Detail(detail))  # a word will do
         with one_thread:
-            values, flat = self._in_tiles(image, levels, apart)
-        rows, columns = flat.shape  # a cell that the border cuts is kept; what lies beyond it is padding
-        values = values[:rows, :columns]
+            values, flat = self._read(image, apart)
         cells, blur, shares = np.split(values, [4, 5 + len(KINDS)], axis=-1)
         cells[flat], blur[flat] = UNSEEN, (0, *np.eye(len(KINDS))[CANNOT_TELL])
-        window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
         return SmearGrid(
-            cells=cells, blur=blur, shares=shares, stride=apart, shape=shape, window_px=window_px
+            cells=cells,
+            blur=blur,
+            shares=shares,
+            stride=apart,
+            shape=(image.shape[0], image.shape[1]),
+            window_px=WINDOW_PX * apart // STEP,  # as if the picture were smaller
         )
 
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
-        pixels = float(np.prod(shape))
-        detail = Detail(detail)  # a word will do
-        if detail is Detail.PIXELS or (detail is Detail.GEOMETRY and pixels <= self.max_pixels):
+        pixels = shape[0] * shape[1]
+        if detail is Detail.GEOMETRY and pixels <= MOST_PX:
             return 0
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 
-    def _in_tiles(self, image: AnyArray, levels: int, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
+    def _read(self, image: AnyArray, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
         """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat.
 
-        Of all windows, a large photograph's are read in tiles, which are blended; what is flat all over is
-        not read.
+        A cell that the border cuts is kept; nothing is read of what is flat all over.
         """
-        height, width = image.shape[:2]
-        whole = apart > STEP or height * width <= self.max_pixels
-        levels = octave_count(min(height, width) if whole else min(height, width, self.tile_px), levels)
+        levels = octave_count(min(image.shape[:2]), LEVELS)
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
-        sides = [-(-max(side, LEAST_PX << levels - 1) // step) * step // apart for side in (height, width)]
-        tile, overlap = max(sides) if whole else -(-self.tile_px // apart), self.overlap_px // apart
-        down, across = (spans(side, step // apart, tile, overlap) for side in sides)
-        values = np.zeros((*sides, VALUES), np.float32)
-        weight, flat = np.zeros((*sides, 1), np.float32), np.ones(sides, bool)
-        gain = gain_of(image, self.info.brightness)
-        for cells in product(down, across):
-            part = image[tuple(slice(apart * one.start, apart * one.stop) for one in cells)]
-            shape = tuple(one.stop - one.start for one in cells)
-            own = np.outer(*(_weights(count, overlap) for count in shape))[..., None]
-            grey = _grey(part, gain, (apart * shape[0], apart * shape[1]))
-            seen = _flat(grey[: part.shape[0], : part.shape[1]], apart // STEP)
-            flat[cells][: seen.shape[0], : seen.shape[1]] = seen
-            weight[cells] += own
-            if not seen.all():
-                pictures = octaves(grey, levels)
-                del grey  # a large photograph's
-                values[cells] += self._reader.read(pictures, apart) * own
-        return np.asarray(values / weight, np.float32), flat[: -(-height // apart), : -(-width // apart)]
-
-
-def spans(side: int, step: int, tile: int, overlap: int) -> list[slice]:
-    """Return slices of equal size that cover a side, a multiple of step, and overlap; all in cells.
-
-    Starts are multiples of step, so that the network's grid is the same in every tile; so is the size, which
-    is rounded up.
-    """
-    tile = min(-(-tile // step) * step, side)
-    advance = max((tile - overlap) // step * step, step)
-    starts = np.linspace(0, (side - tile) // step, 1 + -(-(side - tile) // advance)).astype(int) * step
-    return [slice(start, start + tile) for start in starts.tolist()]
-
-
-def _weights(count: int, overlap: int) -> Floats:
-    """Return weights of the cells of a tile, twice as large with every cell from its border: exact."""
-    place = np.arange(count, dtype=np.float32)
-    return np.asarray(np.exp2(np.minimum(np.minimum(place, place[::-1]), overlap)))
+        height, width = (-(-max(side, LEAST_PX << levels - 1) // step) * step for side in image.shape[:2])
+        grey = _grey(image, gain_of(image, self.info.brightness), (height, width))
+        flat = _flat(grey[: image.shape[0], : image.shape[1]], apart // STEP)
+        if flat.all():
+            return np.zeros((*flat.shape, VALUES), np.float32), flat
+        pictures = octaves(grey, levels)
+        del grey  # a large photograph's
+        return self._reader.read(pictures, apart)[: flat.shape[0], : flat.shape[1]], flat
 
 
 def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
@@ -228,6 +196,25 @@ def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
             values = values / np.float32(65535)
         values = brightened(values, gain)
     return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
+
+
+def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
+    """Return the factor, 1 at least, that makes a photograph (H, W, 3) or (H, W) so bright.
+
+    Of uint8, uint16 or floats in [0, 1]. Its values are coded: the factor is that of the light to the power
+    of the code's exponent, for whatever exponent.
+    """
+    every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / SAMPLES)), 1)
+    values = image[::every, ::every].reshape(-1)
+    rank = min(int(QUANTILE * len(values)), len(values) - 1)
+    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
+    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white))
+    return min(max(brightness / max(bright, 1e-6), 1.0), LARGEST_GAIN)
+
+
+def brightened(image: Floats, gain: float) -> Floats:
+    """Return a photograph, 0 to 1, brighter by a factor; the same array if it is 1."""
+    return image if gain == 1 else np.minimum(image * np.float32(gain), np.float32(1))
 
 
 _EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.images.image import read_image
-from blur2view.movers.bilateral import bilateral_mean
 from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
-from blur2view.movers.moving import Moving, factor_of, reduced
+from blur2view.movers.moving import Moving, bilateral_mean, factor_of, reduced
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results import overlay

@@ -14,7 +14,7 @@ class Oracle:
 
     model_id, execution = "oracle", Execution(threads=1)
 
-    def predict(self, image: AnyArray, *, detail: Detail = Detail.PIXELS) -> SmearGrid:
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
         """Return smears that point away from the centre, a cell every 16 pixels, sure to 0.2 px."""
         height, width = image.shape[0] // 16, image.shape[1] // 16
         x, y = np.meshgrid(np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2)

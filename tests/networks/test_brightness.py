@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.networks.brightness import LARGEST_GAIN, brightened, gain_of
+from blur2view.networks.smear_network import LARGEST_GAIN, brightened, gain_of
 
 
 def brighter(image: NDArray[np.float32]) -> NDArray[np.float32]:

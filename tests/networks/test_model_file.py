@@ -8,12 +8,19 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from onnx import TensorProto, helper
+from onnx import helper
 
 from blur2view.errors import ModelError
 from blur2view.networks import model_file
-from blur2view.networks.model_file import Execution, model_path
-from blur2view.networks.mover_networks import BLUR, UNET, MoverNetwork, NetworkFormat, shipped
+from blur2view.networks.model_file import (
+    BLUR,
+    UNET,
+    Execution,
+    NetworkFormat,
+    OnnxNetwork,
+    model_path,
+    shipped,
+)
 from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network, noise
 
@@ -39,7 +46,7 @@ def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path)
         found = SmearNetwork(tiny_model, providers=[name]).predict(image)
         np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(image).cells)
     with pytest.raises(ModelError, match="rocket: is no execution provider"):
-        MoverNetwork(UNET, execution=Execution(providers=("rocket",)))
+        OnnxNetwork(UNET, execution=Execution(providers=("rocket",)))
 
 
 @pytest.mark.parametrize("form", [UNET, BLUR], ids=lambda form: form.file)
@@ -49,26 +56,13 @@ def test_mover_networks_say_what_they_are_and_another_file_is_refused(
     assert shipped(form, Execution()).model_id.startswith(form.version.partition("-")[0])
     onnx.save(colour_code_network(), tmp_path / "other.onnx")
     with pytest.raises(ModelError, match=f"is not a mover network of format {form.version}, but of 4"):
-        MoverNetwork(form, tmp_path / "other.onnx")
+        OnnxNetwork(form, tmp_path / "other.onnx")
 
 
 def any_features() -> onnx.ModelProto:
     """Return the tiny network without a fixed number of features."""
     model = colour_code_network()
     model.graph.input[3].type.tensor_type.shape.dim[4].dim_param = "C"
-    return model
-
-
-def computing(*nodes: onnx.NodeProto, **constants: np.typing.NDArray[np.generic]) -> onnx.ModelProto:
-    """Return the tiny network with nodes of which the last gives ``costly``, on which its logits depend."""
-    model = colour_code_network()
-    next(node for node in model.graph.node if "logits" in node.output).output[:] = ["some"]
-    last = [
-        helper.make_node("ReduceMean", ["costly"], ["mean"], keepdims=0),
-        helper.make_node("Add", ["some", "mean"], ["logits"]),
-    ]
-    model.graph.node.extend([*nodes, *last, model.graph.node.pop()])
-    model.graph.initializer.extend(onnx.numpy_helper.from_array(a, name) for name, a in constants.items())
     return model
 
 
@@ -122,33 +116,17 @@ def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_pat
 
 
 def test_a_network_gets_no_more_memory_than_its_bound(tmp_path: Path) -> None:
-    nodes = helper.make_node("Expand", ["one", "many"], ["costly"])
-    most = model_file.BYTES_A_CORE * max(model_file.usable_cores(), 2)
-    model = computing(nodes, one=np.ones(1, np.float32), many=np.array([most // 4096 + 1, 1024]))
+    model, most = colour_code_network(), model_file.BYTES_A_CORE * max(model_file.usable_cores(), 2)
+    next(node for node in model.graph.node if "logits" in node.output).output[:] = ["some"]
+    costly = [
+        helper.make_node("Expand", ["one", "many"], ["costly"]),
+        helper.make_node("ReduceMean", ["costly"], ["mean"], keepdims=0),
+        helper.make_node("Add", ["some", "mean"], ["logits"]),
+    ]
+    model.graph.node.extend([*costly, model.graph.node.pop()])
+    constants = {"one": np.ones(1, np.float32), "many": np.array([most // 4096 + 1, 1024])}
+    model.graph.initializer.extend(onnx.numpy_helper.from_array(a, name) for name, a in constants.items())
     onnx.save(model, tmp_path / "a.onnx")
     network = SmearNetwork(tmp_path / "a.onnx")  # which computes nothing yet
     with pytest.raises(ModelError, match="cannot be run on 64x64"):
         network.predict(noise())
-
-
-def endless_network() -> onnx.ModelProto:
-    """Return the tiny network with a loop that never ends."""
-    value = helper.make_tensor_value_info
-    given = [value("i", TensorProto.INT64, []), value("go", TensorProto.BOOL, [])]
-    given.append(value("x", TensorProto.FLOAT, [1]))
-    same = [helper.make_node("Identity", [one], [f"{one}2"]) for one in ("go", "x")]
-    made = [value("go2", TensorProto.BOOL, []), value("x2", TensorProto.FLOAT, [1])]
-    body = helper.make_graph(same, "body", given, made)
-    loop = helper.make_node("Loop", ["", "true", "one"], ["costly"], body=body)
-    return computing(loop, true=np.array(True), one=np.ones(1, np.float32))
-
-
-@pytest.mark.slow
-def test_a_network_that_computes_for_too_long_is_stopped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    onnx.save(endless_network(), tmp_path / "a.onnx")
-    monkeypatch.setattr(model_file, "PATIENCE_S", 0.05)
-    loaded = SmearNetwork(tmp_path / "a.onnx")
-    with pytest.raises(ModelError, match="takes too long on 64x64"):
-        loaded.predict(noise())

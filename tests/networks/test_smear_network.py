@@ -1,4 +1,4 @@
-"""The smear network: what it computes, on whole photographs and on tiles, and what it refuses."""
+"""The smear network: what it computes, and what it refuses."""
 
 from pathlib import Path
 from typing import Any
@@ -12,18 +12,10 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ModelError
 from blur2view.networks import smear_network
-from blur2view.networks.protocol import Detail
 from blur2view.networks.smear_network import UNSEEN_SIGMA_PX, SmearNetwork, rgb_of
 from blur2view.smears.field import to_double_angle
 from tests.support.colour_code import colour_code, colour_code_network, noise
 from tools.metrics import direction_error_deg
-
-
-def tiled(path: Path, tile_px: int = 128, overlap_px: int = 64) -> SmearNetwork:
-    """Return a network that reads photographs in tiles."""
-    network = SmearNetwork(path)
-    network.max_pixels, network.tile_px, network.overlap_px = 1, tile_px, overlap_px
-    return network
 
 
 def turning_field(height: int, width: int) -> NDArray[np.float64]:
@@ -53,22 +45,12 @@ def test_field_has_the_size_of_the_image_and_its_smears(tiny_model: Path, size: 
     np.testing.assert_allclose(np.median(field.sigma_px), 1.0, rtol=0.3)
 
 
-def test_whole_gridare_centred_as_the_convention_says(tiny_model: Path) -> None:
+def test_cells_are_centred_as_the_convention_says(tiny_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     angle = np.radians(60 + np.arange(256) / 4)  # even steps, so interpolation is exact
     true = np.broadcast_to(8 * np.stack([np.cos(angle), np.sin(angle)], -1), (96, 256, 2))
-    field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0), levels=1).at_pixels()
+    monkeypatch.setattr(smear_network, "LEVELS", 1)
+    field = SmearNetwork(tiny_model).predict(colour_code(true, 1.0)).at_pixels()
     assert direction_error_deg(field.displacement, true)[48, 15::32].max() < 0.5
-
-
-def test_tiles_differ_from_the_whole_only_at_seams(blurring_model: Path) -> None:
-    image = colour_code(turning_field(320, 1280), 1.0)
-    networks = SmearNetwork(blurring_model), tiled(blurring_model, 512, 128)
-    whole, in_tiles = (network.predict(image, levels=1).cells[..., :2] for network in networks)
-    error = np.hypot(*np.moveaxis(whole - in_tiles, -1, 0))
-    # the network sees one cell to each side; tiles begin at cells 12 and 24, end before 16 and 28
-    seam = np.isin(np.arange(40), [12, 15, 24, 27])
-    assert error[:, ~seam].max() < 1e-3
-    assert 0 < error[:, seam].max() < 0.2  # their weight is nearly zero there
 
 
 def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
@@ -77,21 +59,6 @@ def test_picture_without_texture_has_no_smears(blurring_model: Path) -> None:
     field = SmearNetwork(blurring_model).predict(image).at_pixels()
     np.testing.assert_array_equal(field.length_px, 0)
     np.testing.assert_array_equal(field.sigma_px, UNSEEN_SIGMA_PX)
-
-
-def test_tiles_without_texture_are_not_read(blurring_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    image = colour_code(turning_field(128, 512), 1.0)
-    image[:, 160:] = 0.5
-    network = tiled(blurring_model)
-    read = Mock(wraps=network._reader.read)
-    monkeypatch.setattr(network._reader, "read", read)
-    found = network.predict(image, levels=1).cells
-    tiles = read.call_count
-    monkeypatch.setattr(smear_network, "_flat", lambda grey, times: np.zeros((4, 4), bool))
-    everywhere = network.predict(image, levels=1).cells
-    assert (tiles, read.call_count - tiles) == (3, 7)
-    seen = found[..., 2] != UNSEEN_SIGMA_PX
-    np.testing.assert_array_equal(found[seen], everywhere[seen])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -0.1, 255.0])
@@ -125,9 +92,9 @@ def with_pooling(place: int, size: int) -> onnx.ModelProto:
 @pytest.mark.parametrize(
     ("model", "words"),
     [
-        (with_pooling(1, 32), "cannot be run on 96x64 pixels"),  # of more cells than the picture has
-        (with_pooling(0, 8), r"gives shapes \[\(1, 4, 6, 32, 2"),
-        (with_constants(none=np.zeros((20, 3))), r"gives shapes .*\(1, 2, 3, 32, 3\)"),
+        (with_pooling(1, 32), "cannot be run on 96x64 values"),  # of more cells than the picture has
+        (with_pooling(0, 8), r"gives shapes \[\(4, 6, 32, 2"),
+        (with_constants(none=np.zeros((20, 3))), r"gives shapes .*\(2, 3, 32, 3\)"),
         (with_constants(scale=[np.nan]), "not finite"),
     ],
     ids=["window", "cells", "channels", "nan"],
@@ -196,7 +163,7 @@ def test_large_photograph_is_read_in_the_octaves_that_its_smears_need(
     network = SmearNetwork()
     run = Mock(wraps=network._reader.read_octave)
     monkeypatch.setattr(network._reader, "read_octave", run)
-    grid = network.predict(large_photograph(length, 32.0), detail=Detail.GEOMETRY)
+    grid = network.predict(large_photograph(length, 32.0))
     assert run.call_count == octaves_read
     assert grid.stride == 64 and grid.cells.shape == (25, 38, 4) and grid.window_px == 192
     field = grid.smears()
@@ -206,14 +173,8 @@ def test_large_photograph_is_read_in_the_octaves_that_its_smears_need(
     assert np.median(field.length_px[certain]) == pytest.approx(length, rel=0.05)
 
 
-def test_photograph_of_ordinary_size_is_read_whole_in_any_case(blurring_model: Path) -> None:
-    image, network = colour_code(turning_field(200, 300), 1.0), SmearNetwork(blurring_model)
-    found = network.predict(image, detail=Detail.GEOMETRY)
-    np.testing.assert_array_equal(found.cells, network.predict(image).cells)
-
-
 def test_threads_change_no_byte_of_a_large_photograph() -> None:
     image = large_photograph(20.0, 70.0)
-    first, second = (SmearNetwork(threads=n).predict(image, detail=Detail.GEOMETRY) for n in (1, 3))
+    first, second = (SmearNetwork(threads=n).predict(image) for n in (1, 3))
     assert first.cells.tobytes() == second.cells.tobytes() and first.blur is not None
     np.testing.assert_array_equal(first.blur, second.blur)

@@ -15,7 +15,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from blur2view.networks.model_file import FORMAT, INPUTS
+from blur2view.networks.model_file import SMEAR
 from blur2view.networks.spectra import LAGS, SCALES
 from blur2view.smears.blur_kinds import KINDS, SHARP, SMEARED
 from blur2view.smears.field import to_double_angle
@@ -36,7 +36,7 @@ HEIGHT, WIDTH = 240, 320
 EPIPOLE = np.array([150.0, 100.0])
 
 METADATA = {
-    "blur2view_format": FORMAT,
+    "blur2view_format": SMEAR.version,
     "stride": "32",
     "multiple_of": "32",
     "model_id": "colour-code",
@@ -145,7 +145,7 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         onnx.numpy_helper.from_array(a.astype(np.int64 if a.dtype.kind == "i" else np.float32), name)
         for name, a in constants.items()
     ]
-    graph = helper.make_graph(nodes, "code", infos[: len(INPUTS)], infos[len(INPUTS) :], arrays)
+    graph = helper.make_graph(nodes, "code", infos[: len(SMEAR.inputs)], infos[len(SMEAR.inputs) :], arrays)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     helper.set_model_props(model, METADATA | metadata)
     return model

@@ -22,9 +22,9 @@ from onnxruntime.quantization.quant_utils import add_pre_process_metadata
 from torch import Tensor, nn
 
 from blur2view.arrays import AnyArray
-from blur2view.networks.brightness import BRIGHT
-from blur2view.networks.model_file import FORMAT, INPUTS, OUTPUTS
-from blur2view.networks.mover_networks import BLUR, CELL_VALUES, PLACE_PX, UNET, NetworkFormat
+from blur2view.movers.evidence import CELL_VALUES, PLACE_PX
+from blur2view.networks.model_file import BLUR, SMEAR, UNET
+from blur2view.networks.smear_network import BRIGHT
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
@@ -48,7 +48,7 @@ CONVENTION = (
     "features (1,H/32,W/32,32,C); cell j is centred at pixel 32*j + 15.5"
 )
 PROPERTIES = {
-    "blur2view_format": FORMAT,
+    "blur2view_format": SMEAR.version,
     "stride": str(STEP),
     "multiple_of": str(STEP),
     "brightness": str(BRIGHT),
@@ -223,7 +223,7 @@ def inputs_of(network: Reader, grey: Tensor) -> dict[str, Tensor]:
     read = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy())))
     cepstra, scales = (torch.from_numpy(one)[None] for one in read)
     coarser = torch.rand(*scales.shape[:3], DIRECTIONS, network.options.region)
-    return dict(zip(INPUTS, (grey, cepstra, scales, coarser), strict=True))
+    return dict(zip(SMEAR.inputs, (grey, cepstra, scales, coarser), strict=True))
 
 
 def of_reader(network: Reader) -> Export:
@@ -233,8 +233,8 @@ def of_reader(network: Reader) -> Export:
         network=ExportedOctave(network),
         inputs=inputs_of(network, grey[..., :128, :192].contiguous()),
         samples=inputs_of(network, grey),
-        outputs=OUTPUTS,
-        axes={name: cells for name in (*INPUTS, *OUTPUTS)} | {"grey": {2: "height", 3: "width"}},
+        outputs=SMEAR.outputs,
+        axes={name: cells for name in (*SMEAR.inputs, *SMEAR.outputs)} | {"grey": {2: "height", 3: "width"}},
         kind="smear",
         properties=PROPERTIES,
         stored="integers",
@@ -244,7 +244,7 @@ def of_reader(network: Reader) -> Export:
 def of_movers(network: UNet | BlurNet) -> Export:
     """Return what is written of a network that finds movers, traced and compared on noise."""
     is_unet = isinstance(network, UNet)
-    form: NetworkFormat = UNET if is_unet else BLUR
+    form = UNET if is_unet else BLUR
     fine, coarse, zoom = (3, CELL_VALUES, STEP) if is_unet else (PLACES, CELLS, STEP // PLACE_PX)
     shown, odd = (
         dict(

@@ -23,12 +23,10 @@ from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.arrays import AnyArray
-from blur2view.movers.blur_evidence import Picture, of_cells, of_places
-from blur2view.movers.camera_motion import Cells, camera_field
+from blur2view.movers.camera_motion import camera_field
+from blur2view.movers.evidence import Cells, Picture, cell_values, of_cells, of_places
 from blur2view.movers.moving import LEFT, at_cells
-from blur2view.networks.brightness import gain_of
-from blur2view.networks.mover_networks import cell_values
-from blur2view.networks.smear_network import SmearNetwork, floats_of, rgb_of
+from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
 from blur2view.networks.spectra import STEP
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from blur2view.networks.mover_networks import BLUR, UNET, MoverNetwork
+from blur2view.networks.model_file import BLUR, UNET, OnnxNetwork
 from blur2view.networks.smear_network import SmearNetwork
 from tests.tools.rendering.test_layer_scenes import noise_and_disc
 from tools.datasets.shards import Example
@@ -36,8 +36,7 @@ def test_a_network_of_drawn_scenes_is_one_that_the_package_takes(which: Which, t
     network.load_state_dict(torch.load(tmp_path / "last.pt", weights_only=True)["average"])
     with torch.no_grad():
         said = network.eval()(torch.from_numpy(fine)[None], torch.from_numpy(cells)[None])
-    file = MoverNetwork(form, tmp_path / "file.onnx")
-    found = file(np.moveaxis(fine, 0, -1), np.moveaxis(cells, 0, -1))
+    found = OnnxNetwork(form, tmp_path / "file.onnx").run(fine, cells)
     expected = said[0][0, 4] if isinstance(said, tuple) else said[0]
     np.testing.assert_allclose(found[0], expected, atol=0.05)
     assert found[0].shape[-2:] == (24, 32)

@@ -1,24 +1,38 @@
-"""What the mover network sees: smears against the camera's motion, and blur in the picture.
+"""What the two networks see that find what moves by itself.
 
-Smears are read in windows of three cells' width. Gradients along the direction in which the camera's motion
-blurs are what a finer look shows: they are weak where only the camera moved, and not where an object stood
-still with respect to it, or moved elsewhere. So one input lies on cells, the other on 4 x 4 pixels.
+``models/unet.onnx`` sees the photograph and what the smear network says of its cells. ``models/movers.onnx``
+sees smears against the camera's motion and, as these are read in windows of three cells' width, gradients
+along the direction in which that motion blurs: they are weak where only the camera moved, and not where an
+object stood still with respect to it, or moved elsewhere. So one input lies on cells, the other on places of
+4 x 4 pixels.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.movers.camera_motion import Cells
-from blur2view.networks.mover_networks import PLACE_PX
+from blur2view.networks.octave_reader import LENGTHS
+from blur2view.networks.spectra import STEP
+from blur2view.smears.blur_kinds import IN_FOCUS_PX, KINDS
 from blur2view.smears.field import to_double_angle, upsample_grid
 from blur2view.smears.grid import SmearGrid
+from blur2view.smears.likelihood import DIRECTIONS
 
 Floats = NDArray[np.float32]
 
+PLACE_PX = 4
+"""Side of the places that both networks answer for, pixels."""
+CELL_VALUES = DIRECTIONS + LENGTHS + len(KINDS) + 1
+"""Square roots of the shares of directions and of lengths, kinds of blur, logarithm of the radius."""
+LEAST_PX = 0.1
+"""Least standard deviation of a cell's smear that is believed."""
+FLOOR_PX, FLOOR_SHARE = 0.4, 0.05
+"""Errors that no cell states: constant, and in proportion to its length."""
 SEEN_PX = 2.0
 """Shortest smear whose direction is read."""
 OCTAVES = 3
@@ -31,6 +45,74 @@ SMOOTH = 1.5e-6
 """Mean square gradient below which a window shows nothing: a third of a level of 255 a pixel."""
 SMOOTH_PX = 96
 """Side of the windows that may show nothing: those the smears are read in."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cells:
+    """The smears of a grid.
+
+    Parameters
+    ----------
+    points : ndarray of shape (h, w, 2)
+        Their centres (x, y), pixels.
+    displacement : ndarray of shape (h, w, 2)
+        Pixels, of either sign.
+    sigma_px, sigma_rad : ndarray of shape (h, w)
+        Standard deviations of the end-point error and of the direction.
+    shape : (int, int)
+        Height and width of the photograph.
+    """
+
+    points: Array
+    displacement: Array
+    sigma_px: Array
+    sigma_rad: Array
+    shape: tuple[int, int]
+
+    @classmethod
+    def of(cls, grid: SmearGrid) -> Cells:
+        """Return the cells of a grid."""
+        smears = grid.smears()
+        return cls(
+            points=grid.points(),
+            displacement=smears.displacement.astype(float),
+            sigma_px=np.maximum(smears.sigma_px.astype(float), LEAST_PX),
+            sigma_rad=np.minimum(smears.sigma_rad.astype(float), np.pi / 2),
+            shape=grid.shape,
+        )
+
+    @property
+    def length_px(self) -> Array:
+        """Lengths (h, w)."""
+        return np.asarray(np.linalg.norm(self.displacement, axis=-1))
+
+    @property
+    def error_px(self) -> Array:
+        """Standard deviations (h, w) with the errors that no cell states."""
+        return np.hypot(self.sigma_px, FLOOR_PX + FLOOR_SHARE * self.length_px)
+
+    def apart_px(self, motion: Array) -> Array:
+        """Return how far smears of either sign are from a motion (h, w, 2), (h, w), pixels."""
+        signed = (np.linalg.norm(self.displacement - sign * motion, axis=-1) for sign in (1, -1))
+        return np.asarray(np.minimum(*signed))
+
+    def departure(self, motion: Array) -> Array:
+        """Return the same in standard deviations."""
+        return self.apart_px(motion) / self.error_px
+
+
+def cell_values(grid: SmearGrid) -> Floats:
+    """Return what the smear network says of the cells of a grid, (h, w, 70), as the U-Net sees it.
+
+    Raises
+    ------
+    ValueError
+        If the grid was not read from a photograph, or its cells have other than `STEP` pixels.
+    """
+    if grid.shares is None or grid.blur is None or grid.stride != STEP:
+        raise ValueError("expected smears as SmearNetwork reads them off a photograph")
+    radius = np.log(np.maximum(grid.blur[..., :1], IN_FOCUS_PX))  # 0 where nothing is seen
+    return np.concatenate([np.sqrt(grid.shares), grid.blur[..., 1:], radius], axis=-1).astype(np.float32)
 
 
 def of_cells(cells: Cells, grid: SmearGrid, camera: Array) -> Floats:
