@@ -1,7 +1,7 @@
 """``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -64,21 +64,21 @@ class PlaceOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
-        with waiting("placing views"):
+        with waiting("placing views") as show:
             names = frame_names(self.photographs)
             model = find_model(self.model)
             refuse_other_model(self.output)
-            placement = self._placed(model, names)
+            placement = self._placed(model, names, show)
             write_model(placement.model, self.output, self.photographs, self.database)
         if not self.printing.quiet:
-            print(summary(self, model, placement, names))
+            print("\n".join(self._summary(model, placement, names)))
         return 0
 
-    def _placed(self, model: FoundModel, names: list[str]) -> "Placement":
+    def _placed(self, model: FoundModel, names: list[str], show: Callable[[int, int], None]) -> "Placement":
         """Return the model with the views; DatabaseError if none can be placed."""
         from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
 
-        placement = place_views(self.database, model.folder, names, self.fraction)
+        placement = place_views(self.database, model.folder, names, self.fraction, show)
         about = f"{self.database}: of {plural(placement.linked, 'frame')} with views"
         if not math.isfinite(placement.fraction):
             why = "no two follow one another and show how long an exposure is"
@@ -86,6 +86,16 @@ class PlaceOptions:
         if not placement.placed:
             raise DatabaseError(f"{about} none has another frame next to it; {ALL_FRAMES}")
         return placement
+
+    def _summary(self, model: FoundModel, placement: "Placement", names: list[str]) -> Iterator[str]:
+        """Yield the lines of `model_lines` and one that counts all frames."""
+        yield from model_lines(model, names, placement.refused, "placed", self.printing)
+        line = f"{printable(str(self.output))}: of {plural(placement.linked, 'linked frame')} "
+        line += f"{len(placement.placed)} placed, {len(placement.refused)} refused"
+        line += f"; exposure over frame interval {placement.fraction:.2f}"
+        if not placement.measured:
+            line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
+        yield line
 
 
 def frame_names(folder: Path) -> list[str]:
@@ -98,23 +108,18 @@ def frame_names(folder: Path) -> list[str]:
     return inputs.names()
 
 
-def summary(options: PlaceOptions, model: FoundModel, placement: "Placement", names: list[str]) -> str:
-    """Return a line about the model if it was chosen, one for each reason of refusal, one that counts all.
+def model_lines(
+    model: FoundModel, names: list[str], refused: Mapping[str, str], action: str, printing: Printing
+) -> Iterator[str]:
+    """Yield a line about the model if it was chosen, and one for each reason for which frames were refused.
 
-    With -v every refused frame is named.
+    With -v every such frame is named.
     """
-    lines = []
     if model.others:
         size = f"{plural(model.registered, 'photograph')}, {plural(len(names), 'frame')} in the folder"
-        lines.append(f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}")
-    for reason in sorted(set(placement.refused.values())):
-        refused = [printable(name) for name, why in placement.refused.items() if why == reason]
-        shown = refused if options.printing.verbose else refused[:SHOWN]
-        more = f" and {len(refused) - len(shown)} more (-v)" if len(refused) > len(shown) else ""
-        lines.append(f"not placed, {reason}: {', '.join(shown)}{more}")
-    line = f"{printable(str(options.output))}: of {plural(placement.linked, 'linked frame')} "
-    line += f"{len(placement.placed)} placed, {len(placement.refused)} refused"
-    line += f"; exposure over frame interval {placement.fraction:.2f}"
-    if not placement.measured:
-        line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
-    return "\n".join([*lines, line])
+        yield f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}"
+    for reason in dict.fromkeys(refused.values()):
+        frames = [printable(name) for name, why in refused.items() if why == reason]
+        shown = frames if printing.verbose else frames[:SHOWN]
+        more = f" and {len(frames) - len(shown)} more (-v)" if len(frames) > len(shown) else ""
+        yield f"not {action}, {reason}: {', '.join(shown)}{more}"

@@ -86,11 +86,16 @@ def progress(count: int, noun: str = "photograph") -> Iterator[tuple[Say, Callab
 
 
 @contextmanager
-def waiting(text: str) -> Iterator[None]:
-    """Show a person what is waited for, until it is done: of one step, whose end nobody knows."""
-    shown = f"{printable(text)} ..." if sys.stderr.isatty() else ""
-    print(shown, end="", file=sys.stderr, flush=True)
+def waiting(text: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a person what is waited for, until it is done; yield what shows how many steps of all are."""
+
+    def show(done: int | None = None, count: int | None = None) -> None:
+        if sys.stderr.isatty():
+            said = "" if done is None else f": {done} of {count}"
+            print(f"{ERASE}{printable(text)}{said} ...", end="", file=sys.stderr, flush=True)
+
+    show()
     try:
-        yield
+        yield show
     finally:
-        print(ERASE * bool(shown), end="", file=sys.stderr, flush=True)
+        print(ERASE * sys.stderr.isatty(), end="", file=sys.stderr, flush=True)

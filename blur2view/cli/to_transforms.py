@@ -15,8 +15,8 @@ from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
+from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import database_of, pictures_of, read_model, refuse_other_model, write_model
-from blur2view.colmap.project import linked_names
 from blur2view.colmap.transforms import (
     MODEL,
     PHOTOGRAPHS,
@@ -131,18 +131,23 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     line = summary(target, content, verbose=options.printing.verbose, masks=options.masks is not None)
     if left:
         line = f"{printable(str(images))}: lacks {left} photographs of the model, which are left out\n{line}"
-    return line + _not_in(options.model, model)
+    return line + _of_linked(options.model, model)
 
 
-def _not_in(folder: Path, model: Any) -> str:
-    """Return what to add of linked frames that COLMAP did not register, by the database of the model."""
+def _of_linked(folder: Path, model: Any) -> str:
+    """Return what became of the linked frames of the database that a model names, to be added to a line."""
+    from blur2view.colmap.placement import PLACED_BEFORE, RECOVERED, UNREGISTERED, linked_states
+
     database = database_of(folder)
     try:
-        linked = set() if database is None else linked_names(database)
+        with open_read_only(database or folder) as opened:
+            states = Counter(linked_states(opened, model).values())
     except DatabaseError:
         return ""
-    missing = linked.difference(image.name for image in model.images.values() if image.has_pose)
-    return f"; {plural(len(missing), 'linked frame')} not in the model" if missing else ""
+    kinds = {PLACED_BEFORE: "placed", RECOVERED: "recovered", UNREGISTERED: "not in the model"}
+    counts = {kind: states.pop(state, 0) for state, kind in kinds.items()}
+    said = [f"{count} {kind}" for kind, count in {**counts, "without views": states.total()}.items() if count]
+    return f"; of {plural(sum(counts.values()) + states.total(), 'linked frame')} {', '.join(said)}"
 
 
 def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
@@ -214,7 +219,7 @@ def _write_model(options: ToTransformsOptions) -> str:
     model = read_model(options.model)
     kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
     names = set(_present({(images or link) / name: name for name in kept}).values())
-    lacking = _not_in(options.model, model)
+    lacking = _of_linked(options.model, model)
     keep_photographs(model, options.model, names)
     refuse_other_model(folder)
     if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
@@ -239,7 +244,7 @@ def summary(target: Path, content: dict[str, Any], *, verbose: bool, masks: bool
     line += " and their masks" if masks else ""
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     if still:
-        line += f", {len(still)} of them without views, as if the camera had stood still"
+        line += f", {len(still)} of them without views, as if sharp (blur2view place gives them views)"
     if verbose and still:
         line += "\n  " + "\n  ".join(map(printable, still))
     return line

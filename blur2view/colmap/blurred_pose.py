@@ -145,12 +145,13 @@ class Lattice:
         values = field.reshape(*self.shape, 2)
         return np.stack([np.gradient(values, CELL, axis=axis) for axis in (1, 0)], axis=-1).reshape(-1, 2, 2)
 
-    def inverse_depth(self, pixels: Array, depth: Array) -> Array:
-        """Return smooth inverse depths (N,) from those of points at pixels (M, 2)."""
-        near, index = cKDTree(pixels).query(self.points, k=min(NEAREST, len(pixels)))
-        near, index = near.reshape(len(self.points), -1), index.reshape(len(self.points), -1)
-        weight = 1 / (near + SMOOTH_PX) ** 2
-        return np.asarray((weight / depth[index]).sum(axis=1) / weight.sum(axis=1))
+
+def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
+    """Return smooth inverse depths (N,) at places (N, 2) from depths (M,) of points at pixels (M, 2)."""
+    near, index = cKDTree(pixels).query(places, k=min(NEAREST, len(pixels)))
+    near, index = near.reshape(len(places), -1), index.reshape(len(places), -1)
+    weight = 1 / (near + SMOOTH_PX) ** 2
+    return np.asarray((weight / depth[index]).sum(axis=1) / weight.sum(axis=1))
 
 
 @dataclass(kw_only=True, eq=False)
@@ -276,7 +277,7 @@ class Search:
         inside = np.all((pixels > BORDER_PX) & (pixels < size - 1 - BORDER_PX), axis=1)
         if inside.sum() < NEAREST:
             return None
-        depth = 1 / lattice.inverse_depth(pixels[inside], points[inside, 2])
+        depth = 1 / inverse_depth_at(lattice.points, pixels[inside], points[inside, 2])
         places = lattice.rays * depth[:, None]
         return cls(view=view, world=world, lattice=lattice, pixels=pixels, inside=inside, places=places)
 

@@ -11,8 +11,9 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.blur_matching import same_sense
+from blur2view.exposure.camera_path import changed
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.rotation import rotation_matrix
 
 FIT_STEPS, POSE_STEPS = 12, 20  # of reweighting
 
@@ -54,12 +55,6 @@ def relative(there: Array, here: Array) -> tuple[Array, Array]:
     """Return rotation (3, 3) and translation (3,) from one camera's frame to another's, by their poses."""
     R = there[:, :3] @ here[:, :3].T
     return R, there[:, 3] - R @ here[:, 3]
-
-
-def moved_pose(pose: Array, step: Array) -> Array:
-    """Return a pose (3, 4) after a rotation vector and translation (6,) of points in its camera."""
-    R = rotation_matrix(step[:3])
-    return np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + step[3:]])
 
 
 def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Array:
@@ -115,13 +110,7 @@ def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: 
         weighted = rows / (1 + (missed**2).sum(axis=1))[:, None, None]
         normal = np.tensordot(weighted, rows, ((0, 1), (0, 1)))
         step = np.linalg.lstsq(normal, np.tensordot(weighted, missed, ((0, 1), (0, 1))), rcond=None)[0]
-        pose = moved_pose(pose, step)
+        pose = changed(pose, step)
         if np.abs(step[:3]).max() < 1e-7:
             break
     return pose, normal
-
-
-def change_of(first: Array, second: Array) -> Array:
-    """Return the rotation and translation (6,) of points in a camera that lead from one pose to another."""
-    R = second[:, :3] @ first[:, :3].T
-    return np.append(rotation_vector(R), second[:, 3] - R @ first[:, 3])

@@ -4,7 +4,7 @@ import hashlib
 import mmap
 import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,35 +49,16 @@ def read_model(folder: Path) -> Any:
             if path.suffix in (".bin", ".txt"):
                 _check_file(path)
         model = pycolmap.Reconstruction(folder)
-        _check_model(folder, model)
+        posed = [image for image in model.images.values() if image.name and image.has_pose]
+        numbers = [camera.params for camera in model.cameras.values()]
+        numbers += [point.xyz for point in model.points3D.values()]
+        numbers += [image.cam_from_world().matrix().ravel() for image in posed]
+        if not (np.abs(np.concatenate([np.zeros(0), *numbers])) < BEYOND).all():  # False of NaN
+            raise ValueError("holds numbers that are none")
         return model
     except (OSError, ValueError, RuntimeError, LookupError, MemoryError) as error:
         why = " ".join(str(error).split()).rpartition("] ")[2] or type(error).__name__
         raise DatabaseError(f"{folder}: its model is damaged ({why}); let COLMAP write it again") from None
-
-
-def _check_model(folder: Path, model: Any) -> None:
-    """Raise a DatabaseError where a model contradicts itself; pycolmap's own errors of what it holds pass."""
-    faults = [
-        f"camera {camera.camera_id} has parameters that no camera has"
-        for camera in model.cameras.values()
-        if not _possible(camera.params)
-    ]
-    if not _possible([point.xyz for point in model.points3D.values()]):
-        faults.append("has points that are nowhere")
-    for number, image in model.images.items():
-        try:
-            if image.name and image.has_pose and not _possible(image.cam_from_world().matrix()):
-                faults.append(f"image {image.name} has a pose that is nowhere")
-        except UnicodeDecodeError:
-            faults.append(f"the name of image {number} is no UTF-8")
-    if faults:
-        raise DatabaseError(f"{folder}: {faults[0]}; let COLMAP write the model again")
-
-
-def _possible(values: Any) -> bool:
-    """Return whether numbers are finite, and what is computed from them."""
-    return bool((np.abs(np.asarray(values, float)) < BEYOND).all())  # False of NaN
 
 
 def seen_points(model: Any, image: Any, places: Iterable[int]) -> Array:
@@ -124,7 +105,7 @@ def find_model(folder: Path) -> FoundModel:
     """
     below = sorted(path for path in folder.iterdir() if holds_model(path)) if folder.is_dir() else []
     folders = [folder] if holds_model(folder) or not below else below
-    sizes = {path: _photographs(read_model(path)) for path in folders}
+    sizes = {path: len(photographs_of(read_model(path))) for path in folders}
     largest = max(sizes, key=lambda path: sizes[path])
     return FoundModel(folder=largest, registered=sizes[largest], others=len(sizes) - 1)
 
@@ -134,10 +115,32 @@ def holds_model(folder: Path) -> bool:
     return any((folder / f"cameras.{suffix}").is_file() for suffix in ("bin", "txt"))
 
 
-def _photographs(model: Any) -> int:
-    """Return how many photographs are registered, views not counted."""
-    posed = (image.name for image in model.images.values() if image.has_pose)
-    return sum(not name.endswith((OPEN, CLOSE)) for name in posed)
+def photographs_of(model: Any) -> dict[str, Any]:
+    """Return the registered images of a pycolmap.Reconstruction by name, views left out."""
+    posed = {image.name: image for image in model.images.values() if image.has_pose}
+    return {name: image for name, image in posed.items() if not name.endswith((OPEN, CLOSE))}
+
+
+def add_image(
+    model: Any, name: str, pose: Array, keypoints: Array, beside: Any, wanted_id: int | None = None
+) -> Any:
+    """Return a new image of a model at a pose (3, 4), alone in its frame, of the wanted id if that is free.
+
+    With COLMAP's keypoints (N, 2), and the camera and rig of another image ``beside``.
+    """
+    import pycolmap
+
+    camera_id = beside.camera_id
+    number = 1 + max(model.images) if wanted_id is None or wanted_id in model.images else wanted_id
+    image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=number)
+    image.frame_id = 1 + max(model.frames)
+    frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=beside.frame.rig_id)
+    frame.add_data_id(image.data_id)
+    model.add_frame(frame)
+    model.add_image(image)
+    model.frame(image.frame_id).set_cam_from_world(camera_id, pycolmap.Rigid3d(pose))
+    model.register_frame(image.frame_id)
+    return model.images[number]
 
 
 def refuse_other_model(folder: Path) -> None:
@@ -168,7 +171,8 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
         beside = Path(name)
         try:
             model.write(beside)
-            if not _same_model(read_model(beside), model):
+            again = read_model(beside)
+            if again.summary() != model.summary() or dict(again.cameras) != dict(model.cameras):
                 raise OSError("other counts than written")
             lines = [SIGN + _digest(beside), *(f"{key}={path.absolute()}" for key, path in paths.items())]
             (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
@@ -179,14 +183,6 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
             raise OutputError(
                 f"{folder}: the model cannot be written there ({why}); make room or name another folder"
             ) from None
-
-
-def _same_model(one: Any, other: Any) -> bool:
-    """Return whether two models have the same cameras and the same counts of all else."""
-    counts = ["num_rigs", "num_frames", "num_images", "num_reg_images", "num_points3D"]
-    counts += ["compute_num_observations"]
-    same = all(getattr(one, count)() == getattr(other, count)() for count in counts)
-    return same and dict(one.cameras) == dict(other.cameras)
 
 
 def _digest(folder: Path) -> str:
@@ -204,20 +200,19 @@ def _digest(folder: Path) -> str:
 
 def pictures_of(folder: Path) -> Path | None:
     """Return the folder of photographs that a model's project.ini names, None without one."""
-    named = _settings(folder).get(IMAGE_PATH, "")
-    return Path(named) if named and os.path.isdir(named) else None
+    return _noted(folder, IMAGE_PATH, os.path.isdir)
 
 
 def database_of(folder: Path) -> Path | None:
     """Return the database that a model's project.ini names, None without one."""
-    named = _settings(folder).get(DATABASE_PATH, "")
-    return Path(named) if named and os.path.isfile(named) else None
+    return _noted(folder, DATABASE_PATH, os.path.isfile)
 
 
-def _settings(folder: Path) -> dict[str, str]:
-    """Return the values of a model's project.ini by their names."""
-    lines = (line.partition("=") for line in _project(folder).splitlines() if "=" in line)
-    return {key.strip(): value.strip() for key, _, value in lines}
+def _noted(folder: Path, key: str, exists: Callable[[str], bool]) -> Path | None:
+    """Return the path of a key of a model's project.ini, None where there is nothing."""
+    lines = (line.partition("=") for line in _project(folder).splitlines())
+    named = next((value.strip() for name, _, value in lines if name.strip() == key), "")
+    return Path(named) if named and exists(named) else None
 
 
 def _project(folder: Path) -> str:

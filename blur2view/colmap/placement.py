@@ -7,7 +7,7 @@ trajectory, and smears measure what fraction of it an exposure is (`trajectory`)
 
 import os
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,19 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap, normalised_points
 from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.models import read_model, seen_points
-from blur2view.colmap.project import frame_of, image_names, read_keypoints, read_matches
+from blur2view.colmap.models import add_image, photographs_of, read_model, seen_points
+from blur2view.colmap.project import image_names, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
+from blur2view.exposure.camera_path import CameraPath, changed
 from blur2view.exposure.time_direction import frame_times, place_of
-from blur2view.exposure.trajectory import ExposedFrame, Trajectory, exposures
+from blur2view.exposure.trajectory import REACH, ExposedFrame, exposures
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.geometry.rotation import rotation_matrix
 
 UNREGISTERED = "COLMAP did not register them"
 PLACED_BEFORE = "the model has their views already"
+RECOVERED = "they were recovered, with their views"
 NOT_NAMED = "they are not in the folder of the frames"
+OTHER_FEATURES = "their features in the model are not those of the database"
 ALONE = "no frame of the model is next to them by number"
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
@@ -70,7 +72,8 @@ class _Linked:
     """A registered photograph and its views, as the database has them."""
 
     photograph: Any  # pycolmap.Image of the model
-    views: tuple[Any, Any]  # pycolmap.Image at open and close, of no model
+    ids: tuple[int, int]  # of the views at open and close
+    ends: Array  # (2, N, 2): COLMAP's keypoints of both views
     seen: list[int]  # indices of features that have both ends and a 3D point
 
 
@@ -79,6 +82,7 @@ def place_views(
     model: str | os.PathLike[str],
     names: Sequence[str] | None = None,
     fraction: float | None = None,
+    show: Callable[[int, int], None] = lambda done, count: None,
 ) -> Placement:
     """Return a model with the virtual views of a linked project placed beside its photographs.
 
@@ -94,6 +98,8 @@ def place_views(
         the model by the last number of their names.
     fraction : float, optional
         Exposure time over frame interval, if it is known; default: measured from the smears.
+    show : callable
+        Called with how many frames are read, and of how many.
 
     Returns
     -------
@@ -109,29 +115,28 @@ def place_views(
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     reconstruction = read_model(Path(model))
-    registered = {image.name: image for image in reconstruction.images.values() if image.has_pose}
+    registered = photographs_of(reconstruction)
     if names is None:
-        names = sorted((name for name in registered if not name.endswith((OPEN, CLOSE))), key=place_of)
+        names = sorted(registered, key=place_of)
     times = dict(zip(names, frame_times(names), strict=True))
-    linked, refused = _read_linked(Path(database), registered, names)
+    linked, refused = _read_linked(Path(database), reconstruction, registered, names, show)
     if not linked:
         raise DatabaseError(f"{database}: {_nothing_to_place(Path(model), registered, names, refused)}")
-    trajectory = Trajectory(
-        times=np.array([times[one.photograph.name] for one in linked], float),
-        poses=np.stack([one.photograph.cam_from_world().matrix() for one in linked]),
-    )
-    frames = [_frame(reconstruction, one) for one in linked]
-    ends, used, measured = exposures(frames, trajectory, fraction)
-    known = np.isfinite(ends[:, 0, 0])
-    for index in np.flatnonzero(known):
+    known = [name for name in names if name in registered]
+    poses = np.stack([registered[name].cam_from_world().matrix() for name in known])
+    path = CameraPath(np.array([times[name] for name in known]), poses, REACH)
+    frames = [_frame(reconstruction, one, times[one.photograph.name]) for one in linked]
+    ends, used, measured = exposures(frames, path, fraction)
+    placed = np.isfinite(ends[:, 0, 0])
+    for index in np.flatnonzero(placed):
         _add_views(reconstruction, linked[index], ends[index])
-    at = dict(zip((one.photograph.name for one in linked), known, strict=True))
+    found = {one.photograph.name: bool(is_placed) for one, is_placed in zip(linked, placed, strict=True)}
     return Placement(
         model=reconstruction,
         fraction=used,
         measured=measured,
-        placed=tuple(name for name, is_known in at.items() if is_known),
-        refused=refused | {name: ALONE for name, is_known in at.items() if not is_known},
+        placed=tuple(name for name, is_placed in found.items() if is_placed),
+        refused=refused | {name: ALONE for name, is_placed in found.items() if not is_placed},
     )
 
 
@@ -139,9 +144,8 @@ def _nothing_to_place(
     model: Path, registered: Mapping[str, Any], names: Sequence[str], refused: Mapping[str, str]
 ) -> str:
     """Return why no photograph with views can be placed, and the remedy."""
-    photographs = [name for name in registered if not name.endswith((OPEN, CLOSE))]
-    if names and photographs and not set(names) & set(photographs):
-        called = f"the frames are called {names[0]} ..., those of {model} {photographs[0]} ..."
+    if names and registered and not set(names) & registered.keys():
+        called = f"the frames are called {names[0]} ..., those of {model} {next(iter(registered))} ..."
         return f"{called}; name the folder that COLMAP read them from"
     if not refused:
         return f"has no views of the frames in {model}; link them first (blur2view to-colmap --link)"
@@ -149,78 +153,85 @@ def _nothing_to_place(
 
 
 def _read_linked(
-    database: Path, registered: Mapping[str, Any], names: Sequence[str]
+    database: Path,
+    model: Any,
+    registered: Mapping[str, Any],
+    names: Sequence[str],
+    show: Callable[[int, int], None],
 ) -> tuple[list[_Linked], dict[str, str]]:
     """Return the photographs that can be placed, and why the others with both views cannot."""
+    found, refused, order = dict[str, _Linked](), dict[str, str](), set(names)
     with open_read_only(database) as opened:
-        ids = image_names(opened)
-        linked = {name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()}
-        for name in linked & registered.keys():
-            if ids[name] != registered[name].image_id:
-                why = "has another id in the model; name the database that is the model's"
-                raise DatabaseError(f"{database}: {name} {why}")
-        refused = {name: UNREGISTERED for name in ids if name in linked and name not in registered}
-        refused |= {name: PLACED_BEFORE for name in linked if name + OPEN in registered}
-        refused = {name: NOT_NAMED for name in linked.difference(names)} | refused
-        found = [name for name in names if name in linked and name not in refused]
-        return [_read_one(opened, ids, registered[name]) for name in found], refused
+        ids, states = image_names(opened), linked_states(opened, model)
+        for number, (name, why) in enumerate(states.items()):
+            show(number, len(states))
+            if why or name not in order:
+                refused[name] = why or NOT_NAMED
+            else:
+                found[name] = _read_one(opened, ids, registered[name])
+    return [found[name] for name in names if name in found], refused
+
+
+def linked_states(opened: sqlite3.Connection, model: Any) -> dict[str, str]:
+    """Return of each photograph with both views in a database why they are not to be put into a model.
+
+    "" if they are; `PLACED_BEFORE` and `RECOVERED` are there.
+    """
+    photographs, ids = photographs_of(model), image_names(opened)
+    there = {image.name for image in model.images.values() if image.has_pose}
+    found = {}
+    for name in (name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()):
+        has_views = name + OPEN in there
+        if name not in photographs:
+            found[name] = UNREGISTERED
+        elif photographs[name].num_points2D() == len(read_keypoints(opened, ids[name])):
+            found[name] = PLACED_BEFORE if has_views else ""
+        else:
+            found[name] = RECOVERED if has_views else OTHER_FEATURES
+    return found
 
 
 def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], photograph: Any) -> _Linked:
     """Return a photograph with its views, of which the database has both; ValueError if a row is damaged."""
-    import pycolmap
-
-    views = []
-    for name in (photograph.name + OPEN, photograph.name + CLOSE):
-        points, camera_id = read_keypoints(opened, ids[name]), photograph.camera_id
-        view = pycolmap.Image(name=name, keypoints=points, camera_id=camera_id, image_id=ids[name])
-        own = frame_of(opened, ids[name])
-        view.frame_id = ids[name] if own is None else own  # as mappers number them
-        views.append(view)
-    first, last = views
-    matched = read_matches(opened, "matches", photograph.image_id, first.image_id)[:, 0]
-    count, points = min(image.num_points2D() for image in (photograph, first, last)), photograph.points2D
+    first, last = (ids[photograph.name + end] for end in (OPEN, CLOSE))
+    ends = [read_keypoints(opened, number) for number in (first, last)]
+    count, points = min(photograph.num_points2D(), *map(len, ends)), photograph.points2D
+    matched = read_matches(opened, "matches", ids[photograph.name], first)[:, 0]
     seen = [index for index in map(int, matched) if index < count and points[index].has_point3D()]
-    return _Linked(photograph=photograph, views=(first, last), seen=seen)
+    return _Linked(
+        photograph=photograph, ids=(first, last), ends=np.stack([one[:count] for one in ends]), seen=seen
+    )
 
 
-def _frame(model: Any, one: _Linked) -> ExposedFrame:
+def _frame(model: Any, one: _Linked, time: float) -> ExposedFrame:
     """Return the smears of the features whose 3D point lies in front of the camera."""
     camera, pose = model.cameras[one.photograph.camera_id], one.photograph.cam_from_world().matrix()
     world = seen_points(model, one.photograph, one.seen)
     depth = world @ pose[2, :3] + pose[2, 3]
-    pixels = np.array([[view.points2D[i].xy for i in one.seen] for view in one.views]).reshape(2, -1, 2)
-    first, last = (normalised_points(camera, from_colmap(ends)) for ends in pixels)
+    first, last = (normalised_points(camera, from_colmap(ends[one.seen])) for ends in one.ends)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     return ExposedFrame(
-        rays=0.5 * (first + last)[good], displacement=(last - first)[good], inverse_depth=1 / depth[good]
+        time=time,
+        rays=0.5 * (first + last)[good],
+        displacement=(last - first)[good],
+        inverse_depth=1 / depth[good],
     )
 
 
-def _add_views(model: Any, one: _Linked, ends: Array) -> None:
-    """Add both images where the camera is (2, 6), in that of the photograph, and what they observe.
+def _add_views(model: Any, one: _Linked, changes: Array) -> None:
+    """Add both images, by the changes (2, 6) from the photograph's pose to theirs, and what they observe.
 
-    Each is alone in its frame; the rig, which may have more cameras, is that of the photograph. A view
-    observes the photograph's 3D points that project within `MAX_ERROR_PX`.
+    A view observes the photograph's 3D points that project within `MAX_ERROR_PX`.
     """
     import pycolmap
 
     photograph = one.photograph
-    for view, end in zip(one.views, ends, strict=True):
-        if model.exists_frame(view.frame_id):  # the model is older than the project's frames
-            view.frame_id = 1 + max(model.frames)
-        frame = pycolmap.Frame(frame_id=view.frame_id, rig_id=photograph.frame.rig_id)
-        frame.add_data_id(view.data_id)
-        model.add_frame(frame)
-        model.add_image(view)
-        R = rotation_matrix(end[:3])
-        pose = pycolmap.Rigid3d(np.column_stack([R, -R @ end[3:]])) * photograph.cam_from_world()
-        model.frame(view.frame_id).set_cam_from_world(photograph.camera_id, pose)
-        model.register_frame(view.frame_id)
-        image = model.images[view.image_id]
+    pose = photograph.cam_from_world().matrix()
+    for end, number, points, change in zip((OPEN, CLOSE), one.ids, one.ends, changes, strict=True):
+        image = add_image(model, photograph.name + end, changed(pose, change), points, photograph, number)
         for index in one.seen:
-            number = photograph.points2D[index].point3D_id
-            projected = image.project_point(model.points3D[number].xyz)
-            missed = None if projected is None else np.linalg.norm(projected - image.points2D[index].xy)
+            point = photograph.points2D[index].point3D_id
+            projected = image.project_point(model.points3D[point].xyz)
+            missed = None if projected is None else np.linalg.norm(projected - points[index])
             if missed is not None and missed < MAX_ERROR_PX:
-                model.add_observation(number, pycolmap.TrackElement(view.image_id, index))
+                model.add_observation(point, pycolmap.TrackElement(image.image_id, index))

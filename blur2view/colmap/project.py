@@ -27,7 +27,6 @@ from blur2view.arrays import Array
 from blur2view.camera.colmap_camera import from_colmap
 from blur2view.colmap.connection import open_read_only
 from blur2view.exposure.features import NO_POINTS
-from blur2view.exposure.views import CLOSE, OPEN
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
@@ -182,12 +181,6 @@ def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], t
         return first_points, second_points
 
     return matched
-
-
-def linked_names(path: Path) -> set[str]:
-    """Return the photographs of a COLMAP database that have both views in it."""
-    names = set(database_names(path))
-    return {name for name in names if {name + OPEN, name + CLOSE} <= names}
 
 
 def database_names(path: Path) -> list[str]:

@@ -8,7 +8,7 @@ tools.evaluation.recovered`` measures what comes of it.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,16 @@ from blur2view.arrays import TINY, Array
 from blur2view.camera.colmap_camera import to_colmap
 from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose
-from blur2view.colmap.camera_path import MEDIAN_OF_THREE, CameraPath, Expected
-from blur2view.colmap.exposure_motion import Motion, change_of, moved_pose
-from blur2view.colmap.models import read_model
+from blur2view.colmap.exposure_motion import Motion, projected
+from blur2view.colmap.models import add_image, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
+from blur2view.exposure.camera_path import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
 from blur2view.exposure.time_direction import frame_times
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.image import read_pixels
+from blur2view.networks.protocol import SmearReader
 from blur2view.networks.smear_network import SmearNetwork
+from blur2view.smears.grid import SmearGrid
 
 WORK_SIDE = 960  # pixels: larger photographs are worked on in this size
 KEPT = 16  # pictures in memory
@@ -41,14 +43,6 @@ MOST_CHANGE = 0.7  # of the smears' rotation, by which the neighbours correct it
 INDEPENDENT = 0.03  # of the matches: a point is found in several neighbours, and patches overlap
 KERNEL_ERROR = 0.03  # standard deviation that the blur leaves, of rotation and translation of the exposure
 LEAST_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecoverOptions:
-    """How frames are recovered: at the end with a bundle adjustment, and with views of their exposures."""
-
-    refine: bool = False
-    views: bool = True
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,8 +105,10 @@ def recover_frames(
     model: str | os.PathLike[str],
     frames: str | os.PathLike[str],
     names: Sequence[str],
-    options: RecoverOptions | None = None,
-    network: SmearNetwork | None = None,
+    *,
+    refine: bool = False,
+    network: SmearReader | None = None,
+    show: Callable[[int, int], None] = lambda done, count: None,
 ) -> Recovery:
     """Return a model with the frames of a video that it lacks.
 
@@ -124,41 +120,34 @@ def recover_frames(
         Folder of the frames, COLMAP's image path.
     names : sequence of str
         All frames, in order, as COLMAP names them; where their numbers leave some out, none are neighbours.
-    options : RecoverOptions, optional
-    network : SmearNetwork, optional
+    refine : bool
+        Adjust the recovered poses and the points together at the end; other poses and cameras stay.
+    network : SmearReader, optional
         By default the one that ships.
+    show : callable
+        Called with how many frames are done, and of how many.
 
     Raises
     ------
     DatabaseError
         If the model cannot be read or has fewer than two of the frames.
     """
-    options = options or RecoverOptions()
-    reconstruction = read_model(Path(model))
-    known = {image.name: image for image in reconstruction.images.values() if image.has_pose}
-    times = dict(zip(names, frame_times(names), strict=True))
-    registered = [name for name in names if name in known]
+    sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
+    registered = tuple(name for name in names if name in sequence.images)
     if len(registered) < 2:
         raise DatabaseError(
             f"{model}: has {len(registered)} of the {len(names)} frames in {frames}; name the folder that "
             "COLMAP read them from"
         )
-    sequence = FrameSequence(reconstruction, Path(frames), times, registered, network or SmearNetwork())
-    recovered, refused = sequence.recover([name for name in names if name not in known])
-    ordered = {name: recovered[name] for name in names if name in recovered}
-    for frame in ordered.values():
-        _add_frame(reconstruction, frame, sequence.camera_id(frame.name))
-    if options.refine and ordered:
-        _refine(reconstruction, set(ordered))
-    if options.views:
-        for frame in ordered.values():
-            _add_views(reconstruction, frame)
+    recovered, refused = sequence.recover([name for name in names if name not in sequence.images], show)
+    for frame in recovered.values():
+        _add_frame(sequence, frame)
+    if refine and recovered:
+        _refine(sequence.model, recovered.keys())
+    for frame in recovered.values():
+        _add_views(sequence.model, frame)
     return Recovery(
-        model=reconstruction,
-        registered=tuple(registered),
-        recovered=ordered,
-        refused=refused,
-        sequence=sequence,
+        model=sequence.model, registered=registered, recovered=recovered, refused=refused, sequence=sequence
     )
 
 
@@ -168,61 +157,67 @@ class FrameSequence:
     Only a few pictures are in memory at a time.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        folder: Path,
-        times: Mapping[str, int],
-        registered: Sequence[str],
-        network: SmearNetwork,
-    ) -> None:
-        self.model, self.folder, self.times, self.network = model, folder, times, network
-        self.images = {image.name: image for image in model.images.values() if image.has_pose}
-        self.registered = sorted(registered, key=lambda name: times[name])
-        self.poses = {name: self.images[name].cam_from_world().matrix() for name in registered}
-        self.looked_at: dict[tuple[str, int], tuple[Any, Any, Any]] = {}  # the last few
+    def __init__(self, model: Any, folder: Path, names: Sequence[str], network: SmearReader) -> None:
+        self.model, self.folder, self.network = model, folder, network
+        self.times = dict(zip(names, frame_times(names), strict=True))
+        self.images = {name: one for name, one in photographs_of(model).items() if name in self.times}
+        self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
+        self._pictures: dict[str, tuple[Any, SmearGrid, Any]] = {}  # the last few
 
-    def recover(self, names: Sequence[str]) -> tuple[dict[str, RecoveredFrame], dict[str, str]]:
-        """Return the frames of these names that can be recovered, and why others cannot.
+    def recover(
+        self, names: Sequence[str], show: Callable[[int, int], None]
+    ) -> tuple[dict[str, RecoveredFrame], dict[str, str]]:
+        """Return the frames of these names that can be recovered, and why others cannot, each in order.
 
         Those next to registered ones first: they are known for the spline through the others.
         """
-        away = {name: abs(self.times[self._near(name)[0]] - self.times[name]) for name in names}
-        recovered: dict[str, RecoveredFrame] = {}
-        refused: dict[str, str] = {}
-        for name in sorted(names, key=lambda name: (away[name], self.times[name])):
-            if away[name] > REACH:
-                refused[name] = f"no registered frame is within {REACH} frames"
-                continue
+        found: dict[str, RecoveredFrame | str] = {}
+        for name in sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name])):
+            show(len(found), len(names))
             try:
-                frame = self._recover_one(name)
+                one = found[name] = self._recover_one(name)
             except ImageError as error:
-                frame = str(error)
-            if isinstance(frame, str):
-                refused[name] = frame
-            else:
-                recovered[name], self.poses[name] = frame, frame.pose
-        return recovered, {name: refused[name] for name in names if name in refused}
+                one = found[name] = str(error)
+            if isinstance(one, RecoveredFrame):
+                self.poses[name] = one.pose
+        ordered = [(name, found[name]) for name in names]
+        return (
+            {name: one for name, one in ordered if isinstance(one, RecoveredFrame)},
+            {name: one for name, one in ordered if isinstance(one, str)},
+        )
 
-    def camera_id(self, name: str) -> int:
-        """Return the camera of the nearest registered frame."""
-        return int(self.images[self._near(name)[0]].camera_id)
+    def near(self, name: str) -> list[str]:
+        """Return registered frames, the nearest in time first: itself, if it is one."""
+        return sorted(self.images, key=lambda other: (self._away(name, other), self.times[other]))
 
-    def _near(self, name: str) -> list[str]:
-        """Return registered frames, the nearest in time first."""
-        return sorted(self.registered, key=lambda other: abs(self.times[other] - self.times[name]))
+    def _away(self, name: str, other: str) -> int:
+        """Return how many frames lie between two."""
+        return abs(self.times[name] - self.times[other])
 
-    def _looked_at(self, name: str, camera_id: int) -> tuple[Any, Any, Any]:
-        """Return a frame in the working size, its smears and its camera."""
+    def expected(self, name: str) -> Expected | None:
+        """Return where the other frames' path expects a frame; None where fewer than two are near."""
+        times = np.array([self.times[one] for one in self.poses], float)
+        return CameraPath(times, np.stack(list(self.poses.values())), REACH).expected(self.times[name])
+
+    def view(self, name: str, pose: Array) -> View:
+        """Return a frame at a pose, in the working size."""
+        known = self._pictures.pop(name) if name in self._pictures else self._read(name)
+        self._pictures[name] = known  # the latest last
+        while len(self._pictures) > KEPT:
+            del self._pictures[next(iter(self._pictures))]
+        light, grid, camera = known
+        return View(image=light, grid=grid, camera=camera, pose=pose)
+
+    def _read(self, name: str) -> tuple[Any, SmearGrid, Any]:
+        """Return a frame in the working size, its smears and its camera, which is the nearest frame's."""
         pixels = read_pixels(self.folder / name, as_stored=True)
         height, width = pixels.shape[:2]
-        camera = self.model.cameras[camera_id]
+        camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
         if (camera.width, camera.height) != (width, height):
             raise ImageError(
                 f"{self.folder / name}: is of {width}x{height} pixels, its camera of "
                 f"{camera.width}x{camera.height}; name the folder that COLMAP read"
             )
-        grid = self.network.predict(pixels)
         light = linear_light(pixels / np.float32(255 if pixels.dtype == np.uint8 else 65535))
         scale = min(1.0, WORK_SIDE / max(width, height))
         if scale < 1:
@@ -230,36 +225,23 @@ class FrameSequence:
             light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
             camera = type(camera)(camera)
             camera.rescale(*size)
-        return light, grid, camera
-
-    def view(self, name: str, pose: Array, camera_id: int) -> View:
-        """Return a frame at a pose, in the working size."""
-        key = name, camera_id
-        seen = self.looked_at.pop(key) if key in self.looked_at else self._looked_at(*key)
-        self.looked_at[key] = seen  # the latest last
-        while len(self.looked_at) > KEPT:
-            del self.looked_at[next(iter(self.looked_at))]
-        light, grid, camera = seen
-        return View(image=light, grid=grid, camera=camera, pose=pose)
+        return light, self.network.predict(pixels), camera
 
     def _recover_one(self, name: str) -> RecoveredFrame | str:
         """Return a frame with its pose, or why there is none."""
-        near = self._near(name)[:NEIGHBOURS]
-        path = CameraPath(
-            np.array([self.times[one] for one in self.poses]), np.stack(list(self.poses.values()))
-        )
-        expected = path.expected(self.times[name])
-        view = self.view(name, expected.pose, self.camera_id(name))
-        neighbours = [self.view(one, self.poses[one], int(self.images[one].camera_id)) for one in near]
+        expected, near = self.expected(name), self.near(name)[:NEIGHBOURS]
+        if expected is None:
+            return f"fewer than two registered frames are within {REACH} frames"
+        view = self.view(name, expected.pose)
+        neighbours = [self.view(one, self.poses[one]) for one in near]
         seen = [self.points_of(one) for one in near]
         ids = np.array(sorted(set().union(*seen)))
-        world = np.array([self.model.points3D[number].xyz for number in ids]).reshape(-1, 3)
         masks = [np.isin(ids, list(one)) for one in seen]
-        found = find_pose(view, neighbours, world, masks, expected.motion)
+        found = find_pose(view, neighbours, self.world(ids), masks, expected.motion)
         reason = refusal(found, expected)
         if found is None or reason:
             return reason
-        scale = self.model.cameras[self.camera_id(name)].width / view.camera.width
+        scale = view.grid.size[0] / view.camera.width
         pose, covariance = weighed(found, expected)
         return RecoveredFrame(
             name=name,
@@ -271,16 +253,15 @@ class FrameSequence:
             residual_px=found.residual_px * scale,
         )
 
-    def world_of(self, name: str) -> Array:
-        """Return the points (N, 3) that a frame sees, or the registered one next to it."""
-        near = name if name in self.images else self._near(name)[0]
-        numbers = sorted(self.points_of(near))
-        return np.array([self.model.points3D[number].xyz for number in numbers]).reshape(-1, 3)
-
     def points_of(self, name: str) -> set[int]:
-        """Return the ids of the points that a registered frame sees."""
-        points = (point.point3D_id for point in self.images[name].points2D if point.has_point3D())
-        return {number for number in points if number in self.model.points3D}
+        """Return the ids of the points that a registered frame sees, or the one next to it."""
+        points = self.images[self.near(name)[0]].points2D
+        ids = {point.point3D_id for point in points if point.has_point3D()}
+        return {number for number in ids if number in self.model.points3D}
+
+    def world(self, ids: Iterable[int]) -> Array:
+        """Return points (N, 3) by their ids."""
+        return np.array([self.model.points3D[number].xyz for number in ids]).reshape(-1, 3)
 
 
 def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
@@ -290,7 +271,7 @@ def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
         return found.pose, own
     prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) ** 2)
     gain = own @ np.linalg.inv(own + prior)
-    pose = moved_pose(found.pose, gain @ change_of(found.pose, expected.pose))
+    pose = changed(found.pose, gain @ change_of(found.pose, expected.pose))
     return pose, own - gain @ own
 
 
@@ -323,42 +304,29 @@ def refusal(found: BlurredPose | None, expected: Expected) -> str:
     return ""
 
 
-def _add_frame(model: Any, frame: RecoveredFrame, camera_id: int) -> None:
+def _add_frame(sequence: FrameSequence, frame: RecoveredFrame) -> None:
     """Add a frame to a model, and what it observes to the tracks."""
     import pycolmap
 
-    image = _add_image(model, frame.name, camera_id, frame.pose, frame.places)
+    beside = sequence.images[sequence.near(frame.name)[0]]
+    image = add_image(sequence.model, frame.name, frame.pose, to_colmap(frame.places), beside)
     for place, number in enumerate(frame.points):
-        model.add_observation(int(number), pycolmap.TrackElement(image.image_id, place))
+        sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, place))
 
 
 def _add_views(model: Any, frame: RecoveredFrame) -> None:
-    """Add both ends of a frame's exposure."""
+    """Add both ends of a frame's exposure, with the keypoints of its points as they are seen there."""
     image = model.find_image_with_name(frame.name)
-    pose = image.cam_from_world().matrix()
-    none = np.zeros((0, 2))
+    world = np.array([model.points3D[int(number)].xyz for number in frame.points])
     for name, t in ((OPEN, -0.5), (CLOSE, 0.5)):
-        _add_image(model, frame.name + name, image.camera_id, frame.motion.pose_at(t, pose), none)
+        pose = frame.motion.pose_at(t, image.cam_from_world().matrix())
+        seen = world @ pose[:, :3].T + pose[:, 3]
+        pixels = projected(model.cameras[image.camera_id], seen)
+        keypoints = to_colmap(np.where(np.isfinite(pixels), pixels, frame.places))
+        add_image(model, frame.name + name, pose, keypoints, image)
 
 
-def _add_image(model: Any, name: str, camera_id: int, pose: Array, places: Array) -> Any:
-    """Return a new image of a model, alone in its frame."""
-    import pycolmap
-
-    number = 1 + max(model.images)
-    image = pycolmap.Image(name=name, keypoints=to_colmap(places), camera_id=camera_id, image_id=number)
-    image.frame_id = 1 + max(model.frames)
-    rig = next(rig for rig in model.rigs.values() if rig.has_sensor(model.cameras[camera_id].sensor_id))
-    frame = pycolmap.Frame(frame_id=image.frame_id, rig_id=rig.rig_id)
-    frame.add_data_id(image.data_id)
-    model.add_frame(frame)
-    model.add_image(image)
-    model.frame(image.frame_id).set_cam_from_world(camera_id, pycolmap.Rigid3d(pose))
-    model.register_frame(image.frame_id)
-    return model.images[number]
-
-
-def _refine(model: Any, recovered: set[str]) -> None:
+def _refine(model: Any, recovered: Collection[str]) -> None:
     """Adjust the poses of recovered frames and the points; the user's frames and cameras stay as they are."""
     import pycolmap
 

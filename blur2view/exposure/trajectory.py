@@ -11,19 +11,18 @@ measures what comes of it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.rotation import rotation_flow, rotation_matrix, rotation_vector
+from blur2view.exposure.camera_path import CameraPath, change_of, changed
+from blur2view.geometry.rotation import rotation_flow
 from blur2view.two_view.reweighted import reweighted_motion
 
 INDEPENDENT_SMEARS = 4  # at most: with more, smears are called surer than tools.evaluation.placed shows them
 MIN_SMEARS = 8  # smears; with fewer a frame's own rotation is not estimated
 STEPS = 15  # of reweighting: from a trajectory that is far off it takes ten
-REACH = 3  # frames before and after through which the spline about a frame goes
+REACH = 3.5  # frames to the knots of the path
 BEYOND = 3.0  # times less sure where one side has no frame
 FACTORS: Array = np.geomspace(0.03, 64, 29)  # standard deviation of a trajectory's rotations, of their size
 FREEDOM = 4  # degrees, of Student's t: some frames are outliers
@@ -34,8 +33,9 @@ BIAS = 0.1  # by which smears of a photograph may all be too long or too short, 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposedFrame:
-    """A frame's smears at features of known depth."""
+    """A frame's smears at features of known depth, and its time in frames."""
 
+    time: float
     rays: Array  # (N, 2): x/z, y/z of the features at mid exposure
     displacement: Array  # (N, 2): their smears, open to close, in the same coordinates
     inverse_depth: Array  # (N,): one over the features' z
@@ -53,90 +53,64 @@ class ExposedFrame:
         return float(np.median((flow * self.displacement).sum(axis=1) / ((flow**2).sum(axis=1) + TINY)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
-    """Poses cam_from_world (N, 3, 4) of frames at times (N,), in frames, as a spline about each of them.
+def ends_on(path: CameraPath, frames: Sequence[ExposedFrame], fraction: float) -> Array:
+    """Return the changes (N, 2, 6) of the camera from mid exposure to both ends of such a fraction.
 
-    Of frames without a neighbour within `REACH` nothing is known.
+    NaN of frames without a neighbour within the path's reach.
     """
-
-    times: Array
-    poses: Array
-
-    def ends(self, fraction: float) -> Array:
-        """Return where the camera is (N, 2, 6) as exposures of this fraction of an interval begin and end.
-
-        A rotation vector and the centre, both in the camera of mid exposure. NaN where unknown.
-        """
-        found = np.full((len(self.poses), 2, 6), np.nan)
-        for frame, (times, places) in enumerate(self.windows):
-            if len(times) > 1:  # cubic where there are four
-                spline = make_interp_spline(times, places, k=min(3, len(times) - 1))
-                found[frame] = spline([-fraction / 2, fraction / 2])
-        return found
-
-    @cached_property
-    def windows(self) -> list[tuple[Array, Array]]:
-        """Return times about each frame, and where the camera is there, in its own, as of `ends`: (M, 6)."""
-        windows: list[tuple[Array, Array]] = []
-        for time, own in zip(self.times, self.poses, strict=True):
-            about = np.flatnonzero(np.abs(self.times - time) <= REACH)
-            about = about[np.argsort(self.times[about])]
-            R = self.poses[about, :, :3] @ own[:, :3].T
-            centres = -np.einsum("kji,kj->ki", R, self.poses[about, :, 3] - R @ own[:, 3])
-            turns = np.array([rotation_vector(one) for one in R]).reshape(-1, 3)
-            windows.append((self.times[about] - time, np.hstack([turns, centres])))
-        return windows
+    found = np.full((len(frames), 2, 6), np.nan)
+    for k, frame in enumerate(frames):
+        middle, *ends = (path.at(frame.time + share * fraction) for share in (0.0, -0.5, 0.5))
+        for end, pose in enumerate(ends):
+            if middle is not None and pose is not None:
+                found[k, end] = change_of(middle, pose)
+    return found
 
 
 def motions_between(ends: Array) -> Array:
-    """Return the motions (N, 6) from first to last of `Trajectory.ends`, NaN where unknown.
-
-    A rotation vector and a translation of points in the camera half-way, in which smears are observed.
-    """
+    """Return the changes (N, 6) from first to last of `ends_on`, NaN where unknown."""
     found = np.full((len(ends), 6), np.nan)
     for frame in np.flatnonzero(np.isfinite(ends).all(axis=(1, 2))):
-        (first, begin), (last, end) = ((rotation_matrix(one[:3]), one[3:]) for one in ends[frame])
-        turn, move = rotation_vector(last @ first.T), last @ (begin - end)
-        found[frame] = np.concatenate([turn, move - 0.5 * np.cross(turn, move)])
+        first, last = (changed(np.eye(3, 4), end) for end in ends[frame])
+        found[frame] = change_of(first, last)
     return found
 
 
 def exposures(
-    frames: Sequence[ExposedFrame], trajectory: Trajectory, fraction: float | None = None
+    frames: Sequence[ExposedFrame], path: CameraPath, fraction: float | None = None
 ) -> tuple[Array, float, bool]:
-    """Return where the camera is (N, 2, 6) at both ends of exposures, by trajectory and smears.
+    """Return the changes (N, 2, 6) from mid exposure to both ends of exposures, by path and smears.
 
-    As of `Trajectory.ends`, open and close as the smears have them; then the exposure over the frame
-    interval, as given or else that for which smears and trajectory agree, NaN if no frame shows it; and
-    whether that is more than a guess: a camera that shakes faster than the frames shows none.
+    As of `ends_on`, open and close as the smears have them; then the exposure over the frame interval, as
+    given or else that for which smears and path agree, NaN if no frame shows it; and whether that is more
+    than a guess: a camera that shakes faster than the frames shows none.
     """
     if fraction is not None:
-        frames = _of_known_exposure(frames, trajectory, fraction)
-        return _placed(frames, trajectory, fraction)[0], fraction, True
+        frames = _of_known_exposure(frames, path, fraction)
+        return _placed(frames, path, fraction)[0], fraction, True
     fraction = FIRST_GUESS
     for _ in range(ROUNDS):
-        shares = _shares(frames, motions_between(trajectory.ends(fraction)))
+        shares = _shares(frames, motions_between(ends_on(path, frames, fraction)))
         if not len(shares):
             return np.full((len(frames), 2, 6), np.nan), float("nan"), True
         fraction = float(np.clip(fraction * np.median(shares), 1e-3, LONGEST))
-    ends, share = _placed(frames, trajectory, fraction)
+    ends, share = _placed(frames, path, fraction)
     if fraction < LONGEST or share > 0:
         return ends, fraction, True
-    return _placed(frames, trajectory, FIRST_GUESS)[0], FIRST_GUESS, False
+    return _placed(frames, path, FIRST_GUESS)[0], FIRST_GUESS, False
 
 
 def _of_known_exposure(
-    frames: Sequence[ExposedFrame], trajectory: Trajectory, fraction: float
+    frames: Sequence[ExposedFrame], path: CameraPath, fraction: float
 ) -> Sequence[ExposedFrame]:
     """Return frames with smears as long as a known exposure's, as far as these show it; or without any."""
-    shares = _shares(frames, motions_between(trajectory.ends(fraction)))
+    shares = _shares(frames, motions_between(ends_on(path, frames, fraction)))
     if not len(shares):
         return frames
     logs, none = np.log(shares + TINY), np.zeros((0, 2))
     share = float(np.median(logs))
     if share <= np.log(LEAST_SHARE):
-        return [ExposedFrame(rays=none, displacement=none, inverse_depth=none[:, 0])] * len(frames)
+        return [replace(frame, rays=none, displacement=none, inverse_depth=none[:, 0]) for frame in frames]
     variance = (1.5 * float(np.median(np.abs(logs - share)))) ** 2 / len(shares)
     scale = np.exp(-share * BIAS**2 / (BIAS**2 + variance))
     return [replace(frame, displacement=scale * frame.displacement) for frame in frames]
@@ -148,14 +122,14 @@ def _shares(frames: Sequence[ExposedFrame], motions: Array) -> Array:
     return found[np.isfinite(found)]
 
 
-def _placed(frames: Sequence[ExposedFrame], trajectory: Trajectory, fraction: float) -> tuple[Array, float]:
+def _placed(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -> tuple[Array, float]:
     """Return the ends of `exposures`, and which share of the trajectory's rotations is to be expected.
 
     The share, 0 to 1, is a median.
     """
-    ends = trajectory.ends(fraction)
+    ends = ends_on(path, frames, fraction)
     motions = motions_between(ends)
-    doubts = np.array([1.0 if times[0] < 0 < times[-1] else BEYOND for times, _ in trajectory.windows])
+    doubts = np.array([1.0 if all(path.sides(frame.time)) else BEYOND for frame in frames])
     turned = motions[np.isfinite(motions[:, 0]), :3]
     spreads = doubts * (np.sqrt(np.median((turned**2).mean(axis=1))) if len(turned) else 1.0)
     doubt = _doubt(frames, motions, spreads)

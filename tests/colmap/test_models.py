@@ -66,21 +66,19 @@ def test_a_pipe_is_not_waited_for(model: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "at", "written", "why"),
+    ("name", "at", "written"),
     [
-        ("images.bin", 8 + 64, b"\xff", "the name of image 1 is no UTF-8"),
-        ("frames.bin", 8 + 8 + 32, struct.pack("<d", np.nan), "image a.jpg has a pose that is nowhere"),
-        ("cameras.bin", 8 + 24, struct.pack("<d", np.inf), "camera 1 has parameters that no camera has"),
-        ("points3D.bin", 8 + 8, struct.pack("<d", 1e300), "has points that are nowhere"),
+        ("images.bin", 8 + 64, b"\xff"),  # of a name
+        ("frames.bin", 8 + 8 + 32, struct.pack("<d", np.nan)),
+        ("cameras.bin", 8 + 24, struct.pack("<d", np.inf)),
+        ("points3D.bin", 8 + 8, struct.pack("<d", 1e300)),
     ],
 )
-def test_a_model_that_contradicts_itself_is_one_line(
-    model: Path, name: str, at: int, written: bytes, why: str
-) -> None:
+def test_a_model_that_contradicts_itself_is_one_line(model: Path, name: str, at: int, written: bytes) -> None:
     data = bytearray((model / name).read_bytes())
     data[at : at + len(written)] = written
     (model / name).write_bytes(data)
-    with pytest.raises(DatabaseError, match=why):
+    with pytest.raises(DatabaseError, match="its model is damaged"):
         read_model(model)
 
 

@@ -11,10 +11,11 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.colmap.blur_matching import blurred_along, match_patches
 from blur2view.colmap.blurred_tracks import track_frames
-from blur2view.colmap.camera_path import CameraPath
-from blur2view.colmap.exposure_motion import change_of, fit_smears, image_flow
-from blur2view.colmap.recovery import RecoverOptions, Recovery, recover_frames
+from blur2view.colmap.exposure_motion import fit_smears, image_flow
+from blur2view.colmap.models import photographs_of
+from blur2view.colmap.recovery import REACH, Recovery, recover_frames
 from blur2view.errors import DatabaseError
+from blur2view.exposure.camera_path import CameraPath, change_of
 from tests.support.blurred_plane import BlurredPlane, ExactSmears
 
 PLANE, MISSING = BlurredPlane(), (3, 4)
@@ -34,8 +35,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def recover(folder: Path, network: ExactSmears, options: RecoverOptions | None = None) -> Recovery:
-    return recover_frames(folder / "model", folder / "frames", PLANE.names, options, network)  # type: ignore[arg-type]
+def recover(folder: Path, network: ExactSmears, refine: bool = False) -> Recovery:
+    return recover_frames(
+        folder / "model",
+        folder / "frames",
+        PLANE.names,
+        refine=refine,
+        network=network,  # type: ignore[arg-type]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +59,9 @@ def apart(pose: Array, truth: Array) -> tuple[float, float]:
 @pytest.mark.parametrize("k", MISSING)
 def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k: int) -> None:
     times = np.array(REGISTERED, float)
-    expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times])).expected(k)
+    expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times]), REACH).expected(k)
     found = recovery.recovered[PLANE.names[k]]
+    assert expected is not None
     inside, errors = PLANE.inside(PLANE.pixels(k)), []
     for pose in (found.pose, expected.pose):
         missed = (PLANE.pixels(k, pose) - PLANE.pixels(k))[inside]
@@ -96,8 +104,8 @@ def test_same_call_gives_same_bytes(folder: Path, network: ExactSmears, tmp_path
 
 
 def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: ExactSmears) -> None:
-    refined = recover(folder, network, RecoverOptions(refine=True, views=False)).model
-    for image in refined.images.values():
+    refined = recover(folder, network, refine=True).model
+    for image in photographs_of(refined).values():
         k = PLANE.names.index(image.name)
         degrees, _ = apart(image.cam_from_world().matrix(), PLANE.pose(k))
         assert degrees < (0.3 if k in MISSING else 1e-9)
@@ -181,7 +189,8 @@ def test_spline_of_a_cubic_path_is_exact_and_says_so() -> None:
         return np.column_stack([np.eye(3), [0.1 * time, 0.01 * time**2, 0.001 * time**3]])
 
     times = np.array([0.0, 1, 2, 3, 5, 6, 7, 8, 9])
-    expected = CameraPath(times, np.stack([pose(time) for time in times])).expected(4.0)
+    expected = CameraPath(times, np.stack([pose(time) for time in times]), REACH).expected(4.0)
+    assert expected is not None
     assert apart(expected.pose, pose(4.0)) == pytest.approx((0, 0), abs=1e-6)
     assert expected.rotation_rad < 1e-6 and expected.position < 1e-6
     assert expected.motion[3:] == pytest.approx(pose(4.5)[:, 3] - pose(3.5)[:, 3])

@@ -8,31 +8,38 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.exposure.trajectory import ExposedFrame, Trajectory, _placed, exposures, motions_between
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.exposure.camera_path import CameraPath, change_of
+from blur2view.exposure.trajectory import REACH, ExposedFrame, _placed, ends_on, exposures, motions_between
+from blur2view.geometry.rotation import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
 OPEN_FOR = 0.6
 
 
-def frame(rng: np.random.Generator, motion: Array, count: int = 200, noise: float = 0.0) -> ExposedFrame:
+def frame(
+    rng: np.random.Generator, motion: Array, time: float, count: int = 200, noise: float = 0.0
+) -> ExposedFrame:
     """Smears of a small motion, exact to first order but for noise."""
     rays, inverse = rng.uniform(-0.5, 0.5, (count, 2)), 1 / rng.uniform(1, 5, count)
-    blank = ExposedFrame(rays=rays, displacement=0 * rays, inverse_depth=inverse)
+    blank = ExposedFrame(time=time, rays=rays, displacement=0 * rays, inverse_depth=inverse)
     return replace(blank, displacement=blank.flow(motion) + noise * rng.normal(size=(count, 2)))
 
 
-def steady(count: int) -> Trajectory:
-    """Return a camera that repeats one motion."""
+def path_of(poses: list[Array], times: Array | None = None) -> CameraPath:
+    return CameraPath(np.arange(len(poses), dtype=float) if times is None else times, np.stack(poses), REACH)
+
+
+def steady(count: int) -> list[Array]:
+    """Return the poses of a camera that repeats one motion."""
     R, t, poses = np.eye(3), np.zeros(3), []
     for _ in range(count):
         poses.append(np.column_stack([R, t]))
         step = rotation_matrix(PER_FRAME[:3])
         R, t = step @ R, step @ t + PER_FRAME[3:]
-    return Trajectory(times=np.arange(count, dtype=float), poses=np.stack(poses))
+    return poses
 
 
-def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[Trajectory, Array]:
+def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[CameraPath, Array]:
     """Return a camera that moves to and fro with a period in frames, so far, and its true motions."""
 
     def pose(time: float) -> Array:
@@ -40,23 +47,16 @@ def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[Trajector
         R = rotation_matrix(0.05 * phase[:3])
         return np.column_stack([R, -R @ (reach * phase[3:])])
 
-    true = []
-    for k in range(count):
-        first, last = pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)
-        R = last[:, :3] @ first[:, :3].T
-        turn, move = rotation_vector(R), last[:, 3] - R @ first[:, 3]
-        true.append(np.concatenate([turn, move - 0.5 * np.cross(turn, move)]))
-    return Trajectory(
-        times=np.arange(count, dtype=float), poses=np.array([pose(k) for k in range(count)])
-    ), np.array(true)
+    true = [change_of(pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)) for k in range(count)]
+    return path_of([pose(k) for k in range(count)]), np.array(true)
 
 
 @pytest.mark.parametrize("fraction", [0.3, -0.6])
 def test_the_fraction_and_the_motion_are_those_of_exact_smears_though_some_are_outliers(
     fraction: float,
 ) -> None:
-    rng, path = np.random.default_rng(2), steady(9)
-    frames = [frame(rng, fraction * PER_FRAME) for _ in range(9)]
+    rng, path = np.random.default_rng(2), path_of(steady(9))
+    frames = [frame(rng, fraction * PER_FRAME, time) for time in range(9)]
     for one in frames:
         one.displacement[:40] = rng.normal(0, 0.02, (40, 2))
     ends, found, measured = exposures(frames, path, None)
@@ -69,8 +69,9 @@ def test_the_fraction_and_the_motion_are_those_of_exact_smears_though_some_are_o
 
 
 def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() -> None:
-    frames = [frame(np.random.default_rng(5), PER_FRAME, count=3)] * 9
-    path = replace(steady(9), times=np.array([*range(8), 99.0]))
+    times = np.array([*range(8), 99.0])
+    frames = [frame(np.random.default_rng(5), PER_FRAME, time, count=3) for time in times]
+    path = path_of(steady(9), times)
     ends, _, _ = exposures(frames, path, 0.4)
     np.testing.assert_allclose(motions_between(ends)[:8], np.tile(0.4 * PER_FRAME, (8, 1)), atol=3e-4)
     assert np.isnan(ends[8]).all()
@@ -79,22 +80,23 @@ def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() ->
 
 
 def test_frames_far_apart_in_time_know_nothing_of_each_other() -> None:
-    path, times = steady(30), np.arange(30.0)
+    times, poses = np.arange(30.0), steady(30)
     times[4:] += 100
     times[5:] += 100
-    found = replace(path, times=times).ends(OPEN_FOR)
+    frames = [frame(np.random.default_rng(5), PER_FRAME, time) for time in times]
+    found = ends_on(path_of(poses, times), frames, OPEN_FOR)
     assert np.isnan(found[4]).all() and np.isfinite(np.delete(found, 4, axis=0)).all()
-    alone = Trajectory(times=times[:4], poses=path.poses[:4])
-    np.testing.assert_array_equal(found[:4], alone.ends(OPEN_FOR))
+    np.testing.assert_array_equal(found[:4], ends_on(path_of(poses[:4]), frames[:4], OPEN_FOR))
 
 
 def test_smears_show_that_a_shake_is_faster_than_frames_and_positions_are_those_of_the_trajectory() -> None:
     for period, follows in ((8.0, 0.1), (1.05, 0.5)):  # the second looks slow in the poses
         rng = np.random.default_rng(7)
         path, true = swing(period, reach=0.01)
-        moved = motions_between(path.ends(OPEN_FOR))
+        still = [frame(rng, PER_FRAME, time, count=0) for time in path.times]
+        moved = motions_between(ends_on(path, still, OPEN_FOR))
         made = np.hstack([true[:, :3], moved[:, 3:]])
-        frames = [frame(rng, motion, noise=1e-3) for motion in made]
+        frames = [frame(rng, motion, time, noise=1e-3) for time, motion in enumerate(made)]
         found = motions_between(_placed(frames, path, OPEN_FOR)[0])
         size = np.linalg.norm(true[:, :3], axis=1).max()
         off, guessed = (np.linalg.norm(one[:, :3] - true[:, :3], axis=1) for one in (found, moved))

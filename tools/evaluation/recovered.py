@@ -25,9 +25,8 @@ from scipy.stats import chi2
 
 from blur2view.arrays import Array
 from blur2view.colmap.blur_matching import GAMMA
-from blur2view.colmap.camera_path import CameraPath
-from blur2view.colmap.exposure_motion import change_of
-from blur2view.colmap.recovery import RecoverOptions, recover_frames
+from blur2view.colmap.recovery import REACH, recover_frames
+from blur2view.exposure.camera_path import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import run
@@ -139,17 +138,18 @@ def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
     step = float(np.median(np.linalg.norm(np.diff(centres, axis=0), axis=1)))
     known = [name for name in names if name not in case.missing]
     path = CameraPath(
-        np.array([times[name] for name in known]), np.stack([case.true[name] for name in known])
+        np.array([times[name] for name in known]), np.stack([case.true[name] for name in known]), REACH
     )
     frames = case.folder / "frames"
-    found = recover_frames(case.folder / "model", frames, names, RecoverOptions(views=False), network)
+    found = recover_frames(case.folder / "model", frames, names, network=network)
     smears = [network.predict(read_pixels(frames / name)) for name in case.missing]
     record: dict[str, list[Any]] = {key: [] for key in ("spline", "recovered", "points", "holds")}
     record["smear"] = [float(np.median(one.smears().length_px)) for one in smears]
     record["refused"] = list(found.refused)
     for name in case.missing:
-        true = case.true[name]
-        record["spline"].append(errors(path.expected(times[name]).pose, true, step))
+        true, expected = case.true[name], path.expected(times[name])
+        assert expected is not None
+        record["spline"].append(errors(expected.pose, true, step))
         if frame := found.recovered.get(name):
             change = change_of(frame.pose, true)
             record["recovered"].append(errors(frame.pose, true, step))
