@@ -291,9 +291,9 @@ def _plan(
     inputs: Inputs, folder: Path, endings: Sequence[str], beside: Callable[[Path], Sequence[Path]]
 ) -> Iterator[Files]:
     """Yield the files of each photograph."""
-    for name, below in zip(inputs.result_names(), inputs.own_names(), strict=True):
+    for name, whole in zip(inputs.result_names(), inputs.names(), strict=True):
         own = (Path(f"{name}{ending}") for ending in endings)
-        yield tuple(folder / path for path in (*beside(below), *own))
+        yield tuple(folder / path for path in (*beside(Path(whole)), *own))
 
 
 def _refused(inputs: Inputs, plan: Sequence[Files]) -> Iterator[Files | OutputError]:

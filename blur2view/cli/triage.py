@@ -4,27 +4,29 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import groupby
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
-from blur2view.arrays import Array
+import cv2
+
 from blur2view.cli import values
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Common
 from blur2view.cli.run import End, Finished, Photographs
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.cli.values import Amount
 from blur2view.cli.work import Setup
-from blur2view.errors import Blur2ViewError, OutputError
-from blur2view.images.image import read_image
-from blur2view.images.selection import extract, refuse_filled, sharpest, sharpest_of_each, thumbnail
+from blur2view.errors import OutputError
 from blur2view.images.source import Source, read_content
+from blur2view.images.video import read_frame
 from blur2view.networks.protocol import Detail
 from blur2view.output_files import write_file
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Limits, Use, use_line
 from blur2view.runs.jobs import Job, Outcome
 
+FRAME_DIGITS = 5  # as ns-process-data names frames
 COUNTED = {Use.SHARP: "sharp", Use.BLURRED: "blurred but of use", Use.UNUSABLE: "unusable"}
 COUNTED_IF_ANY = {Use.OUT_OF_FOCUS: "out of focus", Use.UNCLEAR: "unclear: smooth or dark", "": "failed"}
 USES = """
@@ -36,8 +38,7 @@ unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kep
     only
 out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
 unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
-the same photographs of another size: give the limit in per cent of the width. Frames that were compressed
-    much again have shorter smears than those of their video; --extract compresses nothing
+compression: frames that were compressed again have shorter smears than those of their video; --extract compresses nothing
 """
 LIST = """
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
@@ -47,7 +48,7 @@ LIST = """
 --extract: files for COLMAP, ns-process-data and blur2view: frame 120 of a video (from 0) is frame_00120.png,
     with the pixels that were looked at, below the video's name if there are several; photographs are copied.
     The folder must be empty or new
---every-best: of every N neighbours in a video or folder one is kept, and another where it shows another view
+--every-best: of every N neighbours in a video or folder one is kept
 """
 
 
@@ -58,15 +59,15 @@ class Choice:
     --keep LIST: write the list of photographs to keep, see below
     --extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
     --blurred: keep the blurred ones, too, that geometry can use
-    --best N: keep the N sharpest, or as 50%%, by the width of all of the blur
-    --every-best N: keep the sharpest of every N neighbours, and of each view among them
+    --best N: keep the N sharpest, by the width of all of the blur
+    --every-best N: keep the sharpest of every N neighbours
     """
 
     effect, either = False, ("blurred", "best", "every_best")
     keep: Path | None = None
     extract: Path | None = None
     blurred: bool = False
-    best: Annotated[Amount | None, values.best] = None
+    best: int | None = None
     every_best: int | None = None
 
     def __post_init__(self) -> None:
@@ -80,39 +81,41 @@ class Choice:
 
     def selected(self, rows: Mapping[Source, Photograph]) -> list[Source]:
         """Return the photographs to keep, in order."""
-        read = [one for one, row in rows.items() if not row.error]
-        widths = [rows[one].width_px for one in read]
+        read = {one: row for one, row in rows.items() if not row.error}
+
+        def width(one: Source) -> float:
+            found = read[one].width_px
+            return inf if found is None else found  # without texture it comes last
+
         if self.best is not None:
-            number = self.best.number
-            count = max(round(len(read) * number / 100), 1) if self.best.percent else int(number)
-            chosen = sharpest(widths, count)
+            chosen = set(sorted(read, key=width)[: self.best])
         elif self.every_best is not None:
-            series = [one.folder for one in read]
-            chosen = sharpest_of_each(widths, series, self.every_best, lambda index: _view(read[index]))
+            size, runs = self.every_best, [list(run) for _, run in groupby(read, lambda one: one.folder)]
+            groups = [run[first : first + size] for run in runs for first in range(0, len(run), size)]
+            chosen = {min(group, key=width) for group in groups}
         else:
             wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
-            return [one for one in read if rows[one].use in wanted]
-        return [read[index] for index in sorted(chosen)]
+            chosen = {one for one, row in read.items() if row.use in wanted}
+        return [one for one in read if one in chosen]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sharp:
     """what is sharp.
 
-    --max-smear PX: the longest smear of a sharp photograph, in pixels, or as 0.3%% of the picture's width
-        (default: %(default)s, up to which half of its SIFT features are still matched)
+    --max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to which half
+        of its SIFT features are still matched)
     --max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
     """
 
     effect = False
-    max_smear: Annotated[Amount, values.smear] = Amount(number=MAX_SMEAR_PX)
+    max_smear: Annotated[float, values.length] = MAX_SMEAR_PX
     max_defocus: Annotated[float, values.radius] = MAX_DEFOCUS_PX
 
     @property
     def limits(self) -> Limits:
         """Up to where a photograph is called sharp."""
-        longest = self.max_smear
-        return Limits(max_smear=longest.number, percent=longest.percent, max_defocus_px=self.max_defocus)
+        return Limits(max_smear_px=self.max_smear, max_defocus_px=self.max_defocus)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,8 +190,8 @@ class TriageOptions:
     @property
     def _remedy(self) -> str:
         """What would keep photographs where none is kept."""
-        limits = f"--max-smear is {self.sharp.max_smear}, --max-defocus {self.sharp.max_defocus:g}"
-        return f"{limits}; --blurred keeps the blurred ones that are of use, --best 50% the sharper half"
+        limits = f"--max-smear is {self.sharp.max_smear:g}, --max-defocus {self.sharp.max_defocus:g}"
+        return f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
 
 
 def look_at(setup: Setup, limits: Limits, job: Job) -> Outcome:
@@ -200,12 +203,28 @@ def look_at(setup: Setup, limits: Limits, job: Job) -> Outcome:
     return Outcome(photograph=record, summary=summary, warnings=one.warnings)
 
 
-def _view(source: Source) -> Array | None:
-    """Return the thumbnail of a photograph, None of one that cannot be read any more."""
-    try:
-        return thumbnail(read_image(source.path, content=read_content(source)))
-    except Blur2ViewError:
-        return None
+def refuse_filled(folder: Path) -> None:
+    """Raise OutputError for a folder that holds something: a program would read it with the pictures."""
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder; name another with --extract")
+    if other := min(folder.glob("*"), default=None):
+        raise OutputError(f"{folder}: holds {other.name}; name an empty folder with --extract")
+
+
+def extract(folder: Path, names: Mapping[Source, str]) -> None:
+    """Write photographs as they are, under these names, and frames of videos as PNG.
+
+    Frame 120 of a video is ``frame_00120.png``, below the video's name if there are several. OutputError if a
+    file cannot be written, ImageError if a photograph cannot be read.
+    """
+    several = len({one.path for one in names if one.frame is not None}) > 1
+    for one, name in names.items():
+        if one.frame is None:
+            write_file(folder / name, read_content(one))
+        else:
+            below = folder / Path(name).parent if several else folder
+            content = bytes(cv2.imencode(".png", read_frame(one.path, one.frame))[1])
+            write_file(below / f"frame_{one.frame:0{FRAME_DIGITS}d}.png", content)
 
 
 def unlistable(job: Job) -> OutputError | None:

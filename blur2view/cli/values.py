@@ -4,24 +4,11 @@ import math
 import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below needs its unit
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
-PERCENT = "%"
 Allowed = Callable[[float, str], object]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Amount:
-    """A number, or a percentage of what is known later."""
-
-    number: float
-    percent: bool = False
-
-    def __str__(self) -> str:
-        return f"{self.number:g}{PERCENT * self.percent}"
 
 
 def file_path(text: str) -> Path:
@@ -81,6 +68,7 @@ focal_px = quantity(
     px=1,
 )
 radius = quantity("pixels above 0, as 2", lambda value, _: value, px=1)
+length = quantity("pixels, as 3", lambda *_: True, px=1)
 
 
 def frame_or_seconds(text: str) -> int | float:
@@ -88,24 +76,6 @@ def frame_or_seconds(text: str) -> int | float:
     expected = "a frame as 120 or a time as 12.5s"
     value, unit = measured(text, expected, lambda value, unit: unit or value.is_integer(), "s")
     return value if unit else int(value)
-
-
-def smear(text: str) -> Amount:
-    """Return a length in pixels, or a percentage of the width."""
-    expected = "a number as 3 or a percentage as 0.3%"
-    value, unit = measured(text.removesuffix("px"), expected, lambda *_: True, PERCENT)
-    return Amount(number=value, percent=bool(unit))
-
-
-def best(text: str) -> Amount:
-    """Return a number of photographs, 1 or more, or a percentage above 0 and at most 100."""
-    value, unit = measured(
-        text,
-        "a number of photographs as 300 or 50%",
-        lambda value, unit: 0 < value <= 100 if unit else value >= 1 and value.is_integer(),
-        PERCENT,
-    )
-    return Amount(number=value, percent=bool(unit))
 
 
 def positive(text: str) -> float:

@@ -71,24 +71,15 @@ class Inputs:
         root = os.path.commonpath(roots) if roots else ""
         return [_below(one, root) for one in self.sources]
 
-    def own_names(self) -> list[Path]:
-        """Return every photograph's path below the folder in which it was found, or else its name."""
-        return [Path(_below(one, self.roots.get(one, one.path.parent))) for one in self.sources]
-
     def result_names(self) -> list[Path]:
-        """Return what the results of each photograph are called, without their suffix, below a folder.
+        """Return what the results of each photograph are called below a folder.
 
-        By its subfolder of a given folder and its stem; where two would be one by `names`, with the suffix if
-        need be.
+        By `names`, without the suffix unless two would be one.
         """
         names = [Path(*(part for part in Path(name).parts if part != "..")) for name in self.names()]
-        short = [_without_suffix(name) for name in self.own_names()]
-        whole = [_without_suffix(name) for name in names]
-        of_short, of_whole = Counter(short), Counter(whole)
-        return [
-            one if of_short[one] == 1 else longer if of_whole[longer] == 1 else name
-            for one, longer, name in zip(short, whole, names, strict=True)
-        ]
+        short = [_without_suffix(name) for name in names]
+        count = Counter(short)
+        return [one if count[one] == 1 else name for one, name in zip(short, names, strict=True)]
 
 
 def _below(source: Source, root: str | Path) -> str:

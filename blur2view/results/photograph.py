@@ -95,7 +95,7 @@ class Photograph(Record):
 _BLUR = ("nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px")
 
 
-_GEOMETRY = ("config", "reason", "parallax", "models", "independent_smears", "F", "H", "motion_model",
+_GEOMETRY = ("config", "reason", "parallax", "models", "independent_smears", "F", "H",
              "num_matches", "num_inliers", "support_by_chance", "E", "cam2_from_cam1", "pose_covariance",
              "backward")  # fmt: skip
 
@@ -160,7 +160,6 @@ def _camera_motion(estimate: Estimate) -> dict[str, Any]:
         "reason": geometry.reason,
         "models": models,
         "independent_smears": geometry.table.effective_count,
-        "motion_model": geometry.model,
         "num_matches": len(estimate.matches),
         "num_inliers": int(geometry.inlier_mask.sum()),
         "support_by_chance": geometry.support_by_chance,

@@ -105,9 +105,6 @@ class Record:
         """Homography of the same points, points2 ~ H points1, where one explains the smears; beside F
         parallax is undecided."""
     )
-    motion_model: str = explained(
-        "The likeliest model of the motion (the first of ``models``); none where none were compared.", ""
-    )
     num_matches: int | None = explained("Smears that were used.")
     num_inliers: int | None = explained("Smears that fit, see --max-error.")
     support_by_chance: float | None = explained(
@@ -174,11 +171,6 @@ class Record:
         if self.smear_px is None:
             return None
         return math.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0))
-
-    @derived
-    def sharpness(self) -> float | None:
-        """1 / (1 + width_px): higher is sharper, whatever the texture."""
-        return None if self.width_px is None else 1 / (1 + self.width_px)
 
     @derived
     def model(self) -> str:

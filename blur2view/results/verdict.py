@@ -41,15 +41,13 @@ class Limits:
 
     Parameters
     ----------
-    max_smear : float
-        Longest smear, pixels, or if ``percent`` per cent of the width.
-    percent : bool
+    max_smear_px : float
+        Longest smear.
     max_defocus_px : float
         Largest radius out of focus.
     """
 
-    max_smear: float = MAX_SMEAR_PX
-    percent: bool = False
+    max_smear_px: float = MAX_SMEAR_PX
     max_defocus_px: float = MAX_DEFOCUS_PX
 
 
@@ -61,14 +59,13 @@ def use_of(one: Record, limits: Limits) -> tuple[str, str]:
     """
     if one.error:
         return "", ""
-    unit = "% of the width" if limits.percent else "px"
-    length, radius = one.smear_percent if limits.percent else one.smear_px, one.defocus_px or 0.0
+    length, radius = one.smear_px, one.defocus_px or 0.0
     if one.blur == "cannot tell" or length is None:
         return Use.UNCLEAR, f"{one.nothing_seen or 'smooth or too dark'}: its blur cannot be told"
     still = one.blur in ("sharp", "out of focus", "camera at rest")
-    short = still or length <= limits.max_smear
+    short = still or length <= limits.max_smear_px
     soft = radius > limits.max_defocus_px
-    why = f"smear {length:.3g} {unit}, {'at most' if short else 'above'} {limits.max_smear:g}"
+    why = f"smear {length:.3g} px, {'at most' if short else 'above'} {limits.max_smear_px:g} px"
     why = f"{one.blur}: no motion of the camera" if still else why
     about_focus = f"radius out of focus {radius:.1f} px" + f", above {limits.max_defocus_px:g} px" * soft
     if short and (one.blur == "out of focus" or soft):

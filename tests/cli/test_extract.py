@@ -22,7 +22,7 @@ def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alik
     call: Call, tmp_path: Path
 ) -> None:
     clip, folder = write_clip(tmp_path / "clip.mp4", 7), tmp_path / "clip"
-    whole = ("--best", "100%", "--extract", folder, "--csv", tmp_path / "video.csv")
+    whole = ("--best", 100, "--extract", folder, "--csv", tmp_path / "video.csv")
     done = call("triage", clip, *whole)
     assert sorted(path.name for path in folder.iterdir()) == [f"frame_{k:05d}.png" for k in range(7)]
     assert done == 0 and f"7 kept; wrote {tmp_path / 'video.csv'} and {folder}" in done.out

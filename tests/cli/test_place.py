@@ -53,7 +53,7 @@ def linked(tiny_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("chain")
     clip, frames = write_clip(folder / "clip.avi"), folder / "shots of day 1"
     run = ("--model", tiny_model, "--jobs", 1, "-q")
-    assert call("triage", clip, "--best", "100%", "--extract", frames, *run) == 0
+    assert call("triage", clip, "--best", 100, "--extract", frames, *run) == 0
     assert sorted(path.name for path in frames.iterdir()) == NAMES
     at = np.random.default_rng(0).uniform(20, np.array(SIZE) - 20, (150, 2))
     models = {folder / "model" / "0": range(3), folder / "model" / "1": range(FRAMES)}

@@ -20,12 +20,11 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert list(rows) == ["chaos.png", "left/moving.png", "still.png"]  # as COLMAP names them below frames
     assert [one["use"] for one in rows.values()] == ["unusable", "blurred", "sharp"]
     assert keep.read_text() == "still.png\n"
-    assert rows["still.png"]["config"] == "" and float(rows["still.png"]["sharpness"]) > 0.3
+    assert rows["still.png"]["config"] == ""
     assert rows["still.png"]["blur"] == "sharp" and rows["still.png"]["verdict"].startswith("Sharp")
     moving = rows["left/moving.png"]
     length = np.median(np.linalg.norm(forward_motion(), axis=-1))
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.15)
-    assert float(moving["sharpness"]) == pytest.approx(1 / (1 + float(moving["width_px"])), rel=1e-3)
     assert moving["config"] == moving["parallax"] == moving["wx"] == ""  # it was looked at less closely
     assert done == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in done.out
     assert f"left/moving.png: blurred (smears of {float(moving['smear_px']):.0f} px)" in done.out

@@ -83,11 +83,7 @@ def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> Non
         assert use_of(one, Limits())[0] == use
 
 
-def test_limits_are_in_pixels_or_in_per_cent_of_the_width() -> None:
-    one = moved("UNCALIBRATED", F=F)  # 9 px, 1.4 %
-    for limits, use in (
-        (Limits(max_smear=10.0), "sharp"),
-        (Limits(max_smear=1.5, percent=True), "sharp"),
-        (Limits(max_smear=1.3, percent=True), "blurred"),
-    ):
+def test_use_is_within_the_limits_that_are_asked_for() -> None:
+    one = moved("UNCALIBRATED", F=F)  # 9 px
+    for limits, use in ((Limits(max_smear_px=10.0), "sharp"), (Limits(max_smear_px=8.0), "blurred")):
         assert one.of_use(limits).use == use
