@@ -38,7 +38,8 @@ unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kep
     only
 out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
 unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
-compression: frames that were compressed again have shorter smears than those of their video; --extract compresses nothing
+compression: frames that were compressed again have shorter smears than those of their video; --extract
+    compresses nothing
 """
 LIST = """
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
