@@ -17,6 +17,7 @@ import pytest
 
 from blur2view import __version__
 from blur2view.colmap import mapping
+from tests.support.calls import call_program
 from tests.support.many_photographs import ROOT, SAMPLE, write_frames
 from tests.support.walks import Walk
 
@@ -90,20 +91,22 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def call(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], str]:
-    """Return a function that runs a text of a language in the folder and returns what it prints."""
-    program = tmp_path_factory.mktemp("bin") / "blur2view"  # that of this checkout
-    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m blur2view "$@"\n')
-    program.chmod(0o755)
-    path = f"{program.parent}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
-    interpreters = {"sh": ("bash", "-c"), "python": (sys.executable, "-W", "error", "-c")}
+def call(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str, str], str]:
+    """Return a function that runs a text in the folder, a command in this process, and gives its output."""
+    monkeypatch.chdir(folder)
 
     def run(language: str, text: str) -> str:
-        command = [*interpreters[language], text]
-        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
-        return done.stdout
+        if language == "sh":
+            done = call_program(capsys, *shlex.split(text, comments=True)[1:])
+            assert done == 0, f"{text}\n{done.out}\n{done.err}"
+            return done.out
+        program = [sys.executable, "-W", "error", "-c", text]
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        ended = subprocess.run(program, env=environment, capture_output=True, text=True)
+        assert ended.returncode == 0, f"{text}\n{ended.stdout}\n{ended.stderr}"
+        return ended.stdout
 
     return run
 
@@ -129,7 +132,7 @@ def test_every_command_and_python_block_runs(
 @pytest.mark.slow
 def test_every_way_to_map_runs(folder: Path, call: Callable[[str, str], str]) -> None:
     call("sh", "blur2view to-colmap --db new.db --focal 800 a.jpg b.jpg")
-    call("sh", "blur2view to-colmap --db project.db --link --sequence frames/*.jpg")
+    call("sh", "blur2view to-colmap --db project.db --link --sequence frames")
     blocks = re.findall(r"::\n\n((?:    .*\n|\n)+)", mapping.__doc__ or "")
     assert len(blocks) == 2
     for block in blocks:
