@@ -57,8 +57,8 @@ class ReportOptions:
 
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
     the photographs, sortable by verdict, length of the smears and name; for each the picture with smears,
-    inliers, epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, the models
-    that competed, F, and the JSON document of blur2view estimate to download. A photograph that
+    inliers, epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, what
+    else the record says, and the JSON document of blur2view estimate to download. A photograph that
     fails is a card with its reason. It needs a browser of 2023 or later.
     """
 

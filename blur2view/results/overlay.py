@@ -13,14 +13,10 @@ from blur2view.pipeline import Estimate
 from blur2view.results.drawing import FAINT, Picture, View, captioned, draw_line, draw_ring
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import fit_line
-from blur2view.smears.blur_kinds import BOTH, OUT_OF_FOCUS
-from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 
 SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
-CIRCLE = (120, 235, 255)  # colour of circles of the radius out of focus
-SEEN = 0.25  # radius out of focus over the length of the smear, from which on the circle is drawn
 AT_INFINITY = 1e-12  # third coordinate, of a unit vector, of an epipole that is at infinity
 PINK = (255, 70, 170)
 COVER = 0.55  # share of the pink over what moves: the object stays visible
@@ -34,8 +30,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     Inlier smears are vivid, coloured by orientation; outliers are grey; those no longer than their standard
     deviation are thin, and not drawn where nothing explains the others. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
-    the picture. Circles have the radius by which the picture is out of focus there. The panel below holds
-    the verdict, the configuration and how many smears fit.
+    the picture. The panel below holds the verdict, the configuration and how many smears fit.
 
     Parameters
     ----------
@@ -62,13 +57,12 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     canvas = draw_smears(photograph_of(image), estimate)
     words = [f"{fit_line(one)} (COLMAP: {one.config})"]
     words += ["white: epipolar lines, rings: epipoles"] * (lines_of(estimate.geometry) is not None)
-    words += ["circles: out of focus, by their radius"] * bool(len(circles(grid)))
     words += ["thin: no longer than their errors"] * bool((certainty_of(matches) < 1).any())
     return captioned(canvas, one.verdict, "; ".join(words))
 
 
 def draw_smears(image: AnyArray, estimate: Estimate, longest: int | None = None) -> Picture:
-    """Return the photograph with smears, circles, epipolar lines and epipoles, without the panel.
+    """Return the photograph with smears, epipolar lines and epipoles, without the panel.
 
     As `draw_overlay`; ``longest`` is the longer side of the picture, pixels, by default that of the overlay.
     """
@@ -84,7 +78,6 @@ def draw_smears(image: AnyArray, estimate: Estimate, longest: int | None = None)
     F = lines_of(geometry)
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
-    _draw_circles(canvas, view, estimate.grid)
     _draw_smears(canvas, view, matches.ends[shown], geometry.inlier_mask[shown], sure[shown])
     if F is not None:
         for epipole in epipoles_within(F, estimate.grid.size):
@@ -157,28 +150,6 @@ def _draw_smears(
         if sure[index]:
             draw_line(canvas, drawn[index], (0, 0, 0), thickness=4)
         draw_line(canvas, drawn[index], colours[index], thickness=1 + sure[index])
-
-
-def circles(grid: SmearGrid) -> Array:
-    """Return centres and radii (N, 3), pixels, of cells out of focus, and not by far less than smeared."""
-    if grid.kinds is None or grid.radius_px is None:
-        return np.empty((0, 3))
-    out = grid.kinds[..., [OUT_OF_FOCUS, BOTH]].sum(-1) > 0.5
-    out &= grid.radius_px > SEEN * grid.smears().length_px
-    points = grid.points()[out]
-    inside = (points < grid.size).all(axis=1)
-    return np.asarray(np.c_[points, grid.radius_px[out]][inside], float)
-
-
-def _draw_circles(canvas: Picture, view: View, grid: SmearGrid) -> None:
-    """Draw circles of the radius out of focus, as many as leave room for each other."""
-    found = circles(grid)
-    if not len(found):
-        return
-    spacing = max(SMEAR_SPACING_PX, 2.4 * float(np.median(found[:, 2])) * view.scale)
-    for index in spread_subset(view.to_canvas(found[:, :2]), np.zeros(len(found)), spacing):
-        radius = max(round(found[index, 2] * view.scale), 1)
-        draw_ring(canvas, view.to_canvas(found[index, :2]), radius, CIRCLE, thickness=1)
 
 
 def _draw_epipolar_lines(

@@ -26,7 +26,6 @@ from blur2view.results.drawing import View, png
 from blur2view.results.overlay import (
     SQUARES,
     certainty_of,
-    circles,
     draw_smears,
     epipolar_lines,
     epipoles_within,
@@ -34,8 +33,7 @@ from blur2view.results.overlay import (
     orientation_colours,
     spread_subset,
 )
-from blur2view.results.photograph import Photograph
-from blur2view.results.verdict import length_text
+from blur2view.results.photograph import Photograph, entries
 
 if TYPE_CHECKING:
     from blur2view.movers.mask import MotionMask
@@ -44,6 +42,7 @@ PICTURE_SIDE_PX, THUMBNAIL_SIDE_PX, MASK_SIDE_PX = 2048, 160, 1024
 PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 160 kB at 90
 MOVING_RGBA, UNSEEN_RGBA = (255, 70, 170, 150), (0, 0, 0, 140)
 MOVING, UNSEEN = 1, 2  # labels of a mask
+ELSEWHERE = ("name", "verdict", "config", "models", "model_ids", "input_sha256", "options_sha256")
 
 
 def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
@@ -53,7 +52,7 @@ def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMa
     """
     side = min(PICTURE_SIDE_PX, max(image.shape[:2]))
     picture = View.of(image.shape, side).picture(image)
-    layers = [_uncertainty(estimate), *([] if mask is None else [_mask(mask)]), *_circles(estimate)]
+    layers = [_uncertainty(estimate), *([] if mask is None else [_mask(mask)])]
     return Template(_part("photograph.html")).substitute(
         number="@NUMBER@",
         name=escape(one.name),
@@ -109,32 +108,15 @@ def _row(number: int, one: Photograph, small: str) -> str:
 
 
 def _facts(one: Photograph) -> Iterable[str]:
-    """Yield what the record says beside the picture."""
-    yield f"<h3>Blur</h3><p>{escape(one.blur)}; {escape(length_text(one))}"
-    yield f" (deviation {one.smear_sigma_px:.2g} px)</p>" if one.smear_sigma_px is not None else "</p>"
-    if one.defocus_px is not None:
-        yield f"<p>radius out of focus {one.defocus_px:.1f} px</p>"
-    if one.mask is not None:
-        yield f"<p>{100 * (one.moving_share or 0.0):.1f} % of the picture moves by itself</p>"
-    yield f"<h3>Why</h3><p>{escape(one.reason)}</p>"
-    if one.models:
-        rows = [
-            [row["model"], row["parameters"], f"{row['log_likelihood']:.1f}", f"{row['probability']:.3f}"]
-            for row in one.models
-        ]
-        yield "<h3>Models that competed</h3>" + _table(
-            ["model", "parameters", "log-likelihood", "probability"], rows
-        )
-    if one.num_matches:
-        chance = f"; {one.support_by_chance:.0%} would by chance" if one.support_by_chance else ""
-        yield f"<h3>Smears</h3><p>{one.num_inliers} of {one.num_matches} fit{chance}</p>"
-    for name, matrix in (("F", one.F), ("H", one.H), ("E", one.E)):
-        if matrix is not None:
-            text = "\n".join("  ".join(f"{value: .5e}" for value in row) for row in matrix)
-            yield f"<h3>{name}</h3><pre>{text}</pre>"
-    if one.rate_unit:
-        rates = ", ".join(f"{value or 0.0:.3f}" for value in (one.wx, one.wy, one.wz))
-        yield f"<h3>Rotation</h3><p>({rates}) {one.rate_unit} about x, y, z</p>"
+    """Yield the table of what the record says beside the picture; a row's title explains it."""
+    for name, _, text in entries():
+        value = getattr(one, name)
+        if name in ELSEWHERE or value in (None, "", False) or isinstance(value, dict):
+            continue
+        shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+        if isinstance(value, list):  # a matrix
+            shown = "\n".join(", ".join(f"{one:.4g}" for one in row) for row in value)
+        yield f'<tr title="{escape(text)}"><td>{name}</td><td>{escape(shown)}</td></tr>'
 
 
 def _smears(estimate: Estimate) -> Iterable[str]:
@@ -173,11 +155,6 @@ def _line(ends: AnyArray, kind: str, more: str = "") -> str:
     return f'<line class="{kind}" x1="{x1:g}" y1="{y1:g}" x2="{x2:g}" y2="{y2:g}"{more}/>'
 
 
-def _circles(estimate: Estimate) -> Iterable[str]:
-    for x, y, radius in circles(estimate.grid).tolist():
-        yield f'<circle class="circle" cx="{x:.1f}" cy="{y:.1f}" r="{radius:.1f}"/>'
-
-
 def _epipoles(estimate: Estimate) -> Iterable[str]:
     F = lines_of(estimate.geometry)
     radius = 0.012 * max(estimate.grid.size)
@@ -210,11 +187,6 @@ def _mask(mask: MotionMask) -> str:
 def _image(uri: str, kind: str, width: int, height: int) -> str:
     size = f'x="-0.5" y="-0.5" width="{width}" height="{height}" preserveAspectRatio="none"'
     return f'<image class="{kind}" href="{uri}" {size}/>'
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    body = "".join(f"<tr>{_cells([escape(str(cell)) for cell in row])}</tr>" for row in rows)
-    return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{body}</table>"
 
 
 def _cells(cells: Iterable[str]) -> str:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from blur2view.results.record import Matrix, Record
+from blur2view.results.record import Record
 
 MAY_HAVE_TURNED = 0.1
 """Probability of a rotation from which on it is named beside the movement."""
@@ -16,8 +16,6 @@ MAX_SMEAR_PX = 3.0
 """Longest smear of a photograph that is called sharp: up to this, half of the SIFT features that it shares
 with itself under fresh noise are still matched (``python -m tools.evaluation.triage``; chosen on the
 photographs of Kodak's suite that train networks, shown on the others)."""
-FAR_PX = 1e4
-"""An epipole that is farther away is given as a direction."""
 DIAGONAL = 0.5
 """Of a direction, its smaller part over its larger one."""
 
@@ -111,7 +109,7 @@ def use_line(one: Record) -> str:
 
 
 def fit_line(one: Record) -> str:
-    """Return how many smears fit, without a pose the epipole, the camera if it was scaled."""
+    """Return how many smears fit; the camera if it was scaled."""
     count = one.num_matches or 0
     if one.F is None and one.H is None:
         return f"{count} smears used"
@@ -121,24 +119,9 @@ def fit_line(one: Record) -> str:
     # beside H a share of F would read as certainty
     both = one.F is not None and one.H is not None
     parts = [f"{fit} F, and a homography explains them as well" if both else f"{fit} ({by_chance})"]
-    if one.F is not None and one.H is None and one.cam2_from_cam1 is None:
-        line = f"moved to or from the epipole at {_epipole(one.F)}"
-        parts.append(line if one.readout_s else f"{line}, if the shutter is global")
     if one.camera is not None and "scaled" in one.camera["source"]:
         parts.append(one.camera["source"])
     return "; ".join(parts)
-
-
-def _epipole(F: Matrix) -> str:
-    """Return where the epipole lies in the photograph, or its direction if it is far away."""
-    import numpy as np
-
-    from blur2view.geometry.epipolar import epipoles
-
-    x, y, w = epipoles(np.array(F))[0]
-    if abs(w) * FAR_PX > math.hypot(x, y):
-        return f"({x / w:z.0f}, {y / w:z.0f})"
-    return f"infinity at {math.degrees(math.atan2(y, x)) % 180:.0f} degrees"
 
 
 def length_text(one: Record, *, digits: int = 2) -> str:

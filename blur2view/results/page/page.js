@@ -4,8 +4,8 @@ for (const article of document.querySelectorAll("article")) {
   const svg = article.querySelector("svg");
   for (const box of article.querySelectorAll("input")) {
     const show = () => svg.classList.toggle(box.name, box.checked);
-    box.disabled = !svg.querySelector(box.name === "smears" ? ".smear" : box.name === "lines" ? ".line"
-      : box.name === "circles" ? ".circle" : "image." + box.name);
+    box.parentNode.hidden = !svg.querySelector(box.name === "smears" ? ".smear" : box.name === "lines" ? ".line"
+      : "image." + box.name);
     box.addEventListener("change", show);
     show();
   }
