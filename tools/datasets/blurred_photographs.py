@@ -1,7 +1,6 @@
 """Sharp photographs, blurred in every way that has a name, with the truth; see `tools.evaluation.blur_kinds`.
 
 What blurs does so in linear light; then come a camera's noise, gamma and JPEG, as the bytes of a file.
-Discs have their radius; a polygon stands for the disc of its second moment (r^2 / 4 along every axis).
 """
 
 import functools
@@ -40,14 +39,13 @@ class Picture:
     """A picture's file and what it shows.
 
     ``coding`` is "" or how dim it is, as "1/4" or "10 bits"; ``moving`` is the share of the picture that
-    moves before a camera at rest; ``blades`` is 0 for a disc.
+    moves before a camera at rest.
     """
 
     file: bytes
     suffix: str
     kind: BlurKind
     radius_px: float = 0.0
-    blades: int = 0
     smear_px: float = 0.0
     angle: float = 0.0  # of the smear, radians
     coding: str = ""
@@ -97,17 +95,12 @@ def kernel(length_px: float, angle: float) -> AnyArray:
     return np.asarray(weights / weights.sum())
 
 
-def aperture(radius_px: float, blades: int = 0, turn: float = 0.0) -> AnyArray:
-    """Return a disc, or a regular polygon of its second moment, as the shares of pixels covered; sum one."""
-    side = 2 * int(np.ceil(1.2 * radius_px + 1)) + 1
+def disc(radius_px: float) -> AnyArray:
+    """Return a disc as the shares of pixels covered; sum one."""
+    side = 2 * int(np.ceil(radius_px + 1)) + 1
     at = (np.arange(side * FINE) + 0.5) / FINE - side / 2
-    x, y = np.meshgrid(at, at)
-    across, reach = np.hypot(x, y), radius_px
-    if blades:
-        sector = 2 * np.pi / blades
-        reach = radius_px * np.sqrt(3 / (2 + np.cos(sector))) * np.cos(sector / 2)  # of the sides' middles
-        across = across * np.cos((np.arctan2(y, x) - turn) % sector - sector / 2)
-    cover = (across <= reach).reshape(side, FINE, side, FINE).mean((1, 3))
+    inside = np.hypot(*np.meshgrid(at, at)) <= radius_px
+    cover = inside.reshape(side, FINE, side, FINE).mean((1, 3))
     return np.asarray(cover / cover.sum(), np.float32)
 
 
@@ -144,18 +137,13 @@ def taken(rng: np.random.Generator, light: AnyArray, dim: bool = False, **truth:
 
 
 def outline(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
-    """Return the alpha (H, W), float32 in [0, 1], of a polygon or a blob: soft, of a share of the picture."""
+    """Return the alpha (H, W), float32 in [0, 1], of a blob: soft, of a share of the picture."""
     height, width = shape[:2]
     cover = np.zeros((height, width), np.float32)
     while not MOVER_SHARE[0] <= cover.mean() <= MOVER_SHARE[1]:
-        if rng.random() < 0.5:
-            count = int(rng.integers(4, 9))
-            angle = (np.arange(count) + rng.uniform(-0.35, 0.35, count)) * 2 * np.pi / count
-            radius = rng.uniform(0.6, 1, count)
-        else:
-            angle = np.arange(128) * 2 * np.pi / 128
-            waves = [rng.normal(0, 0.3 / k) * np.cos(k * angle + rng.uniform(0, 6.3)) for k in range(2, 7)]
-            radius = np.maximum(1 + np.sum(waves, axis=0), 0.3)
+        angle = np.arange(128) * 2 * np.pi / 128
+        waves = [rng.normal(0, 0.3 / k) * np.cos(k * angle + rng.uniform(0, 6.3)) for k in range(2, 7)]
+        radius = np.maximum(1 + np.sum(waves, axis=0), 0.3)
         rim = radius[:, None] * np.stack([np.cos(angle), rng.uniform(0.5, 1) * np.sin(angle)], axis=1)
         area = log_uniform(rng, MOVER_SHARE) * height * width
         rim = rim * np.sqrt(area / cv2.contourArea(rim.astype(np.float32))) + rng.uniform(0, (width, height))
@@ -196,27 +184,20 @@ def passed(
 
 
 def pictures_of(
-    rng: np.random.Generator, light: AnyArray, others: Sequence[Path], polygons: bool, composites: int
+    rng: np.random.Generator, light: AnyArray, others: Sequence[Path], composites: int
 ) -> Iterator[Picture]:
-    """Yield all pictures of a sharp photograph; cut-outs are of others, apertures polygons if wanted."""
-
-    def lens(radius_px: float) -> tuple[AnyArray, dict[str, Any]]:
-        blades = int(rng.integers(5, 10)) if polygons else 0
-        weights = aperture(radius_px, blades, float(rng.uniform(0, 6.3)))
-        return blurred(light, weights), {"radius_px": radius_px, "blades": blades}
-
+    """Yield all pictures of a sharp photograph; what moves before a camera at rest is cut out of others."""
     yield from taken(rng, light, dim=True, kind=BlurKind.SHARP)
     for radius_px in RADII_PX:
-        soft, sizes = lens(radius_px)
-        yield from taken(rng, soft, kind=BlurKind.OUT_OF_FOCUS, **sizes)
+        soft = blurred(light, disc(radius_px))
+        yield from taken(rng, soft, kind=BlurKind.OUT_OF_FOCUS, radius_px=radius_px)
     for smear_px in SMEARS_PX:
         (moved, angle), dim = smeared(rng, light, smear_px), smear_px == DIMMED_PX
         sizes = {"smear_px": smear_px, "angle": angle}
         yield from taken(rng, moved, dim=dim, kind=BlurKind.CAMERA_MOVED, **sizes)
     for radius_px, smear_px in BOTH_PX:
-        soft, sizes = lens(radius_px)
-        both, angle = smeared(rng, soft, smear_px)
-        sizes |= {"smear_px": smear_px, "angle": angle}
+        both, angle = smeared(rng, blurred(light, disc(radius_px)), smear_px)
+        sizes = {"radius_px": radius_px, "smear_px": smear_px, "angle": angle}
         yield from taken(rng, both, kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, **sizes)
     for _ in range(composites):
         scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))

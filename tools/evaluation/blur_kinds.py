@@ -11,6 +11,7 @@ import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -91,21 +92,18 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
 def of_photograph(
     k: int, paths: Sequence[Path], model: Path | None, seed: int, composites: int
 ) -> list[Seen]:
-    """Return all pictures of the k-th photograph, seen; every other one has polygons for discs."""
+    """Return all pictures of the k-th photograph, seen."""
     others = [path for path in paths if path != paths[k]] or paths
     rng = np.random.default_rng([seed, k])
-    pictures = pictures_of(rng, radiance_of(paths[k]), others, k % 2 == 1, composites)
+    pictures = pictures_of(rng, radiance_of(paths[k]), others, composites)
     return [seen(picture, loaded(model)) for picture in pictures]
 
 
 def grouped(rows: Iterable[Seen], *names: Callable[[Seen], str]) -> dict[str, list[Seen]]:
-    """Return pictures by the first of their names, then by the next; an empty name is none."""
+    """Return pictures by the first of their names, then by the next."""
     groups: dict[str, list[Seen]] = {}
-    rows = list(rows)
-    for name in names:
-        for one in rows:
-            if name(one):
-                groups.setdefault(name(one), []).append(one)
+    for name, one in product(names, rows):
+        groups.setdefault(name(one), []).append(one)
     return groups
 
 
@@ -119,16 +117,9 @@ def named_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
 
 
 def radius_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
-    """Yield the errors of the radius of what is only out of focus, by radius and by shape."""
-    lens = [one for one in rows if one.picture.kind == BlurKind.OUT_OF_FOCUS]
-    groups = grouped(
-        lens,
-        lambda one: f"{one.picture.radius_px:g} px",
-        lambda one: (
-            f"{'polygons' if one.picture.blades else 'discs'}, from {UNUSABLE_RADIUS_PX} px" * one.is_unusable
-        ),
-    )
-    for name, some in groups.items():
+    """Yield the errors of the radius of what is only out of focus, by radius."""
+    soft = [one for one in rows if one.picture.kind == BlurKind.OUT_OF_FOCUS]
+    for name, some in grouped(soft, lambda one: f"{one.picture.radius_px:g} px").items():
         ratio = np.array([one.radius_px / one.picture.radius_px for one in some])
         error = np.abs(ratio - 1)
         figures = (np.median(ratio), np.median(error), (error <= 0.15).mean())
