@@ -58,7 +58,7 @@ class Estimate:
     time : TimeDirection
         Whether neighbouring frames decided which end of the exposure came first.
     timestamp_s : float or None
-        When it was taken, as `estimate_frames` was told, seconds.
+        When it was taken, as stated to `estimate_frames`, seconds.
     moving : Moving or None
         What moves by itself, where the cells left open whether the camera moved; `segment` begins with it.
     execution : Execution
@@ -141,7 +141,7 @@ def estimate(
     Raises
     ------
     ValueError, ModelError, ImageError
-        If image or camera is none, or a shutter has no camera; if the network or the file cannot be used.
+        If image or camera is invalid, or a shutter has no camera; if network or file cannot be used.
     """
     if camera is not None:
         require("camera", camera, Camera, CAMERAS)

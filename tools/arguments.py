@@ -59,7 +59,7 @@ def run(main: Callable[..., object]) -> None:
 
 
 def _words(hint: Any) -> dict[str, Any]:
-    """Return what argparse is told of a type."""
+    """Return the words of argparse for a type."""
     origin, of = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return {"type": of[1]}

@@ -79,7 +79,7 @@ def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
 def rotation_error(R: Array, R_true: Array) -> tuple[float, float]:
     """Rotation error in degrees, and relative to the true rotation's angle; the better of R and R^T.
 
-    The relative error is infinite if the true rotation is none and R is some.
+    The relative error is infinite if only the true rotation is the identity.
     """
     one, other, true = (
         float(np.degrees(np.linalg.norm(rotation_vector(turn))))

@@ -108,7 +108,7 @@ class Lens:
         return self.focal is not None or self.camera is not None
 
     def intrinsics(self) -> Intrinsics:
-        """Return what is stated of the camera; ValueError or CameraError of what is none."""
+        """Return what is stated of the camera; ValueError or CameraError if it is not valid."""
         return Intrinsics(focal_px=self.focal, camera=stored_camera(self.camera or "") or self.camera)
 
 
@@ -177,11 +177,11 @@ class Estimating:
         self.options()
 
     def select(self) -> SelectOptions:
-        """Return which smears are used; ValueError of a share that is none."""
+        """Return which smears are used; ValueError if the share is not in range."""
         return SelectOptions(beta=self.beta)
 
     def options(self) -> EstimatorOptions:
-        """Return those of the estimator; ValueError of an error that is none."""
+        """Return those of the estimator; ValueError if the error is not positive."""
         return EstimatorOptions(max_error_px=self.max_error)
 
 

@@ -97,7 +97,7 @@ class Photographs:
         them. ``taken`` are further files that the call writes. ModelError or OutputError of what cannot be
         used.
         """
-        self.setup.network()  # which is named first if it is none
+        self.setup.network()  # first, so that a damaged one is named before any photograph
         every = {"--csv": (self.setup.common.table.csv, "table"), **targets}
         written = {name: (path, what) for name, (path, what) in every.items() if path is not None}
         more = self.setup.in_time.timestamps, self.setup.common.lens.database

@@ -58,7 +58,7 @@ class MaskFormat(StrEnum):
 
 
 def stored_labels(path: Path) -> NDArray[np.uint8]:
-    """Return the labels (H, W) of a file ``*.mask.png``; OutputError if it is none."""
+    """Return the labels (H, W) of a file ``*.mask.png``; OutputError if it is no such file."""
     try:
         with Image.open(path, formats=["PNG"]) as picture:
             grey = np.asarray(picture)

@@ -48,7 +48,7 @@ ROWS = 4
 PIXELS = [0, 1, 2, 4]
 """Values of a cell that are pixels."""
 LENGTHS = 32
-"""Lengths whose shares are told: those of the longest axis, of four octaves."""
+"""Lengths whose shares are stated: those of the longest axis, of four octaves."""
 VALUES = 5 + len(KINDS) + DIRECTIONS + LENGTHS
 """Of a cell."""
 
@@ -135,8 +135,8 @@ def not_short(read: Octave) -> bool:
     """Return whether smears are too long for a finer octave to tell more of them."""
     likelihood = np.exp(read.smears - read.smears.max((-2, -1), keepdims=True))
     short = likelihood[..., :SHORT_BINS].sum((-2, -1)) / likelihood.sum((-2, -1))
-    told = 1 - softmax(read.kinds)[..., CANNOT_TELL]
-    return bool((short * told).sum() < MAY_BE_SHORT * told.sum())
+    known = 1 - softmax(read.kinds)[..., CANNOT_TELL]
+    return bool((short * known).sum() < MAY_BE_SHORT * known.sum())
 
 
 def thinned(windows: Floats) -> Floats:

@@ -99,7 +99,7 @@ class SmearNetwork:
         -------
         SmearGrid
             In the image's pixels. Where the image shows no texture at all the smear is zero, the sigmas
-            are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind of blur cannot be told. The result
+            are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind of blur is unknown. The result
             does not depend on how bright the image is, but for its noise.
 
         Raises

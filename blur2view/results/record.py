@@ -49,9 +49,7 @@ class Record:
         focus and moved, cannot tell. Only where the camera moved a geometry is looked for.""",
         "",
     )
-    nothing_seen: str = explained(
-        "Why its blur cannot be told, where that is known: too dark, overexposed, one colour.", ""
-    )
+    nothing_seen: str = explained("Why its blur is unknown: too dark, overexposed, one colour.", "")
     smear_px: float | None = explained(
         """Length of the photograph's smear: the median over the picture, each place weighed by how well it
         shows its smear, pixels; null where nothing shows texture."""

@@ -174,7 +174,7 @@ def _uncertainty(estimate: Estimate) -> str:
 
 
 def _mask(mask: MotionMask) -> str:
-    """Return what moves, pink, and where nothing can be told, dark."""
+    """Return what moves, pink, and where nothing can be seen, dark."""
     height, width = mask.labels.shape
     scale = min(1.0, MASK_SIDE_PX / max(height, width))
     size = max(round(width * scale), 1), max(round(height * scale), 1)

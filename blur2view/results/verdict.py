@@ -59,7 +59,7 @@ def use_of(one: Record, limits: Limits) -> tuple[str, str]:
         return "", ""
     length, radius = one.smear_px, one.defocus_px or 0.0
     if one.blur == "cannot tell" or length is None:
-        return Use.UNCLEAR, f"{one.nothing_seen or 'smooth or too dark'}: its blur cannot be told"
+        return Use.UNCLEAR, f"{one.nothing_seen or 'smooth or too dark'}: its blur is unknown"
     still = one.blur in ("sharp", "out of focus", "camera at rest")
     short = still or length <= limits.max_smear_px
     soft = radius > limits.max_defocus_px
@@ -144,7 +144,7 @@ def _radius(one: Record) -> str:
 
 
 def _motion(one: Record) -> str:
-    """Return what a camera that moved did, as far as that can be told."""
+    """Return what a camera that moved did, as far as the smears show it."""
     undecided = ", parallax undecided" * (one.parallax == "undecided")
     posed = one.cam2_from_cam1 is not None
     if not one.config:  # of triage

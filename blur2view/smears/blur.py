@@ -21,7 +21,7 @@ from blur2view.smears.likelihood import SHORTEST_PX
 
 Floats = NDArray[np.float32]
 
-LEAST_TOLD = 0.04
+LEAST_KNOWN = 0.04
 """Share of the cells that must tell their blur."""
 BORDER, BORDER_WEIGHT = 0.15, 3.0
 """Share of a side that is near the border, and how much more what lies there counts."""
@@ -86,7 +86,7 @@ class Blur:
     moving_share : float
         Share of the picture that moves by itself; 0 where that was not asked.
     nothing_seen : str
-        Why nothing can be told, of a photograph of which that is known: too dark, overexposed, one colour.
+        Why nothing can be seen, of a photograph of which that is known: too dark, overexposed, one colour.
     """
 
     kind: BlurKind
@@ -130,7 +130,7 @@ def blur_of(
     moving: AnyArray | None = None,
     camera_moved: float | None = None,
 ) -> Blur:
-    """Return the blur of a photograph; the photograph itself says why nothing can be told.
+    """Return the blur of a photograph; the photograph itself says why nothing can be seen.
 
     Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
     (h, w) is the share of each cell that moves by itself, by default 0, and ``camera_moved`` the probability
@@ -142,9 +142,9 @@ def blur_of(
     if grid.kinds is None or grid.radius_px is None:
         return smeared
     kinds = np.asarray(grid.kinds, float)
-    told = 1 - kinds[..., CANNOT_TELL]
-    share = np.zeros(told.shape) if moving is None else np.asarray(moving)
-    if told.mean() < LEAST_TOLD:
+    known = 1 - kinds[..., CANNOT_TELL]
+    share = np.zeros(known.shape) if moving is None else np.asarray(moving)
+    if known.mean() < LEAST_KNOWN:
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
     moving_share = float(share.mean())
@@ -152,7 +152,7 @@ def blur_of(
     if smeared.is_short and camera_moved is None:
         kind = replace(smeared, kind=kind, moving_share=moving_share).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
-    weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * told
+    weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * known
     radius, spread = weighted_median(grid.radius_px, weight)
     if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
         kind = BlurKind.OUT_OF_FOCUS
@@ -187,13 +187,13 @@ def is_close(grid: SmearGrid) -> bool:
         return False
     kinds = np.asarray(grid.kinds, float)
     sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
-    moved, told = smeared + both, sharp + defocused + smeared + both
-    if abs(moved - MOVED * told) < CLOSE_MOVED * told:
+    moved, known = smeared + both, sharp + defocused + smeared + both
+    if abs(moved - MOVED * known) < CLOSE_MOVED * known:
         return True
     whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
     ratio = (whole.smear_px or 0.0) / (whole.smear_sigma_px or 1.0)
     is_near = abs(both - 0.5 * moved) < CLOSE_BOTH * moved or 1 / CLOSE_LENGTH < ratio < CLOSE_LENGTH
-    return bool(moved > MOVED * told and is_near)
+    return bool(moved > MOVED * known and is_near)
 
 
 def in_doubt(grid: SmearGrid) -> bool:
@@ -236,7 +236,7 @@ def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None
     """
     smears, sigma = grid.smears(), grid.sigma_px
     seen = sigma < UNSEEN_PX
-    if seen.mean() < LEAST_TOLD:
+    if seen.mean() < LEAST_KNOWN:
         return blur
     weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORTEST_PX)) ** 2).astype(float)
     if grid.kinds is not None:

@@ -1,4 +1,4 @@
-"""Smears read off a likelihood over direction and length: the value, and what is known of it.
+"""Smears read off a likelihood over direction and length: the value and its deviations.
 
 A bin is a direction, of 32 over half a turn, and a length, of four an octave from 2 px on; before the lengths
 stands one bin for anything shorter, after them one for anything longer. The likelihood was fitted to the

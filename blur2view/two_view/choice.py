@@ -138,7 +138,7 @@ def named(
     if agreement < c.MIN_AGREEMENT and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit, table=table)
     config, model = Configuration.PLANAR_OR_PANORAMIC, MotionModel.PLANE
-    comparison = "without an image size a rotation cannot be told from a plane"
+    comparison = "without an image size a rotation cannot be distinguished from a plane"
     if MotionModel.ROTATION in fields:
         turns = [m for m in (MotionModel.ROTATION, MotionModel.ROLLING_ROTATION) if m in fields]
         flat = MotionModel.PLANE, MotionModel.ROLLING_PLANE

@@ -125,6 +125,6 @@ def test_long_smears_are_left_out(scene: Path, call: Call, dialect: str) -> None
 
 
 def _smears(scene: Path, call: Call) -> list[float]:
-    """Return the median smears, in pixels, that instant-ngp is told of."""
+    """Return the median smears, in pixels, that instant-ngp reads."""
     assert call(scene / "model", "--images", scene / "images", "-o", scene / "all.json") == 0
     return [1 / one["sharpness"] - 1 for one in json.loads((scene / "all.json").read_text())["frames"]]

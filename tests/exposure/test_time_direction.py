@@ -1,4 +1,4 @@
-"""The time direction: exact videos of smears, what is known of them and what must stay open."""
+"""The time direction: exact videos of smears, and what must stay open."""
 
 from __future__ import annotations
 

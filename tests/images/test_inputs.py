@@ -28,7 +28,7 @@ def paths(*words: object, **options: object) -> list[Path]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder of photographs, a text, a result of ours and a subfolder."""
+    """Return a folder of photographs, a text, a result of the program and a subfolder."""
     for name in ("frame_10.jpg", "frame_2.JPG", "notes.txt", "sub/a.tif", "sub/deep/b.heic", "c.NEF"):
         path = tmp_path / "in" / name
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -148,7 +148,7 @@ class ExactSmears:
         self.known = {picture.tobytes(): k for k, picture in enumerate(pictures)}
 
     def predict(self, image: AnyArray) -> SmearGrid:
-        """Return the smears of a frame; those of the first one of a picture that is none."""
+        """Return the smears of a frame; of any other picture those of the first."""
         k = self.known.get(image.tobytes(), 0)
         grid = self.plane.smears(k)
         if k in self.sharp:

@@ -69,7 +69,7 @@ def made_up(
 
 
 def boxed_mask(size: tuple[int, int] = (WIDTH, HEIGHT)) -> MotionMask:
-    """Give a mask with a box that moves; the right quarter cannot be told."""
+    """Give a mask with a box that moves; the right quarter is unknown."""
     width, height = size
     labels = np.zeros((height, width), np.uint8)
     left, top, right, bottom = MOVING_BOX

@@ -104,7 +104,7 @@ def test_network_like_smears_beat_the_plain_baselines(direction_deg: float) -> N
     assert ours < {1.0: 0.02, 4.0: 0.035, 8.0: 0.05}[direction_deg]
     assert ours < 0.75 * two_parameter
     assert ours < 0.9 * unordered
-    assert ours < 1.1 * ordered  # which was told every order
+    assert ours < 1.1 * ordered  # which was given every order
 
 
 @pytest.mark.slow

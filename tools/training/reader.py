@@ -134,7 +134,7 @@ class Isotropic(nn.Module):
 
 @dataclass(frozen=True, kw_only=True)
 class ReaderOptions:
-    """Channels of the layers that see one window, of those that see its region, and of what is told afar.
+    """Channels of the layers that see one window, of those that see its region, and of what is passed afar.
 
     And of the layers that see no direction: of a window, and of the kind of its blur.
     """
@@ -271,7 +271,7 @@ def radius_target(radius: Tensor, bins: int) -> Tensor:
 def kind_target(displacement: Tensor, radius: Tensor, shows: Tensor) -> Tensor:
     """Return the distribution (..., 5) of a cell's kind of blur, of its samples (..., S).
 
-    ``shows`` (...) is whether it can be told at all.
+    ``shows`` (...) is whether it can be seen at all.
     """
     length = torch.linalg.norm(displacement, dim=-1)
     prevails = length / radius.clamp(min=1e-3)

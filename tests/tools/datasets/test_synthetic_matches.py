@@ -35,7 +35,7 @@ def test_exact_smears_fit_the_true_F_in_their_true_order(kind: Kind, motion: Mot
 
 
 def scaled_errors(report: synthetic.Report, **options: Any) -> tuple[float, float]:
-    """Root mean square and 99 % quantile over the median of the errors over what is told."""
+    """Root mean square and 99 % quantile over the median of the errors over what is stated."""
     smears = synthetic_smears(4, SyntheticOptions(report=report, outliers=0.0, count=4000, **options))
     error = smears.ordered - smears.true_ends
     assert error.std() == pytest.approx(options.get("noise_px", 1.0), rel=0.05)  # of every coordinate

@@ -75,5 +75,5 @@ def test_every_method_is_judged_on_scenes_with_translation_alone(scene: TestScen
     assert len(rows) == 8 and {row["images"] for row in rows.values()} == {1}
     assert rows["true F"]["inliers_of_true"] == 1 and rows["true F"]["rho"] < 0.01
     assert rows["ours"]["without_F"] == 0 and rows["ours"]["rho"] < rows["two-parameter F"]["rho"]
-    for told in ("OpenCV MAGSAC", "pycolmap", "PoseLib"):
-        assert rows[f"true order, {told}"]["rho"] < 0.05
+    for name in ("OpenCV MAGSAC", "pycolmap", "PoseLib"):
+        assert rows[f"true order, {name}"]["rho"] < 0.05
