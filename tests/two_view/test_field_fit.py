@@ -79,7 +79,7 @@ def test_its_jacobian_is_the_derivative_of_its_residuals(rolling: bool) -> None:
 
 
 def test_errors_all_over_the_picture_do_not_speak_against_a_rotation() -> None:
-    """Lengths 6 % too long on one side, too short on the other: homographies gain much, unless that is stated."""
+    """Lengths 6 % too long on one side, too short on the other: homographies gain much, unless stated."""
     gains = {}
     for shared in (INDEPENDENT, SLOWLY):
         scene = turning(2)

@@ -193,11 +193,10 @@ def pictures_of(
         yield from taken(rng, soft, kind=BlurKind.OUT_OF_FOCUS, radius_px=radius_px)
     for smear_px in SMEARS_PX:
         (moved, angle), dim = smeared(rng, light, smear_px), smear_px == DIMMED_PX
-        sizes = {"smear_px": smear_px, "angle": angle}
-        yield from taken(rng, moved, dim=dim, kind=BlurKind.CAMERA_MOVED, **sizes)
+        yield from taken(rng, moved, dim, kind=BlurKind.CAMERA_MOVED, smear_px=smear_px, angle=angle)
     for radius_px, smear_px in BOTH_PX:
         both, angle = smeared(rng, blurred(light, disc(radius_px)), smear_px)
-        sizes = {"radius_px": radius_px, "smear_px": smear_px, "angle": angle}
+        sizes: dict[str, Any] = {"radius_px": radius_px, "smear_px": smear_px, "angle": angle}
         yield from taken(rng, both, kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, **sizes)
     for _ in range(composites):
         scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))
