@@ -61,6 +61,10 @@ ROW = (
     "{method} | {n} | {success:.3f} | {pose < 10 deg:.3f} | {AUC@5:.3f} | {AUC@10:.3f} | {AUC@20:.3f} "
     "| {rho:.4f} | {under_05:.3f} | {under_10:.3f} | {inliers:.3f} | {epipole_deg:.2f} | {ms:.1f} | {p95:.1f}"
 )
+ANSWERS = (
+    "ours beside the best that is given the order | AUC@10 | best | success | best | pose < 10 deg | best "
+    "| time over pycolmap's | its p95"
+)
 PAGE = Path(__file__).resolve().parents[1] / "results/estimators.md"
 
 
@@ -158,33 +162,35 @@ def cell_table(records: Sequence[Record], kind: str) -> list[str]:
     return table(f"cell | {' | '.join(names)}", ([cell, *row] for cell, row in shown.items()))
 
 
-def answers(synthetic: Sequence[Record]) -> Iterator[str]:
-    """Yield lines that answer the questions of the comparison: against the order, pycolmap and the paper."""
+def answers(synthetic: Sequence[Record]) -> Iterator[list[str]]:
+    """Yield, of parts of the sweep, figures beside the best of those given the order, and the time."""
     scopes: dict[str, dict[str, str]] = {"whole sweep": {}}
     scopes |= {f"whole sweep, {kind}": {"kind": kind} for kind in KINDS}
     scopes |= {f"{HARD}, {kind}": {"kind": kind, "cell": HARD} for kind in KINDS}
     for scope, wanted in scopes.items():
-        if not (rows := by_method(synthetic, **wanted)):
-            continue
-        parts, ours = [], rows[OURS]
-        for column in ("AUC@10", "success", "pose < 10 deg"):
-            best = max((name for name in ORDERED if name in rows), key=lambda name: rows[name][column])
-            parts.append(f"{column} ours {ours[column]:.3f}, best ordered {rows[best][column]:.3f} ({best})")
-        for name in (name for name in rows if name.startswith(PYCOLMAP_NAME)):
-            ms, p95 = (ours[column] / rows[name][column] for column in ("ms", "p95"))
-            parts.append(f"time over that of {name}: median {ms:.2f}, p95 {p95:.2f}")
-        yield f"- {scope}: {'; '.join(parts)}"
+        if rows := by_method(synthetic, **wanted):
+            row, ours = [scope], rows[OURS]
+            for column in ("AUC@10", "success", "pose < 10 deg"):
+                best = max((name for name in ORDERED if name in rows), key=lambda name: rows[name][column])
+                name = best.removeprefix("true order, ")
+                row += [f"{ours[column]:.3f}", f"{rows[best][column]:.3f} {name}"]
+            yield [*row, *(f"{ours[time] / rows[PYCOLMAP_NAME][time]:.2f}" for time in ("ms", "p95"))]
+
+
+def against_paper(synthetic: Sequence[Record]) -> str:
+    """Return a line that compares with the paper's estimator, "" if it did not run."""
     rows = by_method([record for record in synthetic if PAPER in record["measured"]])
-    if PAPER in rows:
-        a, b = rows[OURS], rows[PAPER]
-        pairs = [f"{name} {a[name]:.4g} against {b[name]:.4g}" for name in ("success", "AUC@10", "rho")]
-        faster = f"{b['ms'] / a['ms']:.0f} times faster in the median"
-        yield f"- against {PAPER} on {b['n']:.0f} instances: {faster}; {', '.join(pairs)}"
+    if not rows:
+        return ""
+    a, b = rows[OURS], rows[PAPER]
+    pairs = [f"{name} {a[name]:.4g} against {b[name]:.4g}" for name in ("success", "AUC@10", "rho")]
+    return f"{b['n']:.0f} instances of {PAPER}: {b['ms'] / a['ms']:.0f} times its speed; {', '.join(pairs)}."
 
 
 def blocks(records: Sequence[Record]) -> Iterator[str | list[str]]:
     """Yield the page's parts: answers, both kinds over the sweep, network smears, every cell."""
-    yield from ("## Answers", list(answers([record for record in records if record["kind"] != NETWORK])))
+    synthetic = [record for record in records if record["kind"] != NETWORK]
+    yield from ("## Answers", table(ANSWERS, answers(synthetic)), against_paper(synthetic))
     groups = {f"Whole sweep, {kind} depth": by_method(records, kind=kind) for kind in KINDS}
     groups["Network smears of rendered photographs"] = by_method(records, cell=NETWORK)
     for title, found in groups.items():
