@@ -5,7 +5,7 @@ at d and -d, a pixel or two wide. The network reads it in bins of 5.6 degrees an
 length, robustly: it knows false peaks. Here the cepstra of the windows are sampled about the network's
 smears, by how far these would be turned and scaled, and summed over neighbouring windows, whose errors are
 alike and whose textures are not. The smear is then the mean over the network's own distribution times the
-likelihood of the peak (Bayes). A cepstrum is even, so that its half of lags y >= 0 is enough.
+likelihood of the peak (Bayes).
 """
 
 from __future__ import annotations
@@ -38,8 +38,6 @@ TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
 CEPSTRUM_RANGE_PX = 3.0, 40.0
 """Distances from the origin over which the deviation of a cepstrum is taken."""
-MARGIN = 2
-"""Rows before lag 0 that a cubic interpolation needs."""
 BATCH = 40
 """Windows at a time."""
 PEAK_PX = 0.25
@@ -131,7 +129,7 @@ def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Fl
 
     def sample(part: slice) -> None:
         cells = rows[part], columns[part]
-        peaks[cells] = -values_at(half_cepstra(power[cells]), prior.smear[cells][:, None] * steps)
+        peaks[cells] = -values_at(cepstra_of(power[cells]), prior.smear[cells][:, None] * steps)
 
     in_batches(sample, len(rows), threads, BATCH)
     noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
@@ -215,50 +213,38 @@ def over_neighbours(values: Floats, weights: Floats) -> Floats:
     return np.asarray((columns @ down).reshape(values.shape))
 
 
-def half_cepstra(power: Floats) -> Floats:
-    """Return the halves (n, 50, 96) of the cepstra of power spectra (n, 96, 49), of mean 0 and deviation 1.
+def cepstra_of(power: Floats) -> Floats:
+    """Return the cepstra (n, 96, 96) of power spectra (n, 96, 49), of mean 0 and deviation 1 about peaks.
 
-    Lags -2 to 47 along y and -48 to 47 along x: the inverse transform as two products of matrices.
+    Lags -48 to 47 along both axes.
     """
-    taper, down, across, trendless, ring = filters()
-    parts = down @ (np.log(power + np.float32(NOISE_FLOOR)) * taper)
-    parts = parts.reshape(len(power), 2, len(trendless), -1).swapaxes(1, 2)  # sines beside their cosines
-    flat = (parts.reshape(-1, len(across)) @ across).reshape(len(power), -1)
-    flat *= trendless.ravel()
-    mean, square = (flat @ ring)[:, None], ((flat * flat) @ ring)[:, None]
-    flat -= mean
-    flat /= np.sqrt(np.maximum(square - mean**2, 0)) + np.float32(1e-9)
-    return np.asarray(flat.reshape(len(power), *trendless.shape))
+    taper, trendless, ring = filters()
+    cepstra = np.fft.irfft2(np.log(power + np.float32(NOISE_FLOOR)) * taper, (WINDOW, WINDOW))
+    cepstra = np.asarray(np.fft.fftshift(cepstra, (1, 2)) * trendless, np.float32)
+    seen = cepstra[:, ring]
+    cepstra -= seen.mean(1)[:, None, None]
+    return np.asarray(cepstra / (seen.std(1)[:, None, None] + np.float32(1e-9)))
 
 
 @functools.cache
-def filters() -> tuple[Floats, ...]:
-    """Return what makes the half of a cepstrum of a log power spectrum.
+def filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return what makes a cepstrum of a log power spectrum.
 
-    The spectrum's taper (96, 49); cosines, then sines, along y (2 * 50, 96) and along x (2 * 49, 96); factors
-    by lag, 0 where a spectrum's trend is and 1 where peaks are (50, 96); and the weights of the mean over
-    CEPSTRUM_RANGE_PX, (50 * 96,).
+    The spectrum's taper (96, 49); factors by lag (96, 96), 0 where a spectrum's trend is and 1 where peaks
+    are; and the lags of CEPSTRUM_RANGE_PX.
     """
-    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW), np.arange(WINDOW // 2 + 1)
-    x, y = np.arange(-WINDOW // 2, WINDOW // 2), np.arange(-MARGIN, WINDOW // 2)[:, None]
-    radius, distance = np.hypot(rows[:, None], columns), np.hypot(y, x)
+    rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
+    radius, lags = np.hypot(rows, columns), np.arange(-WINDOW // 2, WINDOW // 2)
+    distance = np.hypot(lags, lags[:, None])
     taper = np.exp(-((radius / (TAPERS[0] * WINDOW)) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    taper *= np.where(columns % (WINDOW // 2), 2, 1) / WINDOW**2  # the other half plane is the same
-    down, across = 2 * np.pi / WINDOW * y * rows, 2 * np.pi / WINDOW * columns[:, None] * x
     trendless = 1 - np.exp(-2 * (np.pi * TREND / WINDOW * distance) ** 2)
     ring = (distance >= CEPSTRUM_RANGE_PX[0]) & (distance <= CEPSTRUM_RANGE_PX[1])
-    weights = (ring * np.heaviside(y, 0.5)).ravel()  # lags of y = 0 are there twice
-    down, across = np.r_[np.cos(down), np.sin(down)], np.r_[np.cos(across), -np.sin(across)]
-    arrays = taper, down, across, trendless, weights / weights.sum()
-    return tuple(array.astype(np.float32) for array in arrays)
+    return taper.astype(np.float32), trendless.astype(np.float32), ring
 
 
 def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
-    """Return the values of halves of cepstra (n, 50, 96) at lags x + iy, (n, m), each its own; 0 outside."""
-    y = np.abs(lags.imag)
-    inside = y < WINDOW // 2 - 1  # or it would be read off the cepstrum below
-    x = np.where(lags.imag < 0, -lags.real, lags.real) + WINDOW // 2  # a cepstrum is even
-    x[~inside] = -WINDOW
-    y += MARGIN + cepstra.shape[1] * np.arange(len(cepstra), dtype=np.float32)[:, None]
-    values = cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC)
-    return np.asarray(values, np.float32)
+    """Return the values of cepstra (n, 96, 96) at lags x + iy, (n, m), each its own; 0 outside."""
+    x, y = lags.real + WINDOW // 2, lags.imag + WINDOW // 2
+    x[np.abs(lags.imag) >= WINDOW // 2 - 1] = -WINDOW  # or it would be read off the next cepstrum
+    y += WINDOW * np.arange(len(cepstra), dtype=np.float32)[:, None]
+    return np.asarray(cv2.remap(cepstra.reshape(-1, WINDOW), x, y, cv2.INTER_CUBIC), np.float32)
