@@ -7,7 +7,6 @@ import os
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # one thread each; before numpy and torch read it
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -18,9 +17,6 @@ import pytest
 
 from tests.support.calls import Call, Exit, call_program
 from tests.support.colour_code import colour_code, colour_code_network, forward_motion, write_picture
-
-if TYPE_CHECKING:
-    pass
 
 NEEDS_TORCH = ("tools/training/test_*.py", "tools/paper/test_losses.py")
 collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)

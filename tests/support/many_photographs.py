@@ -7,14 +7,11 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 
 from blur2view.arrays import AnyArray
-from blur2view.images import video as video_module
 from tests.support.colour_code import colour_code, write_picture
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,27 +42,6 @@ def write_frames(path: Path, frames: Sequence[AnyArray]) -> Path:
         video.write(frame)
     video.release()
     return path
-
-
-def announcing(monkeypatch: pytest.MonkeyPatch, video: Path, count: int) -> Path:
-    """Let a video announce as many frames."""
-    opened = video_module._opened
-
-    class Announcing:
-        """What OpenCV opens, but for the number of frames."""
-
-        def __init__(self, path: Path) -> None:
-            self.capture = opened(path)
-
-        def get(self, name: int) -> Any:
-            """Return a property."""
-            return count if name == cv2.CAP_PROP_FRAME_COUNT else self.capture.get(name)
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self.capture, name)
-
-    monkeypatch.setattr(video_module, "_opened", Announcing)
-    return video
 
 
 def command(*words: object) -> list[str]:

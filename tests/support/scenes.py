@@ -14,15 +14,16 @@ from tools.datasets.synthetic_matches import (
     camera,
     layered_depth,
     project_smears,
+    random_field,
     random_smears,
     scaled_motion,
-    smooth_noise,
+    smears_about,
     with_shared_errors,
 )
 
 __all__ = [
     "IMAGE_SIZE", "Scene", "disturb", "make_scene", "noise_field_ends", "project_smears", "rotation",
-    "smooth_noise", "with_outliers", "with_second_motion",
+    "with_outliers", "with_second_motion",
 ]  # fmt: skip
 
 
@@ -121,11 +122,9 @@ def with_second_motion(scene: Scene, box: tuple[float, float, float, float], dis
     """Give every smear with its midpoint in ``box`` (x0, y0, x1, y1; pixels) one constant displacement."""
     middle = scene.ends.mean(axis=1)
     inside = ((middle > np.array(box[:2])) & (middle < np.array(box[2:]))).all(axis=1)
-    half = np.asarray(displacement, float) / 2
-    moved = np.stack([middle - half, middle + half], axis=1)
-    return replace(
-        scene, ends=np.where(inside[:, None, None], moved, scene.ends), outlier=scene.outlier | inside
-    )
+    moved = smears_about(middle, np.broadcast_to(displacement, middle.shape))
+    ends = np.where(inside[:, None, None], moved, scene.ends)
+    return replace(scene, ends=ends, outlier=scene.outlier | inside)
 
 
 def noise_field_ends(
@@ -133,6 +132,4 @@ def noise_field_ends(
 ) -> Array:
     """Smears of random direction with no geometry behind them, optionally smooth over the image."""
     middle = rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
-    vector = np.stack([smooth_noise(rng, middle, correlation_px) for _ in range(2)], axis=-1)
-    half = 0.5 * length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True)
-    return np.stack([middle - half, middle + half], axis=1)
+    return random_field(rng, middle, length_px, correlation_px)

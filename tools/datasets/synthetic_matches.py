@@ -252,7 +252,7 @@ def draw_scene(kind: Scene, seed: int) -> KnownMatches:
     if kind == "no motion":
         ends = np.stack([points, points], axis=1)
     elif kind == "no geometry":
-        ends = random_field(rng, points, length_px)
+        ends = random_field(rng, points, length_px, float(rng.choice(CORRELATIONS_PX)))
     shown = np.stack([points, points + [length_px, 0.0]], axis=1) if kind == "no motion" else ends
     like = random_smears(rng, shown)
     outlier = rng.random(count) < rng.uniform(*OUTLIERS)
@@ -272,9 +272,10 @@ def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
     return np.asarray(rng.uniform(*FAR) / inverse)
 
 
-def random_field(rng: np.random.Generator, points: Array, length_px: float) -> Array:
+def random_field(
+    rng: np.random.Generator, points: Array, length_px: float, correlation_px: float = 0.0
+) -> Array:
     """Return smears (N, 2, 2) about pixels, all of one length, of directions without geometry."""
-    correlation_px = float(rng.choice(CORRELATIONS_PX))
     vector = np.stack([smooth_noise(rng, points, correlation_px) for _ in range(2)], axis=-1)
     return smears_about(points, length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True))
 
