@@ -95,9 +95,8 @@ def test_a_database_with_photographs_or_matches_of_others_is_not_replaced(
     with closing(sqlite3.connect(path)) as database:
         database.execute("INSERT INTO images SELECT 9, 'theirs.png', camera_id FROM images LIMIT 1")
         database.commit()
-    for words in ([], ["--resume"]):
-        code, _, err = run("--db", path, *words, *CAMERA, *photos)
-        assert code == 1 and "exists; choose another --db" in err
+    code, _, err = run("--db", path, *CAMERA, *photos)
+    assert code == 1 and "exists; choose another --db" in err
     path.write_bytes(whole)
     code, _, err = run("--db", path, "--link", *CAMERA, *photos)
     assert code == 1 and err.count("without --link") == 2 and "choose another --db" in err
