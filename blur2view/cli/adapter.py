@@ -13,6 +13,7 @@ import copy
 import inspect
 import re
 import shutil
+import sys
 from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
@@ -81,7 +82,14 @@ class Layout(argparse.HelpFormatter):
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
-class CommandParser(argparse.ArgumentParser):
+class PrintingParser(argparse.ArgumentParser):
+    """A parser that says so where its help cannot be printed."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        (file or sys.stderr).write(message)
+
+
+class CommandParser(PrintingParser):
     """The parser of a command's dataclass.
 
     ``--help`` has the options that are not rare, in a few words each, and the examples; ``--help-all`` all,

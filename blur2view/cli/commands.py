@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.adapter import CommandParser, Layout, add_table
+from blur2view.cli.adapter import CommandParser, Layout, PrintingParser, add_table
 from blur2view.cli.terminal import EXIT_CODES, complain, printable
 from blur2view.errors import Blur2ViewError
 
@@ -46,7 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
-        code: int = parse(sys.argv[1:] if arguments is None else arguments).execute()
+        try:
+            code: int = parse(sys.argv[1:] if arguments is None else arguments).execute()
+        except SystemExit as end:  # of argparse, after a help or wrong usage
+            code = int(end.code or 0)
         if sys.stdout is not None:  # None if the process was started without one
             sys.stdout.flush()  # a failure is caught here; at exit Python would print a traceback
     except Blur2ViewError as error:
@@ -103,7 +106,7 @@ def parser_of(command: str) -> CommandParser:
     return CommandParser(command, getattr(module, f"{command.title().replace('-', '')}Options"))
 
 
-class _Overview(argparse.ArgumentParser):
+class _Overview(PrintingParser):
     """What says which commands there are."""
 
     def __init__(self) -> None:

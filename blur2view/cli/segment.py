@@ -49,9 +49,10 @@ class SegmentOptions:
 
     --threshold P: probability that the highest place of a part must reach (default: %(default)s); a lower
         one misses less of what moves, and marks more of what stands still
-    --masks NAME: also write masks for a program, below DIR/masks: colmap NAME.jpg.png and nerfstudio
-        NAME.png, 0 where pixels are ignored; instant-ngp dynamic_mask_NAME.png, 255 there; may be repeated
-        (blur2view to-transforms --masks-from DIR puts them where these trainers look)
+    --masks NAME: also write masks for a program, colmap, nerfstudio or instant-ngp; may be repeated. They
+        lie below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where pixels are ignored,
+        instant-ngp dynamic_mask_NAME.png, 255 there (blur2view to-transforms --masks-from DIR puts them where
+        these trainers look)
     """
 
     common: Common

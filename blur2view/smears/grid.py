@@ -58,6 +58,10 @@ class SmearGrid:
         if self.blur is not None and self.blur.shape != (*covered, 1 + len(KINDS)):
             raise ValueError(f"expected blur (h, w, {1 + len(KINDS)}) of the cells, got {self.blur.shape}")
 
+    def __repr__(self) -> str:
+        rows, columns, _ = self.cells.shape
+        return f"<SmearGrid of {self.shape[1]}x{self.shape[0]} px in {columns}x{rows} cells>"
+
     @property
     def radius_px(self) -> NDArray[np.float32] | None:
         """Radii out of focus of the cells, (h, w), pixels."""

@@ -98,3 +98,10 @@ def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
         running.stdout.close()
         assert running.stderr.read() == b""
     assert running.returncode == 141
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", ["--version", "--help-all", "estimate --help"])
+def test_help_that_cannot_be_printed_is_a_failure(words: str) -> None:
+    done = program(*words.split(), closed="> /dev/full")
+    assert done.returncode == 1 and "cannot print (No space left on device)" in done.stderr
