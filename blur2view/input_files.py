@@ -2,12 +2,11 @@
 
 import errno
 import io
-import json
 import os
 import stat
 from contextlib import ExitStack
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
+from typing import TYPE_CHECKING, BinaryIO, NoReturn
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -79,16 +78,3 @@ def read_stream(stream: BinaryIO, most: int) -> bytes:
 
 def _refuse_size(most: int) -> NoReturn:
     raise OSError(errno.EFBIG, f"is larger than {most >> 20} MiB")
-
-
-def parse_json(text: str | bytes) -> Any:
-    """Return the value of a JSON text that anybody may have written; ValueError of what nests too deeply."""
-    try:
-        return json.loads(text, parse_constant=_no_number)
-    except RecursionError:
-        raise ValueError("is nested too deeply") from None
-
-
-def _no_number(constant: str) -> NoReturn:
-    """Refuse NaN and infinity, which JSON does not have."""
-    raise ValueError(f"{constant} is no number")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.input_files import open_regular, parse_json, read_regular, read_stream
+from blur2view.input_files import open_regular, read_regular, read_stream
 
 LINUX = Path("/proc/self/mem").exists()
 
@@ -49,11 +49,3 @@ def test_a_stream_without_end_is_left() -> None:
     with open("/dev/zero", "rb") as endless, pytest.raises(OSError, match="larger than 1 MiB"):
         read_stream(endless, 1 << 20)
     assert read_stream(io.BytesIO(b"abc"), 3) == b"abc"
-
-
-@pytest.mark.parametrize(
-    "text", ["", "{", "NaN", "-Infinity", b"\xff", "[" * 100_000, "[" * 100_000 + "]" * 100_000]
-)
-def test_json_of_others_is_an_error_of_one_kind(text: str | bytes) -> None:
-    with pytest.raises(ValueError):
-        parse_json(text)

@@ -11,7 +11,7 @@ import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 from blur2view.results.record import Record, derived
 from blur2view.results.verdict import Limits, use_of, verdict
@@ -86,7 +86,10 @@ class Photograph(Record):
 
         ValueError if it holds no record. Types are not checked: the text is from `to_json`.
         """
-        stored = json.loads(text)
+        try:
+            stored = json.loads(text, parse_constant=_refuse)
+        except RecursionError:
+            raise ValueError("is nested too deeply") from None
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is no JSON document of a photograph")
         return cls(**{one.name: stored[one.name] for one in fields(cls) if one.name in stored})
@@ -170,6 +173,11 @@ def _camera_motion(estimate: Estimate) -> dict[str, Any]:
         "time_known": estimate.time.known,
         "time_confidence": estimate.time.confidence,
     }
+
+
+def _refuse(constant: str) -> NoReturn:
+    """Refuse NaN and infinity, which JSON does not have."""
+    raise ValueError(f"{constant} is no number")
 
 
 def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:

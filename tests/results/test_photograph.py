@@ -31,7 +31,7 @@ def test_a_failed_photograph_has_a_name_and_an_error_alone() -> None:
     assert Photograph.from_json(one.to_json()) == one and one.verdict == one.error
 
 
-@pytest.mark.parametrize("text", ["[]", "{}", "not JSON"])
+@pytest.mark.parametrize("text", ["[]", "{}", "not JSON", '{"name": "a", "width": NaN}', "[" * 100_000])
 def test_text_without_a_record_is_refused(text: str) -> None:
     with pytest.raises(ValueError):
         Photograph.from_json(text)
