@@ -19,11 +19,11 @@ from blur2view.cli.work import Setup
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.exposure.gyroflow import gyroflow_log
 from blur2view.images.inputs import Inputs
-from blur2view.images.timestamps import timestamps_of
+from blur2view.images.source import timestamps_of
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import check_file, is_whole, real_paths, writable_folders, write_file
 from blur2view.results.photograph import Photograph, table_text
-from blur2view.runs.executors import executor
+from blur2view.runs.executors import Cluster, executor
 from blur2view.runs.jobs import Executor, Job, Outcome, Work, identified, neighbours_of, outcomes
 
 DONE, FAILED, INTERRUPTED = 0, 1, 130
@@ -191,8 +191,6 @@ class Photographs:
         many = self.setup.common.many
         if many.dask is None:
             return executor(max(min(many.jobs or usable_cores(), count), 1))
-        from blur2view.runs.cluster import Cluster
-
         return Cluster(many.dask)
 
     def _say(self, job: Job, outcome: Outcome, text: str, say: Say, warned: set[str], *, alone: bool) -> None:
