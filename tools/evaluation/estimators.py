@@ -11,7 +11,6 @@ its estimator and ours on the surest 20 to 55 % of the network's smears (`NETWOR
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
@@ -102,13 +101,13 @@ def warm_up() -> None:
 
 
 def measure(method: Method, problem: KnownMatches) -> dict[str, float]:
-    """Return how good a method's F is (`evaluate.Judged`, and its pose) and its CPU time."""
+    """Return how good a method's F is (`evaluate.judge`, and its pose) and its CPU time."""
     start = time.process_time()
     F = method(problem)
     ms = 1e3 * (time.process_time() - start)
     judged, ends = judge(F, problem.F, problem.K, problem.true_ends), problem.matches.ends
     pose = NO_POSE_DEG if F is None else pose_error_deg(F, problem.K, problem.R, problem.t, ends)
-    return {**asdict(judged), "pose_deg": pose, "ms": ms}
+    return {**judged, "pose_deg": pose, "ms": ms}
 
 
 def run_instance(instance: Record, paper_seeds: range, scenes: Path | None = None) -> Record:

@@ -8,7 +8,6 @@ the true smears of static pixels.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,7 +40,7 @@ OCTAVE_ROW = (
     "| {epe_s_over_length:.3f}"
 )
 SIGMA_HEAD = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
-SHARES = ("under_05", "under_10", "inliers")  # what of `Judged` is a share of the smears; the rest are errors
+SHARES = ("under_05", "under_10", "inliers")  # what of `judge` is a share of the smears; the rest are errors
 HEAD = (
     "F from | images | none | median rho | rho < 0.05 | rho < 0.10 | SErrMin < 3 | of the true F's "
     "| median SErrMin, px^2 | epipole, deg"
@@ -142,52 +141,38 @@ def known_matches(scene: TestScene, matches: SmearMatches) -> KnownMatches:
     )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
-class Judged:
-    """One F on one image's true smears; the epipole's angle is that of rays, up to the flip of time.
+def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArray) -> dict[str, float]:
+    """Return how good F is on true ends (N, 2, 2) of smears, beside the true F and for the true K.
 
-    Medians over smears of ``rho`` and ``serrmin_px2``; the shares of smears with a rho below 0.05 and 0.10,
-    and of the paper's inliers.
-    """
-
-    rho: float
-    under_05: float
-    under_10: float
-    inliers: float
-    serrmin_px2: float
-    epipole_deg: float
-
-
-def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArray) -> Judged:
-    """Return how good F is on true ends (N, 2, 2), beside the true F and for the true K.
-
-    None is the worst answer: errors as long as the smears, and an epipole at right angles.
+    Medians of ``rho`` and ``serrmin_px2``; shares of smears with a rho below 0.05 and 0.10, and of the
+    paper's inliers; the angle of the epipoles, up to the flip of time. None is the worst answer: errors as long
+    as the smears, and an epipole at right angles.
     """
     if F is None or F_true is None:
         squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
-        return Judged(rho=1.0, under_05=0.0, under_10=0.0, inliers=0.0, serrmin_px2=squared, epipole_deg=90.0)
+        return dict.fromkeys(SHARES, 0.0) | {"rho": 1.0, "serrmin_px2": squared, "epipole_deg": 90.0}
     relative, squared_px = rho(F, ends), serrmin(F, ends)
-    return Judged(
-        rho=float(np.median(relative)),
-        under_05=float((relative < 0.05).mean()),
-        under_10=float((relative < 0.10).mean()),
-        inliers=float((squared_px < PAPER_INLIER).mean()),
-        serrmin_px2=float(np.median(squared_px)),
-        epipole_deg=epipole_angle_deg(F, F_true, K),
-    )
+    return {
+        "rho": float(np.median(relative)),
+        "under_05": float((relative < 0.05).mean()),
+        "under_10": float((relative < 0.10).mean()),
+        "inliers": float((squared_px < PAPER_INLIER).mean()),
+        "serrmin_px2": float(np.median(squared_px)),
+        "epipole_deg": epipole_angle_deg(F, F_true, K),
+    }
 
 
-def summarise(method: str, judged: list[Judged], reference: list[Judged], missing: int) -> Record:
+def summarise(method: str, judged: list[dict[str, float]], true_inliers: float, missing: int) -> Record:
     """Return medians of the errors, means of the shares, and inliers as a fraction of the true F's."""
-    values = {name: [one[name] for one in map(asdict, judged)] for name in asdict(judged[0])}
+    values = {name: [one[name] for one in judged] for name in judged[0]}
     found = {name: float((np.mean if name in SHARES else np.median)(some)) for name, some in values.items()}
-    found["inliers_of_true"] = found["inliers"] / float(np.mean([r.inliers for r in reference]))
-    return {"method": method, "images": len(judged), "without_F": missing} | found
+    shown = {"method": method, "images": len(judged), "without_F": missing}
+    return found | shown | {"inliers_of_true": found["inliers"] / true_inliers}
 
 
 def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list[Record]:
     """Return figures of every method over the images whose camera translates; no F counts as the worst."""
-    judged: dict[str, list[Judged]] = {}
+    judged: dict[str, list[dict[str, float]]] = {}
     missing: dict[str, int] = {}
     for scene, grid in scenes:
         if scene.F is None:
@@ -197,7 +182,8 @@ def evaluate_fundamentals(scenes: Iterable[tuple[TestScene, SmearGrid]]) -> list
         for name, F in found.items():
             judged.setdefault(name, []).append(judge(F, scene.F, scene.K, known.true_ends))
             missing[name] = missing.get(name, 0) + (F is None)
-    return [summarise(name, rows, judged["true F"], missing[name]) for name, rows in judged.items()]
+    true_inliers = float(np.mean([one["inliers"] for one in judged["true F"]]))
+    return [summarise(name, rows, true_inliers, missing[name]) for name, rows in judged.items()]
 
 
 def main(scenes: Path, *, model: Existing | None = None, out: Target | None = None) -> None:
