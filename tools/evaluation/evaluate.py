@@ -145,8 +145,8 @@ def judge(F: AnyArray | None, F_true: AnyArray | None, K: AnyArray, ends: AnyArr
     """Return how good F is on true ends (N, 2, 2) of smears, beside the true F and for the true K.
 
     Medians of ``rho`` and ``serrmin_px2``; shares of smears with a rho below 0.05 and 0.10, and of the
-    paper's inliers; the angle of the epipoles, up to the flip of time. None is the worst answer: errors as long
-    as the smears, and an epipole at right angles.
+    paper's inliers; the angle of the epipoles, up to the flip of time. None is the worst answer: errors as
+    long as the smears, and an epipole at right angles.
     """
     if F is None or F_true is None:
         squared = float(np.median(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1)))
