@@ -55,7 +55,10 @@ def run(main: Callable[..., object]) -> None:
             parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=shown, **words)
     given = vars(parser.parse_args())
     pairs = {name for name, hint in hints.items() if get_origin(hint) is tuple}
-    main(**{name: tuple(value) if name in pairs else value for name, value in given.items()})
+    try:
+        main(**{name: tuple(value) if name in pairs else value for name, value in given.items()})
+    except ModuleNotFoundError as error:
+        raise SystemExit(f"{error.name} is not installed; pip install '.[train,test]'") from None
 
 
 def _words(hint: Any) -> dict[str, Any]:

@@ -90,12 +90,13 @@ class ReportOptions:
         with photographs.writing({"-o": (page, "page")}):
             work = partial(entry_one, photographs.setup, mask=self.page.mask)
             finished = photographs.run(photographs.jobs(), work)
+            shown = finished.records
             entries = [
                 (one.photograph, one.besides["section"], one.besides["thumbnail"])
                 if not one.error
                 else (Photograph(name=job.name, error=_error(job, one)), "", "")
                 for job, one in finished.outcomes
-                if job in finished.records
+                if job in shown
             ]
             if finished.end is not End.STOPPED and finished.done:
                 content = report(entries, __version__)

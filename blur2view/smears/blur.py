@@ -190,6 +190,9 @@ def is_close(grid: SmearGrid) -> bool:
     moved, known = smeared + both, sharp + defocused + smeared + both
     if abs(moved - MOVED * known) < CLOSE_MOVED * known:
         return True
+    seen = blur_of(grid)
+    if seen.kind is BlurKind.CAMERA_MOVED and (seen.defocus_px or 0.0) > DEFOCUSED_PX:  # is it the lens, too?
+        return True
     whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
     ratio = (whole.smear_px or 0.0) / (whole.smear_sigma_px or 1.0)
     is_near = abs(both - 0.5 * moved) < CLOSE_BOTH * moved or 1 / CLOSE_LENGTH < ratio < CLOSE_LENGTH
