@@ -154,8 +154,10 @@ def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: 
         raise OutputError(f"{target}: is a folder, where the {what} is to be; {remedy}")
     if target.is_symlink() and not real.parent.is_dir():
         raise OutputError(f"{target}: is a link into a folder that is not there, {real.parent}; {remedy}")
+    if target.exists() and not real.is_file():
+        raise OutputError(f"{target}: is no regular file; {remedy}")
     if target.exists() and not is_ours(target, KINDS.get(what)):
-        raise OutputError(f"{target}: is no {what} of an earlier call; remove it, or {remedy}")
+        raise OutputError(f"{target}: is no {what} of an earlier call; move it away, or {remedy}")
 
 
 def is_ours(path: Path, kind: str | None = None) -> bool:

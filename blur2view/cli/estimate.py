@@ -13,8 +13,7 @@ from blur2view.cli.options import Common, Folder, InTime
 from blur2view.cli.run import FAILURES, Photographs, run_into_folder, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.cli.work import Estimated, Setup
-from blur2view.results.drawing import png
-from blur2view.results.overlay import draw_overlay
+from blur2view.results.overlay import draw_overlay, png
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import fit_line
 from blur2view.runs.jobs import Job, Outcome

@@ -19,8 +19,7 @@ from blur2view.cli.work import Setup
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
 from blur2view.movers.mask import segment
 from blur2view.movers.moving import THRESHOLD
-from blur2view.results.drawing import png
-from blur2view.results.overlay import draw_motion, mask_verdict
+from blur2view.results.overlay import draw_motion, mask_verdict, png
 from blur2view.results.photograph import explanations
 from blur2view.runs.jobs import Job, Outcome, content_of
 

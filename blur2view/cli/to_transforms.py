@@ -29,7 +29,7 @@ from blur2view.colmap.transforms import (
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
 from blur2view.output_files import check_file, is_ours, unwritable, write_beside
-from blur2view.results.drawing import png
+from blur2view.results.overlay import png
 
 MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
 MASKS = "masks"  # beside transforms.json

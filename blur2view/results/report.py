@@ -22,15 +22,16 @@ from PIL import Image
 from blur2view.arrays import AnyArray
 from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
-from blur2view.results.drawing import View, png
 from blur2view.results.overlay import (
     SQUARES,
+    View,
     certainty_of,
     draw_smears,
     epipolar_lines,
     epipoles_within,
     lines_of,
     orientation_colours,
+    png,
     spread_subset,
 )
 from blur2view.results.photograph import Photograph, entries

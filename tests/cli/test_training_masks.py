@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from blur2view.results.drawing import png
+from blur2view.results.overlay import png
 from tests.colmap.test_transforms import NAMES, POINTS, WALK
 from tests.support.calls import Call, call_program
 

@@ -12,7 +12,7 @@ from blur2view.errors import ImageError
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.source import Source
 from blur2view.images.video import frame_numbers
-from blur2view.results.drawing import png
+from blur2view.results.overlay import png
 from tests.support.many_photographs import write_video
 
 

@@ -17,8 +17,7 @@ from PIL import Image
 
 import blur2view
 from blur2view.cli import commands
-from blur2view.results.drawing import PAPER, write
-from blur2view.results.overlay import draw_motion
+from blur2view.results.overlay import PAPER, draw_motion, write
 from tools.arguments import Existing, Target, run
 from tools.pages import write_picture
 
