@@ -1,6 +1,6 @@
 """Make the pictures that README and the results show.
 
-``python -m tools.reports.gallery PHOTO... --out gallery.webp`` draws the overlay of each photograph, of one
+``python -m tools.evaluation.gallery PHOTO... --out gallery.webp`` draws the overlay of each photograph, one
 alone wider. ``--plain`` draws them on grey instead of the photographs, whose licences may not allow showing
 them, ``--masks`` shows what moves instead of the smears, ``--report`` a report in headless Chromium.
 """
