@@ -49,8 +49,8 @@ from blur2view.smears.matches import SmearMatches as SmearMatches
 from blur2view.smears.selection import SelectOptions as SelectOptions
 from blur2view.smears.selection import select_matches as select_matches
 from blur2view.smears.stored import load_smears as load_smears
+from blur2view.two_view.consensus import EstimatorOptions as EstimatorOptions
 from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
-from blur2view.two_view.options import EstimatorOptions as EstimatorOptions
 
 __version__: str
 __all__: list[str]

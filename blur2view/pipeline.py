@@ -25,8 +25,8 @@ from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.selection import SelectOptions, select_matches
+from blur2view.two_view.consensus import EstimatorOptions
 from blur2view.two_view.estimate import estimate_two_view, without_motion
-from blur2view.two_view.options import EstimatorOptions
 
 if TYPE_CHECKING:
     from PIL import Image

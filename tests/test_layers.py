@@ -117,7 +117,7 @@ def test_the_package_has_few_files_beside_its_rooms() -> None:
     assert sum(path.is_file() for path in PACKAGE.iterdir()) <= MOST_FILES
 
 
-@pytest.mark.parametrize("loop", ["ransac", "levenberg_marquardt"])
+@pytest.mark.parametrize("loop", ["ransac", "least_squares"])
 def test_loops_know_no_geometry(loop: str) -> None:
     assert own_imports(MODULE[f"blur2view.two_view.{loop}"]) == {"blur2view.arrays"}
 

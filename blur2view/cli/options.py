@@ -26,7 +26,7 @@ from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
 from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.smears.selection import SelectOptions
-from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.consensus import EstimatorOptions
 
 
 @dataclass(frozen=True, kw_only=True)

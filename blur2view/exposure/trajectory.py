@@ -17,7 +17,7 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.exposure.camera_path import CameraPath, change_of, changed
 from blur2view.geometry.rotation import rotation_flow
-from blur2view.two_view.reweighted import reweighted_motion
+from blur2view.two_view.least_squares import reweighted_motion
 
 INDEPENDENT_SMEARS = 4  # at most: with more, smears are called surer than tools.evaluation.placed shows them
 MIN_SMEARS = 8  # smears; with fewer a frame's own rotation is not estimated

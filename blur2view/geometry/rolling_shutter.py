@@ -8,21 +8,17 @@ velocity, and -D / (1 - r D_y / e) if the photograph was taken in the other orde
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import Array
+from blur2view.smears.matches import SmearMatches
 
 LONGEST_S = 1.0  # no electronic shutter is as slow
 LEAST = 0.1  # of an exposure; points that keep up with the rows would be seen for less
-
-
-def shortened(ends: Array, factor: Array) -> Array:
-    """Return smears (N, 2, 2), each shorter by its factor (N,) about its middle."""
-    middle = ends.mean(axis=1, keepdims=True)
-    short: Array = middle + (ends - middle) / factor[:, None, None]
-    return short
+AROUND = 16  # smears that decide the order of one: without parallax the order of some is open
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,3 +60,28 @@ class RollingShutter:
         rows = int(np.abs(self.towards) @ image_size)
         share: Array = displacement @ np.array(self.towards) / max(rows - 1, 1)
         return 1 + self.readout_s / self.exposure_s * share
+
+    def all_rows_at_once(
+        self, matches: SmearMatches, second_end_is_open: NDArray[np.bool_], image_size: tuple[int, int]
+    ) -> SmearMatches | None:
+        """Return the matches as an exposure of all rows at once leaves them, in a given order (N,) of ends.
+
+        Each is shorter by its `exposures` about its midpoint and ordered as the AROUND nearest are. None
+        where no motion leaves them in this order in time.
+        """
+        from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
+
+        directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement
+        around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]
+        backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
+        exposures = self.exposures(np.where(backward, -1.0, 1.0) * matches.displacement, image_size)
+        if np.median(exposures) <= LEAST:
+            return None
+        exposures = np.maximum(exposures, LEAST)
+        middle = matches.midpoint[:, None]
+        return replace(
+            matches,
+            ends=middle + (matches.ends - middle) / exposures[:, None, None],
+            sigma_px=matches.sigma_px / exposures,
+            across_px=matches.across_px / exposures,
+        )

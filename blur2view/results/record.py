@@ -6,7 +6,7 @@ import math
 from dataclasses import MISSING, dataclass, field
 from typing import Any
 
-from blur2view.geometry.model_table import FAMILIES, MotionModel
+from blur2view.geometry.two_view_geometry import FAMILIES, MotionModel
 
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)

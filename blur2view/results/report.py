@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from blur2view.arrays import AnyArray
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.epipolar import serrmin
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import (
     SQUARES,

@@ -14,14 +14,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from blur2view.geometry.model_table import ModelRow, ModelTable, MotionModel
-from blur2view.geometry.two_view_geometry import Configuration
+from blur2view.geometry.two_view_geometry import Configuration, ModelRow, ModelTable, MotionModel
 from blur2view.two_view import constants as c
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.fit_fundamental import FundamentalFit
 from blur2view.two_view.fit_homography import HomographyFit, find_plane, fit_homography
-from blur2view.two_view.homography import HomographyFlow, rotation_of
+from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import HomographyFlow, rotation_of
 
 ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
 

@@ -8,72 +8,108 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.epipolar import serrmin
+from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
-from blur2view.two_view.constants import MIN_LENGTH_PX, MIN_MATCHES
 from blur2view.two_view.fit_homography import HomographyFit
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.options import EstimatorOptions
 
 GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions
+MOST_PX = 1e6  # beyond any photograph, and its square is a number
 
 
-def still(matches: SmearMatches) -> str | None:
-    """Return the reason why nothing moved, or None."""
-    median = float(np.median(matches.length_px)) if len(matches) >= MIN_MATCHES else np.inf
-    if median >= MIN_LENGTH_PX:
-        return None
-    return f"no motion: the median smear is {median:.2f} px long, below {MIN_LENGTH_PX:.2f} px"
+@dataclass(frozen=True, kw_only=True)
+class EstimatorOptions:
+    """How F is estimated, and which smears follow it.
+
+    Parameters
+    ----------
+    max_error_px : float
+        Largest distance of an inlier from its epipolar line, see `tolerance_px` (the paper: 3 squared
+        pixels).
+
+    Raises
+    ------
+    ValueError
+        If it is not positive or beyond any photograph.
+    """
+
+    max_error_px: float = 3**0.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.max_error_px <= MOST_PX:
+            raise ValueError(f"max_error_px must be positive, at most {MOST_PX:g}, got {self.max_error_px}")
+
+    def tolerance_px(self, length_px: Array, sigma_px: Array) -> Array:
+        """Return the Sampson distances (N,), pixels, below which smears are inliers: the one definition.
+
+        A tenth of the smear's length, at most ``max_error_px``, but two of its own standard deviations at
+        least: a bound in pixels alone is as large as short smears are, and any F would fit them.
+        """
+        most = np.minimum(c.INLIER_SHARE * length_px, self.max_error_px)
+        return np.maximum(most, c.INLIER_SIGMAS * sigma_px)
 
 
-def moved_as_one(matches: SmearMatches) -> str | None:
-    """Return the reason why all moved as one, so that there is no parallax, or None."""
-    if len(matches) < MIN_MATCHES or not constant_field(matches):
-        return None
+def no_geometry(
+    matches: SmearMatches, reason: str, *, stood_still: bool = False, insufficient_data: bool = False
+) -> TwoViewGeometry:
+    """Return a degenerate geometry: neither F nor H, and no smear is an inlier."""
+    return TwoViewGeometry(
+        F=None,
+        config=Configuration.DEGENERATE,
+        reason=reason,
+        inlier_mask=np.zeros(len(matches), bool),
+        second_end_is_open=np.zeros(len(matches), bool),
+        stood_still=stood_still,
+        insufficient_data=insufficient_data,
+    )
+
+
+def refused(matches: SmearMatches) -> TwoViewGeometry | None:
+    """Return the geometry of smears that show no motion, one constant motion or too little; else None."""
+    if len(matches) < c.MIN_MATCHES:
+        few = f"too few smears: {len(matches)}, at least {c.MIN_MATCHES} are needed"
+        return no_geometry(matches, few, insufficient_data=True)
     median = float(np.median(matches.length_px))
-    return f"constant field: all smears have one displacement ({median:.1f} px), as of any rotation or plane"
+    if median < c.MIN_LENGTH_PX:
+        short = f"no motion: the median smear is {median:.2f} px long, below {c.MIN_LENGTH_PX:.2f} px"
+        return no_geometry(matches, short, stood_still=True)
+    if constant_field(matches):
+        one = f"constant field: all smears have one displacement ({median:.1f} px)"
+        return no_geometry(matches, f"{one}, as of any rotation or plane")
+    share, width = coverage(matches), relative_width(matches)
+    if share < c.MIN_COVERAGE:
+        little = f"the smears cover {share:.0%} of the image (at least {c.MIN_COVERAGE:.0%} needed)"
+        moved = f"{little}: perhaps one moving object before a still camera"
+        return no_geometry(matches, moved, insufficient_data=True)
+    if width <= c.LEAST_WIDTH:
+        line = f"all smears lie along one line: their midpoints are spread {width:.1%} across it"
+        return no_geometry(matches, line, insufficient_data=True)
+    return None
 
 
-def insufficient_data(matches: SmearMatches) -> str | None:
-    """Return the reason why too little is seen to look for an F, or None."""
-    if len(matches) < MIN_MATCHES:
-        return f"too few smears: {len(matches)}, at least {MIN_MATCHES} are needed"
-    return _uncovered(matches) or collinear(matches)
-
-
-def collinear(matches: SmearMatches) -> str | None:
-    """Return the reason if the midpoints are collinear, which leaves F and H undetermined, or None."""
-    middle = matches.midpoint - matches.midpoint.mean(axis=0)
-    short, long = np.sqrt(np.maximum(np.linalg.eigvalsh(middle.T @ middle), 0.0))
-    if short > c.LEAST_WIDTH * long:
-        return None
-    return (
-        f"all smears lie along one line: their midpoints are spread {short / max(long, TINY):.1%} across it"
-    )
-
-
-def _uncovered(matches: SmearMatches) -> str | None:
-    """Return the reason if the smears cover too little of the image, or None."""
-    if matches.image_size is None:
-        return None
-    block_px = max(matches.image_size) / c.BLOCKS
-    blocks = np.ceil(np.array(matches.image_size) / block_px).prod()
-    coverage = len(np.unique(np.floor(matches.midpoint / block_px), axis=0)) / blocks
-    if coverage >= c.MIN_COVERAGE:
-        return None
-    return (
-        f"the smears cover {coverage:.0%} of the image (at least {c.MIN_COVERAGE:.0%} needed): "
-        "perhaps one moving object before a still camera"
-    )
-
-
-def constant_field(matches: SmearMatches, tolerance: float = c.CONSTANT) -> bool:
-    """Return whether all displacements agree, up to sign, within a share of their length (95 % of them)."""
+def constant_field(matches: SmearMatches) -> bool:
+    """Return whether 95 % of the displacements agree, up to sign, within a share CONSTANT of their length."""
     d = matches.displacement
     reference = d[np.argsort(matches.length_px)[len(d) // 2]]
     difference = np.minimum(np.linalg.norm(d - reference, axis=1), np.linalg.norm(d + reference, axis=1))
-    return bool(np.quantile(difference, 0.95) <= tolerance * np.linalg.norm(reference))
+    return bool(np.quantile(difference, 0.95) <= c.CONSTANT * np.linalg.norm(reference))
+
+
+def coverage(matches: SmearMatches) -> float:
+    """Return the share of the image's square blocks that hold midpoints; 1 without an image size."""
+    if matches.image_size is None:
+        return 1.0
+    block_px = max(matches.image_size) / c.BLOCKS
+    blocks = np.ceil(np.array(matches.image_size) / block_px).prod()
+    return float(len(np.unique(np.floor(matches.midpoint / block_px), axis=0)) / blocks)
+
+
+def relative_width(matches: SmearMatches) -> float:
+    """Return the spread of the midpoints across over along the line that fits them; 0 leaves F and H open."""
+    short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
+    return float(short / max(long, TINY))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,7 +117,7 @@ class Inliers:
     """Which smears follow a model, and what share would if their directions were random."""
 
     mask: NDArray[np.bool_]  # (N,)
-    by_chance: float
+    by_chance: float = 0.0
 
     @property
     def share(self) -> float:
@@ -98,11 +134,6 @@ class Inliers:
         """The clause that says so; rounded down, as only all are 100%."""
         share = 100 * int(self.mask.sum()) // max(len(self.mask), 1)
         return f"{share}% of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
-
-
-def no_inliers(count: int) -> Inliers:
-    """Return the inliers of no model: none of ``count`` smears."""
-    return Inliers(mask=np.zeros(count, bool), by_chance=0.0)
 
 
 def inliers_of(model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:

@@ -18,10 +18,9 @@ from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix, symmetric_skew, unit_lines
 from blur2view.two_view import constants as c
 from blur2view.two_view.constants import FREEDOM
-from blur2view.two_view.homography import HomographyFlow, entries_of, velocity_basis
-from blur2view.two_view.levenberg_marquardt import least_of
+from blur2view.two_view.least_squares import least_of, reweighted_motion
 from blur2view.two_view.likelihood import Likelihood, OrderedResiduals, mixture
-from blur2view.two_view.reweighted import reweighted_motion
+from blur2view.two_view.models import HomographyFlow, entries_of, velocity_basis
 
 SLOW = 6  # parameters of the errors that vary slowly
 # Their precisions. The first, lengths wrong by a share everywhere, is held at zero: no residual shows it, and
@@ -150,21 +149,11 @@ def find_plane(likelihood: Likelihood, rotation: Array, orders: Sequence[NDArray
     """Return the cheapest homography near a rotation vector (3,) or near what follows smears in some order.
 
     ``orders`` are masks (N,) of the smears whose ends[:, 1] is to be the open end: in each the homography
-    that follows most smears is linear. As there may be several planes, those of the picture's quarters are
-    starts, too. From the starts the fit decides every order anew. Of 89 problems (all kinds of scenes, with
-    independent and shared errors, and photographs) the log-posterior is less by 1 than that of the best of 96
-    samples of four smears in 7, where parallax is proven by far, and more by 1 in 8.
+    that follows most smears is linear. From there the fit decides every order anew.
     """
     basis, scale = velocity_basis(likelihood.middle), 2**0.5 * likelihood.sigma_px / likelihood.unit_px
-    right, low = (likelihood.middle > np.median(likelihood.middle, axis=0)).T
-    parts = [np.full(len(right), True), *(right + 2 * low == quarter for quarter in range(4))]
-
-    def following(displacement: Array, part: NDArray[np.bool_]) -> Array:
-        rows, some = basis[..., part], displacement[:, part]
-        return reweighted_motion(rows, some, steps=c.PLANE_STEPS, scale=lambda _: scale[part])[0]
-
     signed = [np.where(backward, -1.0, 1.0) * likelihood.displacement.T for backward in orders]
-    entries = [following(displacement, part) for displacement in signed for part in parts]
+    entries = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in signed]
     entries.append(entries_of(cross_matrix(rotation)))
     planes = [HomographyFlow.plane(start, likelihood.prior) for start in entries]
     starts = [HomographyFit(likelihood=likelihood, family=plane) for plane in planes]

@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import denormalise
+from blur2view.geometry.epipolar import EndProducts, denormalise
 from blur2view.geometry.rotation import rotation_flow
-from blur2view.geometry.sampson import EndProducts
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
-from blur2view.two_view.homography import velocity_basis
-from blur2view.two_view.models import CameraPrior, assumed_camera
+from blur2view.two_view.models import CameraPrior, assumed_camera, velocity_basis
 
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
 MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
@@ -37,7 +35,7 @@ class OrderedResiduals:
     """Residuals of every smear in both orders, in standard deviations, and the odds of its order.
 
     ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``prior`` both orders'
-    probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`DepthOdds`). At even
+    probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`order_odds`). At even
     odds, deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
     ``root`` (2, N) is the gradient's length, which their derivatives take.
     """
@@ -71,47 +69,6 @@ class OrderedResiduals:
     def decided(self) -> OrderedResiduals:
         """Return them with each smear's better order taken for granted, as SErrMin does."""
         return replace(self, prior=np.stack([~self.backward, self.backward]).astype(float))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DepthOdds:
-    """The order of a smear by positive depth (cheirality), read before any order is known; K = identity.
-
-    A point in front of the camera moves, once the rotation is taken off, away from the epipole of a camera
-    that goes forward and towards that of one that goes back. So a motion decides of every smear which of its
-    two orders such a point can have: where the translation moves points farther along their epipolar lines
-    than the rotation does, exactly one. Motions are along t_12 - t_3 p, linear in t at a midpoint p:
-    ``moved`` is what t multiplies to that of the smear, ``turned`` what t w^T multiplies to that of a
-    rotation w, to first order: cameras rotate by a few degrees at most.
-    """
-
-    middle: Array  # (2, N)
-    moved: Array  # (3, N)
-    turned: Array  # (9, N)
-    along: Array  # (N,) standard deviations of displacements along epipolar lines
-
-    @classmethod
-    def of(cls, middle: Array, displacement: Array, along: Array) -> DepthOdds:
-        """Return those of midpoints, and of displacements ends[:, 1] - ends[:, 0], (N, 2)."""
-        flow = np.concatenate([displacement.T[:, None], rotation_flow(middle)], axis=1)  # (2, 4, N)
-        lines = np.concatenate([flow, -(middle.T[:, None] * flow).sum(axis=0, keepdims=True)])  # (3, 4, N)
-        turned, middle = lines[:, 1:].reshape(9, -1), np.ascontiguousarray(middle.T)
-        return cls(middle=middle, moved=lines[:, 0], turned=turned, along=along)
-
-    def at(self, rotation: Array, t: Array, sign: float) -> Array:
-        """Return probabilities (2, N) of ends[:, 0] first and ends[:, 1] first, of a motion (w, +-t).
-
-        An order is as probable as its parallax is positive. Where both are feasible they share, so that a
-        motion gains nothing by being vague; where none is, both are improbable.
-        """
-        moved, turned = t @ self.moved, np.outer(t, rotation).reshape(-1) @ self.turned
-        x, y = self.middle
-        length = np.sqrt((t[0] - t[2] * x) ** 2 + (t[1] - t[2] * y) ** 2) + TINY
-        against = np.stack([turned - moved, turned + moved]) * (
-            sign * PROBIT_AS_LOGIT / (length * self.along)
-        )
-        feasible = 1 / (1 + np.exp(np.minimum(against, MOST_LOG_ODDS)))
-        return np.asarray(feasible * (np.maximum(*feasible) / np.add(*feasible)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -249,17 +206,31 @@ class Likelihood:
         return self.products.derivatives(F, tangents, residuals.both, residuals.root)
 
     @cached_property
-    def depths(self) -> DepthOdds:
-        """Odds of the orders by positive depth, if every smear were independent."""
-        return DepthOdds.of(self.middle, self.displacement, self.along)
+    def _depths(self) -> tuple[Array, Array]:
+        """Products (3, N) and (9, N) of which t and t w^T give smears and rotations along epipolar lines."""
+        flow = np.concatenate([self.displacement.T[:, None], rotation_flow(self.middle)], axis=1)  # (2, 4, N)
+        along = np.concatenate([flow, -(self.middle.T[:, None] * flow).sum(axis=0, keepdims=True)])
+        return along[:, 0], along[:, 1:].reshape(9, -1)
 
     def order_odds(self, rotation: Array, t: Array, sign: float) -> Array:
-        """Return both orders' probabilities (2, N) by positive depth, of a motion whose translation is +-t.
+        """Return the probability (2, N) of both orders by positive depth, of a rotation vector w and +-t.
 
-        Errors that neighbours share mislead about depth as they do about F: the fewer smears are
-        independent, the nearer the odds are to even ones (`constants.DEPTH_TRUST`).
+        A point in front of the camera moves, once the rotation is taken off, along t_12 - t_3 p at p: away
+        from the epipole of a camera that goes forward, towards that of one that goes back. An order is as
+        probable as its parallax is positive, to first order in w: exactly one is where the translation moves
+        points farther than the rotation does. Where both are feasible they share, so that a motion gains
+        nothing by being vague; where none is, both are improbable. Errors that neighbours share mislead about
+        depth as they do about F: the fewer smears are independent, the nearer the odds are to even ones
+        (`constants.DEPTH_TRUST`).
         """
-        odds = self.depths.at(rotation, t, sign)
+        smear, flow = self._depths
+        moved, turned = t @ smear, np.outer(t, rotation).reshape(-1) @ flow
+        x, y = self.middle.T
+        length = np.sqrt((t[0] - t[2] * x) ** 2 + (t[1] - t[2] * y) ** 2) + TINY
+        scale = sign * PROBIT_AS_LOGIT / (length * self.along)
+        against = np.minimum(np.stack([turned - moved, turned + moved]) * scale, MOST_LOG_ODDS)
+        feasible = 1 / (1 + np.exp(against))
+        odds = feasible * (np.maximum(*feasible) / np.add(*feasible))
         weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
         return np.asarray(odds**weight * 2 ** (weight - 1))
 

@@ -1,10 +1,17 @@
-"""Families of F as manifolds: a point, its tangents, a step, and a prior.
+"""Models of motion as manifolds: families of F, and displacement fields of homographies.
 
-Three nested families describe a blurred photograph: `CameraF` (5 parameters and 3 of the camera, held by a
-prior: one camera, the same at both ends, square pixels, principal point near the centre, a small rotation),
+Three nested families of F describe a blurred photograph: `CameraF` (5 parameters and 3 of the camera, held by
+a prior: one camera, the same at both ends, square pixels, principal point near the centre, a small rotation),
 that of a camera whose prior is `UNROTATED` (2 parameters: all smears meet in the epipole) and `GeneralF` (all
-7). Each has a matrix, its derivatives, a step along them, the motion of a camera, and a prior. Coordinates
-are normalised.
+7). Each has a matrix, its derivatives, a step along them, the motion of a camera, and a prior.
+
+A homography between the ends of a short exposure is near the identity and is written by its generator A as
+Cayley's transform H = (I - A/2)^-1 (I + A/2): exact; -A gives the inverse of H and exchanges the two ends of
+a smear. A = K [w]x K^-1 gives exactly the rotations K R K^-1. To first order the displacement at p is v(p) =
+(A p)_12 - p (A p)_3, quadratic in p and linear in A; the chord of its path is v(p) + (A p)_3 / 4 v(v), to
+fifth order in the smear's length (`HomographyFlow`).
+
+Coordinates are normalised: those of `Likelihood`, for a known camera of K = I.
 """
 
 from __future__ import annotations
@@ -16,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import cross_matrix
+from blur2view.geometry.epipolar import cross_matrix, unit_norm
 from blur2view.geometry.pose import essential_motions
 from blur2view.geometry.rotation import (
     GENERATORS,
@@ -25,7 +32,10 @@ from blur2view.geometry.rotation import (
     rotation_vector,
     step_on_sphere,
 )
-from blur2view.two_view.constants import ASSUMED_FOCAL
+from blur2view.two_view.constants import ASSUMED_FOCAL, ROLLING_SPREAD
+
+IDENTITY: Array = np.eye(3)
+ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,17 +57,14 @@ class GeneralF:
         U, singular, Vt = np.linalg.svd(F)
         return cls(U=U, V=Vt.T, angle=float(np.arctan2(singular[1], singular[0])))
 
-    def _diagonal(self) -> Array:
-        return np.diag([np.cos(self.angle), np.sin(self.angle), 0.0])
-
     def matrix(self) -> Array:
         """Return F of shape (3, 3), unit norm."""
-        return self.U @ self._diagonal() @ self.V.T
+        return self.U @ np.diag([np.cos(self.angle), np.sin(self.angle), 0.0]) @ self.V.T
 
     def tangent(self) -> Array:
         """Return dF of shape (7, 3, 3): rotations of U, rotations of V, the angle."""
-        middle = self._diagonal()
-        derivative = np.diag([-np.sin(self.angle), np.cos(self.angle), 0.0])
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        middle, derivative = np.diag([cosine, sine, 0.0]), np.diag([-sine, cosine, 0.0])
         inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, derivative[None]])
         moved: Array = self.U @ inner @ self.V.T
         return moved
@@ -135,11 +142,6 @@ class CameraF:
         return rotation_vector(self.R)
 
     @cached_property
-    def cross(self) -> Array:
-        """[t]x (3, 3)."""
-        return cross_matrix(self.t)
-
-    @cached_property
     def inverse(self) -> Array:
         """K^-1 (3, 3)."""
         g = math.exp(self.log_focal)
@@ -148,11 +150,11 @@ class CameraF:
 
     def matrix(self) -> Array:
         """Return F of shape (3, 3), not of unit norm."""
-        return self.inverse.T @ self.cross @ self.R @ self.inverse
+        return self.inverse.T @ cross_matrix(self.t) @ self.R @ self.inverse
 
     def tangent(self) -> Array:
         """Return dF of shape (8, 3, 3)."""
-        inverse, cross = self.inverse, self.cross
+        inverse, cross = self.inverse, cross_matrix(self.t)
         E = cross @ self.R
         lens = np.zeros((3, 3, 3))  # d(K^-1) K in log g, cx, cy
         lens[0, [0, 1], [0, 1]] = -1.0
@@ -194,3 +196,125 @@ def assumed_camera(image_size: tuple[float, ...]) -> Array:
     return np.array(
         [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HomographyFlow:
+    """The field of a plane (8 parameters) or a rotation (6), with 3 more where the shutter rolls.
+
+    Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with K = [[g, 0, cx],
+    [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), log g,
+    cx and cy, held by ``spread`` as in `CameraF`. A rolling shutter reads one row after the other: at y
+    (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
+    rotation y * change, besides; its prior is what a hand does meanwhile (`constants.ROLLING_SPREAD`).
+    """
+
+    parameters: Array  # (k,): those of the middle row, then the change (3,)
+    turns: bool
+    spread: CameraPrior
+    axis: int = 1  # 0: x, along which rows follow one another in a picture that was turned upright
+
+    @classmethod
+    def plane(cls, entries: Array, spread: CameraPrior) -> HomographyFlow:
+        """Return the field of a generator's entries (8,)."""
+        return cls(parameters=entries, turns=False, spread=spread)
+
+    @classmethod
+    def rotation(cls, vector: Array, spread: CameraPrior) -> HomographyFlow:
+        """Return the field of a rotation vector (3,) of the assumed camera (K = I)."""
+        return cls(parameters=np.append(vector, np.zeros(3)), turns=True, spread=spread)
+
+    @property
+    def change(self) -> Array:
+        """Rotation vector per unit of height, (3,) or, of a global shutter, (0,)."""
+        return self.parameters[6 if self.turns else 8 :]
+
+    @property
+    def weight(self) -> Array:
+        """One over the prior's standard deviations of the parameters, (k,)."""
+        still = self.spread.weight if self.turns else np.zeros(8)
+        return np.append(still, self.spread.weight[: len(self.change)] / ROLLING_SPREAD)
+
+    def rolling(self, axis: int = 1) -> HomographyFlow:
+        """Return the same field with a change down the rows, of zero."""
+        return replace(self, parameters=np.append(self.parameters, np.zeros(3)), axis=axis)
+
+    def step(self, delta: Array) -> HomographyFlow:
+        """Return the field with delta (k,) added to the parameters."""
+        return replace(self, parameters=self.parameters + delta)
+
+    def generator(self) -> Array:
+        """Return A of shape (3, 3) of the middle row."""
+        if not self.turns:
+            return np.append(self.parameters[:8], 0.0).reshape(3, 3)
+        K = self._camera()
+        return np.asarray(K @ cross_matrix(self.parameters[:3]) @ np.linalg.inv(K))
+
+    def _camera(self) -> Array:
+        g, (cx, cy) = np.exp(self.parameters[3]), self.parameters[4:6]
+        return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
+
+    def tangent(self) -> Array:
+        """Return dA of shape (8 or 6, 3, 3) of the middle row."""
+        if not self.turns:
+            return ENTRIES
+        K, A, change = self._camera(), self.generator(), np.zeros((3, 3, 3))
+        change[0, [0, 1], [0, 1]] = K[0, 0]
+        change[[1, 2], [0, 1], 2] = 1.0
+        lens = change @ np.linalg.inv(K)  # dK K^-1, and dA = dK K^-1 A - A dK K^-1
+        return np.concatenate([K @ GENERATORS @ np.linalg.inv(K), lens @ A - A @ lens])
+
+    def displacement(self, points: Array) -> Array:
+        """Return the displacements (N, 2) of smears whose midpoints are ``points`` (N, 2)."""
+        moved = chords(self.generator(), points)
+        if len(self.change):
+            moved = moved + points[:, [self.axis]] * chords(cross_matrix(self.change), points)
+        return moved
+
+    def derivatives(self, basis: Array, points: Array) -> Array:
+        """Return their derivatives (k, 2, N), to first order, of `velocity_basis` at points (N, 2)."""
+        middle = np.tensordot(entries_of(self.tangent()), basis, 1)
+        change = np.tensordot(entries_of(GENERATORS), basis, 1)[: len(self.change)]
+        return np.concatenate([middle, points[:, self.axis] * change])
+
+
+def rotation_of(A: Array) -> Array:
+    """Return the rotation vector (3,) nearest to a generator A (3, 3), for K = I: that of its skew part."""
+    return 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+
+
+def cayley(A: Array) -> Array:
+    """Return H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
+    return np.asarray(np.linalg.solve(IDENTITY - 0.5 * A, IDENTITY + 0.5 * A), float)
+
+
+def pixel_homography(A: Array, T: Array) -> Array:
+    """Return H (3, 3) of pixels, unit norm and positive determinant, from A in coordinates T x."""
+    return unit_norm(np.asarray(np.linalg.solve(T, cayley(A) @ T), float))
+
+
+def velocity_basis(points: Array) -> Array:
+    """Return displacements (8, 2, N) at points (N, 2) for unit entries of A, to first order."""
+    x, y = np.asarray(points, float).T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    along_x = [x, y, one, zero, zero, zero, -x * x, -x * y]
+    along_y = [zero, zero, zero, x, y, one, -x * y, -y * y]
+    return np.array([along_x, along_y]).swapaxes(0, 1)
+
+
+def entries_of(A: Array) -> Array:
+    """Return the entries (..., 8) of the generators with A33 = 0 that equal given ones (..., 3, 3).
+
+    Adding a multiple of the identity to a generator moves no point.
+    """
+    return np.asarray((A - A[..., 2, 2, None, None] * IDENTITY).reshape(*A.shape[:-2], 9)[..., :8])
+
+
+def chords(A: Array, points: Array) -> Array:
+    """Return the chords (N, 2) of the paths of a generator (3, 3) whose midpoints are points (N, 2)."""
+    A, p = A - A[2, 2] * IDENTITY, points.T
+    third = A[2, :2] @ p
+    moved = A[:2, :2] @ p + A[:2, 2:] - p * third
+    bent = A[:2, :2] @ moved - p * (A[2, :2] @ moved)
+    chord: Array = moved + 0.25 * third * bent
+    return chord.T

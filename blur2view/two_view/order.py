@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import fundamental_from_pose, transfer
+from blur2view.geometry.epipolar import fundamental_from_pose, sampson, serrmin, transfer, unit_norm
 from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_flow
-from blur2view.geometry.sampson import sampson, serrmin
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
+from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.constants import BEHIND, GUESSED_FOCAL
 
 NORMAL_MEDIAN = 0.455  # of a squared standard normal variable
@@ -49,7 +49,9 @@ class EndOrder:
             Standard deviations of their Sampson distances, pixels.
         """
         if self.pose is not None and not self.pose.translation.any():
-            return against_rotation(self.pose.rotation_vector, self.camera.rays(ends))
+            rays = self.camera.rays(ends)
+            flow = np.tensordot(self.pose.rotation_vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
+            return np.asarray((flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) < 0)
         forward = self.forward_probability(self.camera.undistorted(ends), sampson_px)
         if self.pose is None:
             return forward < 0.5
@@ -60,13 +62,11 @@ class EndOrder:
 
         ``ends`` (N, 2, 2) are undistorted pixels, ``sampson_px`` (N,) deviations of their Sampson distances.
         """
-        sides = ends, ends[:, ::-1]
-        if self.F is not None:
-            ahead, behind = (sampson(self.F, side[:, 0], side[:, 1]) for side in sides)
-        elif self.H is not None:
-            ahead, behind = (transfer(self.H, side[:, 0], side[:, 1]) for side in sides)
-        else:
+        error = sampson if self.F is not None else transfer
+        model = self.F if self.F is not None else self.H
+        if model is None:
             return np.full(len(ends), 0.5)
+        ahead, behind = (error(model, side[:, 0], side[:, 1]) for side in (ends, ends[:, ::-1]))
         return 0.5 * (1 + np.tanh((behind - ahead) / (2 * self.noise * sampson_px) ** 2))
 
 
@@ -107,28 +107,41 @@ def end_order(
     return replace(order, pose=pose_before_both(E, camera.rays(ends), forward, inliers.astype(float)))
 
 
+def in_order(geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None) -> TwoViewGeometry:
+    """Return the geometry with the order of the ends; H, and F beside a rotation alone, run the same way."""
+    F, H, pose = geometry.F, geometry.H, geometry.cam2_from_cam1
+    if F is None and H is None:
+        return geometry
+    size = matches.image_size or tuple(np.ptp(matches.ends, axis=(0, 1)).astype(int) + 1)
+    order = end_order(geometry, matches.ends, matches.sampson_px, camera, size)
+    second = order.second_end_is_open(matches.ends, matches.sampson_px)
+    fits = geometry.inlier_mask
+    first, last = open_and_close(order.camera.undistorted(matches.ends[fits]), second[fits])
+
+    def runs_back(ahead: Array, behind: Array) -> bool:
+        return len(ahead) > 0 and float((behind < ahead).mean()) > 0.5
+
+    if H is not None and runs_back(transfer(H, first, last), transfer(H, last, first)):
+        H = unit_norm(np.asarray(np.linalg.inv(H), float))
+    rotates = pose is not None and not pose.translation.any()
+    if F is not None and rotates and runs_back(sampson(F, first, last), sampson(F, last, first)):
+        F = F.T.copy()
+    return replace(geometry, F=F, H=H, second_end_is_open=second)
+
+
 def open_and_close(ends: Array, second_end_is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return open and close ends, (N, 2) each, of smears (N, 2, 2) in the given order (N,)."""
     first, second, other = ends[:, 0], ends[:, 1], second_end_is_open[:, None]
     return np.where(other, second, first), np.where(other, first, second)
 
 
-def against_rotation(vector: Array, rays: Array) -> NDArray[np.bool_]:
-    """Return where smears (N, 2, 2) of rays x/z, y/z run against the motion of points, (N,).
-
-    Points move by a rotation vector (3,) of the camera, in radians, to first order (`rotation_flow`).
-    """
-    flow = np.tensordot(vector, rotation_flow(rays.mean(axis=1)), (0, 1)).T
-    return np.asarray((flow * (rays[:, 1] - rays[:, 0])).sum(axis=1) < 0)
-
-
 def order_before_both(
     pose: RigidTransform, rays: Array, forward: Array
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the order of smears (N, 2, 2) of rays x/z, y/z by their probability and by positive depth.
+    """Return where ends[:, 1] is open (N,), and where the point then lies before both cameras (N,).
 
-    ``forward`` (N,) is the probability that ends[:, 0] is open. Returned are where ends[:, 1] is open, (N,),
-    and where the point lies before both cameras in the order chosen, (N,).
+    Of smears (N, 2, 2) of rays x/z, y/z, given the probability (N,) that ends[:, 0] is open; an order that
+    puts the point behind a camera is less probable by BEHIND.
     """
     front, back = before_both(pose, rays[:, 0], rays[:, 1]), before_both(pose, rays[:, 1], rays[:, 0])
     second = (1 - forward) * np.where(back, 1.0, BEHIND) > forward * np.where(front, 1.0, BEHIND)

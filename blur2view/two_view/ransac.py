@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from operator import itemgetter
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -12,10 +10,10 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
-FIRST_BLOCK = 32  # data scored first
-GROWTH = 8  # of the blocks scored later, each with 1 / GROWTH of the models left
+BATCH, MAX_ITERATIONS = 64, 1000  # samples drawn at once, and at most (the paper: 1000)
+CONFIDENCE = 0.99  # probability of having drawn one all-inlier sample that ends the loop
+FIRST_BLOCK, GROWTH = 32, 8  # data scored first; growth of later blocks, each with 1 / GROWTH of the models
 SURVIVORS = 4  # models of a batch that are scored on all data
-CONTENDERS = 8  # sampled models that are returned
 
 
 class Estimator(Protocol):
@@ -40,39 +38,8 @@ class Estimator(Protocol):
         """Return the share of data that follow a model, beyond chance."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RansacOptions:
-    """When the loop stops.
-
-    ``max_iterations`` samples at most (the paper: 1000) and ``min_iterations`` before any other stop;
-    ``confidence`` the probability of having drawn one all-inlier sample that ends it; ``batch`` samples drawn
-    at once.
-    """
-
-    max_iterations: int = 1000
-    min_iterations: int = 16
-    confidence: float = 0.999
-    batch: int = 16
-
-    def __post_init__(self) -> None:
-        if min(self.max_iterations, self.batch) < 1 or not 0 < self.confidence < 1:
-            raise ValueError(f"counts must be positive, confidence must be in (0, 1), got {self}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class RansacResult:
-    """The best model (None if no sample gave any), and the samples drawn.
-
-    ``contenders`` are the best models as sampled, best first: starts for an optimisation that knows more.
-    """
-
-    model: Models | None
-    iterations: int
-    contenders: list[Models]
-
-
-def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generator) -> RansacResult:
-    """Return the model of least cost found; deterministic given the state of rng.
+def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
+    """Return the model of least cost found, None if no sample gave any; deterministic given the state of rng.
 
     A model is refined when, as sampled, it beats every sampled model before it on all data; refined models
     compete by their cost on all data.
@@ -83,27 +50,22 @@ def ransac(estimator: Estimator, options: RansacOptions, rng: np.random.Generato
     """
     order = rng.permutation(estimator.count)
     best: Models | None = None
-    sampled: list[tuple[float, Models]] = []
-    cost, raw_cost, iterations = np.inf, np.inf, 0
-    while iterations < options.max_iterations:
-        draw = min(options.batch, options.max_iterations - iterations)
-        models = preempt(estimator, estimator.generate_models(draw, rng), order)
-        iterations += draw
-        sampled = sorted(
-            [*sampled, *zip(estimator.score(models, order).tolist(), models, strict=True)], key=itemgetter(0)
-        )[:CONTENDERS]
-        if sampled and sampled[0][0] < raw_cost:
-            raw_cost, candidate = sampled[0]
-            refined = estimator.refine(candidate)
-            refined_cost = float(estimator.score(refined[None], order)[0])
-            if min(refined_cost, raw_cost) < cost:
-                best, cost = min((raw_cost, candidate), (refined_cost, refined), key=itemgetter(0))[::-1]
-        if best is not None and iterations >= options.min_iterations:
+    cost, sampled_cost = np.inf, np.inf
+    for iterations in range(BATCH, MAX_ITERATIONS + BATCH, BATCH):
+        models = preempt(estimator, estimator.generate_models(BATCH, rng), order)
+        costs = estimator.score(models, order)
+        if len(models) and costs.min() < sampled_cost:
+            sampled_cost = float(costs.min())
+            sampled = models[int(np.argmin(costs))]
+            both = np.stack([sampled, estimator.refine(sampled)])
+            its = estimator.score(both, order)
+            if its.min() < cost:
+                cost, best = float(its.min()), both[int(np.argmin(its))]
+        if best is not None:
             share = estimator.inlier_share(best)
-            if iterations >= needed_iterations(share, estimator.sample_size, options.confidence):
+            if iterations >= needed_iterations(share, estimator.sample_size):
                 break
-    contenders = [model for _, model in sampled]
-    return RansacResult(model=best, iterations=iterations, contenders=contenders)
+    return best
 
 
 def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Models:
@@ -123,12 +85,12 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Mo
     return models[:SURVIVORS]
 
 
-def needed_iterations(inlier_share: float, sample_size: int, confidence: float) -> float:
-    """Return log(1 - confidence) / log(1 - w^m): samples needed so that one is surely all inliers."""
+def needed_iterations(inlier_share: float, sample_size: int) -> float:
+    """Return log(1 - CONFIDENCE) / log(1 - w^m): samples needed so that one is surely all inliers."""
     good = min(max(inlier_share, 0.0), 1.0) ** sample_size
     if good <= 0:
         return float("inf")
-    return 0.0 if good >= 1 else float(np.log1p(-confidence) / np.log1p(-good))
+    return 0.0 if good >= 1 else float(np.log1p(-CONFIDENCE) / np.log1p(-good))
 
 
 def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Generator) -> NDArray[np.int_]:

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.epipolar import serrmin
 from blur2view.images.image import read_image
 from blur2view.smears.field import smear_ends
 from blur2view.smears.selection import SelectOptions
-from blur2view.two_view.options import EstimatorOptions
+from blur2view.two_view.consensus import EstimatorOptions
 from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
 from tests.support.many_photographs import contents

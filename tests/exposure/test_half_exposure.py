@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from blur2view.exposure.half_exposure import half_fundamental, half_geometry, half_pose
-from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose, sampson
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.sampson import sampson
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.datasets.synthetic_matches import project_smears

@@ -8,7 +8,7 @@ import pytest
 from blur2view import estimate_two_view
 from blur2view.camera.camera import Camera
 from blur2view.exposure.views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import sampson
 from blur2view.pipeline import Estimate
 from blur2view.smears.blur import blur_of
 from blur2view.smears.selection import SelectOptions, select_matches

@@ -5,9 +5,9 @@ import pytest
 
 from blur2view import estimate_two_view
 from blur2view.exposure.views import views_of
+from blur2view.geometry.epipolar import sampson
 from blur2view.geometry.pose import PoseCovariance, RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.sampson import sampson
 from blur2view.pipeline import Estimate
 from blur2view.smears.blur import Blur, BlurKind
 from tests.support.grids import grid_of

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry import epipolar, sampson
+from blur2view.geometry import epipolar
+from blur2view.geometry.epipolar import EndProducts
 from blur2view.geometry.rotation import rotation_flow, rotation_matrix
-from blur2view.geometry.sampson import EndProducts
 from tests.support.scenes import make_scene
 
 SIMILARITY = np.array([[0.01, 0, -3.0], [0, 0.01, -2.0], [0, 0, 1]])
@@ -46,42 +46,42 @@ def test_sampson_is_opencv_s() -> None:
     F, points = random_matrices(4, 1)[0], np.random.default_rng(4).normal(size=(10, 2, 2))
     x, y = epipolar.homogeneous(points[:, 0]), epipolar.homogeneous(points[:, 1])
     theirs = [cv2.sampsonDistance(a.reshape(3, 1), b.reshape(3, 1), F) for a, b in zip(x, y, strict=True)]
-    assert np.allclose(sampson.sampson(F, points[:, 0], points[:, 1]), theirs)
+    assert np.allclose(epipolar.sampson(F, points[:, 0], points[:, 1]), theirs)
 
 
 def test_sampson_of_a_small_offset_is_its_half_square_across_the_line() -> None:
     F = epipolar.cross_matrix(np.array([1.0, 0, 0]))  # motion along x: epipolar lines are rows
     x = np.array([[3.0, 4.0]])
-    assert np.allclose(sampson.sampson(F, x, x + [5.0, 0.2]), 0.2**2 / 2)
+    assert np.allclose(epipolar.sampson(F, x, x + [5.0, 0.2]), 0.2**2 / 2)
 
 
 def test_serrmin_is_blind_to_order_and_transposition() -> None:
     F, ends = random_matrices(5, 3), np.random.default_rng(5).normal(size=(20, 2, 2))
-    value = sampson.serrmin(F, ends)
+    value = epipolar.serrmin(F, ends)
     assert value.shape == (3, 20)
-    assert np.allclose(value, sampson.serrmin(F, ends[:, ::-1]))
-    assert np.allclose(value, sampson.serrmin(np.swapaxes(F, 1, 2), ends))
-    assert (value <= sampson.sampson(F, ends[:, 0], ends[:, 1])).all()
+    assert np.allclose(value, epipolar.serrmin(F, ends[:, ::-1]))
+    assert np.allclose(value, epipolar.serrmin(np.swapaxes(F, 1, 2), ends))
+    assert (value <= epipolar.sampson(F, ends[:, 0], ends[:, 1])).all()
 
 
 def test_true_F_explains_its_smears_and_orders_them() -> None:
     scene = make_scene(np.random.default_rng(6), rotation_share=0.8)
-    assert sampson.serrmin(scene.F, scene.ends).max() < 1e-18
+    assert epipolar.serrmin(scene.F, scene.ends).max() < 1e-18
     forward, backward = (
-        sampson.sampson(scene.F, *np.moveaxis(e, 1, 0)) for e in (scene.ends, scene.ends[:, ::-1])
+        epipolar.sampson(scene.F, *np.moveaxis(e, 1, 0)) for e in (scene.ends, scene.ends[:, ::-1])
     )
     resolved = np.abs(forward - backward) > 1e-12
     assert resolved.mean() > 0.9
     assert ((backward < forward) == scene.swapped)[resolved].all()
 
 
-@pytest.mark.parametrize(("models", "smears"), [(300, 100), (2, sampson.CHUNK + 1)])
+@pytest.mark.parametrize(("models", "smears"), [(300, 100), (2, epipolar.CHUNK + 1)])
 def test_costs_are_cut_sums_of_serrmin_however_many_there_are(models: int, smears: int) -> None:
     rng = np.random.default_rng(9)
     F, ends = random_matrices(9, models), rng.uniform(-0.5, 0.5, (smears, 2, 2))
     sigma = rng.uniform(0.001, 0.01, smears)
-    batch, exact = EndProducts(ends, sigma, np.float32), sampson.serrmin(F, ends) / sigma**2
-    assert models * smears > sampson.CHUNK
+    batch, exact = EndProducts(ends, sigma, np.float32), epipolar.serrmin(F, ends) / sigma**2
+    assert models * smears > epipolar.CHUNK
     for block in (slice(None), np.array([7, 3, 50])):
         summed = np.minimum(exact[:, block], 900.0).sum(axis=1)
         assert np.allclose(batch.costs(F, 900.0, block), summed, rtol=1e-3, atol=0.01)
@@ -92,8 +92,8 @@ def test_products_give_signed_sampson_distances_of_both_orders_and_their_derivat
     F, ends, tangents = rng.normal(size=(3, 3)), rng.normal(size=(20, 2, 2)), np.eye(9).reshape(9, 3, 3)
     products = EndProducts(ends)
     (ahead, behind), root = products.distances(F)
-    assert np.allclose(ahead**2, sampson.sampson(F, ends[:, 0], ends[:, 1]))
-    assert np.allclose(behind**2, sampson.sampson(F, ends[:, 1], ends[:, 0]))
+    assert np.allclose(ahead**2, epipolar.sampson(F, ends[:, 0], ends[:, 1]))
+    assert np.allclose(behind**2, epipolar.sampson(F, ends[:, 1], ends[:, 0]))
     x, y = epipolar.homogeneous(ends[:, 0]), epipolar.homogeneous(ends[:, 1])
     assert (np.sign(ahead) == np.sign(np.einsum("ni,ij,nj->n", y, F, x))).all()
     analytic = products.derivatives(F, tangents, np.stack([ahead, behind]), root)

@@ -13,9 +13,8 @@ from blur2view import (
     blur_of,
     select_matches,
 )
-from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.geometry.epipolar import fundamental_from_pose, serrmin
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.geometry.sampson import serrmin
 from blur2view.pipeline import Estimate
 from tests.support.grids import grid_of
 

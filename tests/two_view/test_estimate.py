@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import transfer, unit_norm
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.epipolar import serrmin, transfer, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.consensus import inliers_of
+from blur2view.two_view.consensus import EstimatorOptions, inliers_of
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.options import EstimatorOptions
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
 from tools.estimators.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho

@@ -8,16 +8,17 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
 from blur2view.two_view.fit_homography import find_plane, fit_homography
-from blur2view.two_view.homography import (
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import (
+    CameraPrior,
     HomographyFlow,
+    assumed_camera,
     cayley,
     chords,
     pixel_homography,
     rotation_of,
     velocity_basis,
 )
-from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.models import CameraPrior, assumed_camera
 from tests.support.likelihoods import normalised_likelihood
 from tests.support.scenes import IMAGE_SIZE, rotation
 

@@ -5,8 +5,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.rotation import half_sphere
-from blur2view.two_view.ransac import weighted_samples
-from blur2view.two_view.search import small_rotation_hypotheses
+from blur2view.two_view.fundamental import small_rotation_hypotheses
 from tests.support.scenes import Scene, make_scene
 from tools.metrics import rho
 
@@ -44,12 +43,3 @@ def test_every_order_of_three_smears_is_tried(swapped: list[int]) -> None:
 def test_dependent_smears_give_no_hypothesis() -> None:
     same = np.broadcast_to(np.array([[0.1, 0.1], [0.12, 0.1]]), (1, 3, 2, 2))
     assert len(small_rotation_hypotheses(same, half_sphere(10), np.ones(3))) == 0
-
-
-def test_samples_do_not_repeat_and_follow_the_weights() -> None:
-    weights = np.r_[np.full(10, 1.0), np.full(10, 9.0)]
-    drawn = weighted_samples(weights, 7, 500, np.random.default_rng(0))
-    assert (np.diff(np.sort(drawn, axis=1), axis=1) > 0).all()
-    assert 0.7 < (drawn >= 10).mean() < 0.95
-    with pytest.raises(ValueError, match="at least 7"):
-        weighted_samples(np.ones(6), 7, 1, np.random.default_rng(0))

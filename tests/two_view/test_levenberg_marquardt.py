@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.two_view.levenberg_marquardt import least_of, levenberg_marquardt
+from blur2view.two_view.least_squares import least_of, levenberg_marquardt
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from blur2view import RigidTransform, TwoViewGeometry, estimate, estimate_two_view, read_image, views_of
-from blur2view.geometry.epipolar import homogeneous
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import homogeneous, sampson
 from blur2view.smears.field import smear_ends
-from blur2view.two_view.estimate import in_order
-from blur2view.two_view.order import end_order, open_and_close
+from blur2view.two_view.order import end_order, in_order, open_and_close
 from tests.support.scenes import Scene, disturb, make_scene
 
 MODELS = Path(__file__).resolve().parents[2] / "models"

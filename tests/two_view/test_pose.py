@@ -6,9 +6,9 @@ import pytest
 from blur2view import Camera, Configuration, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous, transfer
-from blur2view.geometry.model_table import MotionModel
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.smears.noise import NoiseModel
 from tests.support.lens import distorted_points
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene

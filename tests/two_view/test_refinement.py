@@ -6,8 +6,8 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.two_view.fit_fundamental import FundamentalFit
-from blur2view.two_view.levenberg_marquardt import levenberg_marquardt
+from blur2view.two_view.fundamental import FundamentalFit
+from blur2view.two_view.least_squares import levenberg_marquardt
 from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
 from blur2view.two_view.models import (
     UNROTATED,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.two_view.reweighted import reweighted_motion
+from blur2view.two_view.least_squares import reweighted_motion
 
 MOTION = np.array([0.3, -1.2, 0.7])
 

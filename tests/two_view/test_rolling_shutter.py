@@ -109,7 +109,7 @@ def test_one_order_has_the_rotation_and_the_other_leaves_the_same_smears(
     delays = 0.03 / EXPOSURE_S * FOCAL * middle @ towards / (HEIGHT - 1 if towards[1] else WIDTH - 1)
     rays = np.column_stack([middle, np.ones(len(middle))])
     there = turned(rays, other, -delays)
-    assert np.median(np.abs(smears(there, shutter, other)[:, ::-1] - ends)) < 0.7
+    assert np.median(np.abs(smears(there, shutter, other)[:, ::-1] - ends)) < 0.5
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -147,9 +147,10 @@ def test_proven_parallax_keeps_its_rotation_and_translation(
             if pose is not None
         )
 
-    (turned, towards), (plain, _) = missed(solve(ends, shutter)), missed(solve(ends, None))
+    missing = [missed(solve(ends, shutter, seed)) for seed in range(5)]
+    turned, towards = np.median(missing, axis=0)
     assert turned < within and towards < 2
-    assert plain > 0.05
+    assert missed(solve(ends, None))[0] > 0.05
 
 
 def test_a_smear_faster_than_the_rows_tells_the_order_in_time() -> None:

@@ -19,8 +19,8 @@ from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.two_view.constants import MIN_MATCHES
+from blur2view.two_view.fundamental import SmearEstimator, fit_translation
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.search import SmearEstimator, fit_translation
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 from tools.estimators.paper import paper_of_matches
 

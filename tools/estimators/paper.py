@@ -9,10 +9,9 @@ zeros that are not the true F.
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import denormalise, homogeneous, unit_norm
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.epipolar import denormalise, homogeneous, serrmin, unit_norm
 from blur2view.smears.matches import SmearMatches
-from blur2view.two_view.consensus import insufficient_data, moved_as_one, still
+from blur2view.two_view.consensus import refused
 from blur2view.two_view.ransac import weighted_samples
 
 SAMPLE_SIZE = 7  # smears that fix F, up to a finite number of solutions
@@ -34,7 +33,7 @@ def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array
     Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
     arXiv 2605.01552.
     """
-    if still(matches) or moved_as_one(matches) or insufficient_data(matches):
+    if refused(matches) is not None:
         return None
     ends, rng, found = matches.ends, np.random.default_rng(0), list[Array]()
     for _ in range(max_iterations):

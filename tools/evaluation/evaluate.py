@@ -16,7 +16,7 @@ import numpy as np
 import blur2view
 from blur2view import SmearGrid, SmearMatches, select_matches
 from blur2view.arrays import AnyArray
-from blur2view.geometry.sampson import serrmin
+from blur2view.geometry.epipolar import serrmin
 from tools.arguments import Existing, Target, run
 from tools.datasets.synthetic_matches import KnownMatches
 from tools.datasets.testset import TestScene, read_test_set

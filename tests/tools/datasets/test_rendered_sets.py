@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import sampson
 from tools.datasets import testset
 from tools.datasets.motion_kinds import KINDS, LEAST_PARALLAX, motion_scene, off_plane
 from tools.rendering.render import render

@@ -6,8 +6,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from blur2view.geometry.epipolar import fundamental_from_pose
-from blur2view.geometry.sampson import sampson, serrmin
+from blur2view.geometry.epipolar import fundamental_from_pose, sampson, serrmin
 from blur2view.two_view.fit_homography import find_plane
 from blur2view.two_view.likelihood import Likelihood
 from tools.datasets import synthetic_matches as synthetic

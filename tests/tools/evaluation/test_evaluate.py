@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view import SmearGrid
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import sampson
 from tests.support.grids import grid_of
 from tools.datasets import testset
 from tools.datasets.testset import TestScene

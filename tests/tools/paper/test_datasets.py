@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import fundamental_from_pose
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import fundamental_from_pose, sampson
 from tools import arguments
 from tools.datasets.testset import read_test_set
 from tools.evaluation import evaluate

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 
-from blur2view.geometry.sampson import sampson
+from blur2view.geometry.epipolar import sampson
 from tests.tools.rendering.planes import SIZE, facing, wall
 from tools.rendering.exposure import Exposure, grid_points
 from tools.rendering.motion import Trajectory

@@ -1,0 +1,244 @@
+"""F of smears of unknown order: a robust search, then a fit of the likelihood from several starts.
+
+A photograph's camera is roughly known (`constants.ASSUMED_FOCAL`) and rotates little during an exposure:
+F = [t]x (I + [w]x) to first order, and for every direction t of a grid three smears fix w linearly. These
+starts are approximate; local optimisation makes them exact. (Seven smears fix any F exactly, but one wrong
+smear in seven spoils it, and so does noise.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blur2view.arrays import TINY, Array
+from blur2view.geometry.epipolar import EndProducts, cross_matrix, homogeneous
+from blur2view.geometry.rotation import half_sphere, rotation_matrix
+from blur2view.two_view import constants as c
+from blur2view.two_view.directions import DirectionLikelihood
+from blur2view.two_view.least_squares import least_of, levenberg_marquardt
+from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
+from blur2view.two_view.models import UNROTATED, CameraF, FundamentalModel, GeneralF
+from blur2view.two_view.ransac import ransac, weighted_samples
+
+ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])  # but for F^T
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FundamentalFit:
+    """A point of a family of F with the odds of the smears' orders there: a `least_squares.Problem`.
+
+    The order of every smear, and whether it is an outlier, are weighed anew at every point (expectation-
+    maximisation), so nothing is ever fixed but the ``sign`` of the translation, by which positive depth
+    gives odds to the orders. A sign of 0 takes each smear's better order for granted: right for a search at
+    unknown noise, but it rewards any S as large as the noise (on pure translations with 4 degrees of noise
+    median rho 0.022 against 0.010). With 30 % outliers and 1 px of noise the mixture of inliers and
+    outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
+    """
+
+    point: FundamentalModel
+    likelihood: Likelihood
+    sign: float = 0.0
+
+    @classmethod
+    def likelier(cls, point: FundamentalModel, likelihood: Likelihood) -> FundamentalFit:
+        """Return a point with the sign of the translation that explains more."""
+        both = (cls(point=point, likelihood=likelihood, sign=sign) for sign in (1.0, -1.0))
+        return min(both, key=lambda state: state.cost)
+
+    @cached_property
+    def residuals(self) -> OrderedResiduals:
+        """Residuals in both orders, with their odds."""
+        plain = self.likelihood.residuals(self.point.matrix())
+        if not self.sign:
+            return plain.decided()
+        return replace(plain, prior=self.likelihood.order_odds(*self.point.motion(), self.sign))
+
+    @cached_property
+    def cost(self) -> float:
+        """Twice the negative log-posterior."""
+        prior, _ = self.point.prior()
+        data = self.likelihood.costs(self.residuals).sum()
+        return float(self.likelihood.effective_share * data + prior @ prior)
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,) of data, in the orders that count, and prior."""
+        weight = np.sqrt(self.likelihood.effective_share * self.likelihood.order_weights(self.residuals))
+        jacobian = self.likelihood.derivatives(self.point.matrix(), self.point.tangent(), self.residuals)
+        jacobian *= weight
+        jacobian = jacobian.reshape(len(jacobian), -1)
+        prior, of_prior = self.point.prior()
+        gradient = jacobian @ (weight * self.residuals.both).reshape(-1)
+        return jacobian @ jacobian.T + of_prior.T @ of_prior, gradient + of_prior.T @ prior
+
+    def moved(self, delta: Array) -> FundamentalFit:
+        """Return the point moved by delta (k,)."""
+        return replace(self, point=self.point.step(delta))
+
+
+def fit_best(
+    starts: Sequence[FundamentalModel], likelihood: Likelihood, tolerance: float = c.TOLERANCE
+) -> FundamentalFit:
+    """Return the cheapest refinement of the starts, which race (`constants.STARTERS`)."""
+    points = [FundamentalFit.likelier(start, likelihood) for start in starts]
+    return least_of(points, c.STARTERS, c.STEPS, tolerance, c.REST)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearEstimator:
+    """F (3, 3) of normalised coordinates from three smears and a grid of directions: a `ransac.Estimator`."""
+
+    likelihood: Likelihood
+    sample_size: ClassVar[int] = 3  # with a direction of translation
+
+    @property
+    def count(self) -> int:
+        """Number of smears."""
+        return len(self.likelihood)
+
+    @cached_property
+    def products(self) -> EndProducts:
+        """Products of the ends' coordinates, for SErrMin of many models at once."""
+        sigma = self.likelihood.sigma_px / self.likelihood.unit_px
+        return EndProducts(self.likelihood.ends, sigma, np.float32)
+
+    @cached_property
+    def quality(self) -> Array:
+        """Sampling weights (N,): length over standard deviation, squared."""
+        weights: Array = (self.likelihood.length_px / self.likelihood.sigma_px) ** 2
+        return weights
+
+    def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
+        """Return candidates (M, 3, 3) of ``samples`` samples of three, for every direction."""
+        limit = 3 * np.array(self.likelihood.prior.rotation)
+        three = weighted_samples(self.quality, 3, samples, rng)
+        return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.DIRECTIONS), limit)
+
+    def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
+        """Return MSAC's cost (M,): SErrMin in squared standard deviations, cut at CUTOFF squared."""
+        return self.products.costs(models, c.CUTOFF**2, block)
+
+    def refine(self, model: Array) -> Array:
+        """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
+        some = self.likelihood.thinned
+        for likelihood in (some.rescaled(c.WIDE), some):
+            start = FundamentalFit(point=GeneralF.from_matrix(model), likelihood=likelihood)
+            *_, best = levenberg_marquardt(start, c.SEARCH_STEPS, c.SEARCH_TOLERANCE)
+            model = best.point.matrix()
+        return model
+
+    def inlier_share(self, model: Array) -> float:
+        """Return the share of inliers beyond chance, 1 where every smear is one under any model.
+
+        A smear of length L and random direction passes a bound on its Sampson distance with probability
+        2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
+        """
+        bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / np.maximum(self.likelihood.length_px, TINY)
+        chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
+        inside = float((np.abs(self.likelihood.residuals(model).least) < c.CUTOFF).mean())
+        return float((inside - chance + TINY) / (1 - chance + TINY))
+
+
+def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:
+    """Return F = [t]x (I + [w]x), (M, 3, 3), for every sample of three smears, direction t and four patterns.
+
+    The order-free equation is |w . (p (t.p) - t (p.p))| = |t . (x x y)|; signs make it linear in w. Samples
+    (B, 3, 2, 2) are in coordinates of the assumed camera (K = identity), directions (T, 3) of unit length.
+    Rotations w with |w / limit| > 1, ``limit`` (3,), are dropped, as are dependent smears.
+    """
+    x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
+    p, t = 0.5 * (x + y), directions.T[:, None]  # and (3, 1, T)
+    smears = p * (p * t[:, None]).sum(axis=0) - t[:, None] * (p * p).sum(axis=0)  # rows (3, B, 3, T)
+    right = (_cross(x, y) * t[:, None]).sum(axis=0)  # (B, 3, T)
+    first, second, third = np.moveaxis(smears, 2, 0)  # each (3, B, T)
+    adjugate = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=1)
+    determinant = (first * adjugate[:, 0]).sum(axis=0)  # (B, T)
+    regular = np.abs(determinant) >= TINY
+    shares = adjugate * (np.moveaxis(right, 1, 0) / np.where(regular, determinant, np.nan))  # (3, 3, B, T)
+    shares = np.moveaxis(shares, 2, 0).swapaxes(1, 2).reshape(len(ends), 3, -1)
+    rotation = (ORDERS_OF_THREE @ shares).reshape(len(ends), -1, 3, len(directions))  # (B, 4, 3, T)
+    inside = (rotation**2 * (limit**-2.0)[:, None]).sum(axis=2) <= 1  # False where singular
+    sample, pattern, direction = np.nonzero(inside)
+    w, along = rotation[sample, pattern, :, direction], directions[direction]
+    hypotheses: Array = w[:, :, None] * along[:, None, :]  # [t]x [w]x = w t^T - (t . w) I
+    hypotheses += cross_matrix(directions)[direction]
+    hypotheses.reshape(-1, 9)[:, ::4] -= (w * along).sum(axis=1)[:, None]
+    return hypotheses
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return cross products along the first axis."""
+    x = a[1] * b[2] - a[2] * b[1]
+    return np.stack([x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Likelihood, FundamentalFit]:
+    """Return the likelihood with the noise that F leaves, and F, fitted after a robust search.
+
+    Where a camera may be assumed F is that of one (`CameraF`), else any (`GeneralF`). A camera's is refined
+    from any F, too, as the rough fit may have ended in another minimum: beside a plane of 80 % in 2 of 16
+    scenes, with an epipole 8 degrees off (`test_plane_parallax`). Where enough smears are independent the
+    likeliest direction of translation is a start, too: without it 3 of 46 scenes of exact smears end in
+    another minimum.
+    """
+    estimator = SmearEstimator(likelihood=likelihood)
+    searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
+    starts = [simple] if searched is None else [searched, simple]
+    tells_minima_apart = likelihood.effective_count >= c.LEAST_INDEPENDENT
+    if tells_minima_apart:
+        rotation, t = DirectionLikelihood.of(likelihood).best
+        starts.append(cross_matrix(t) @ rotation_matrix(rotation))
+    rough = with_measured_noise(likelihood.thinned, starts[0])  # as the search's F has it
+    point = fit_best([CameraF.from_matrix(F, likelihood.prior) for F in starts], rough).point
+    measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
+    camera = fit_best([point], measured)
+    if measured.has_camera and not tells_minima_apart:
+        return measured, camera
+    free = fit_best([GeneralF.from_matrix(F) for F in (camera.point.matrix(), *starts)], measured)
+    if not measured.has_camera:
+        return measured, free
+    other = fit_best([CameraF.from_matrix(free.point.matrix(), measured.prior)], measured)
+    return measured, min(camera, other, key=lambda fit: fit.cost)
+
+
+def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> FundamentalModel:
+    """Return the two-parameter F [e]x, fitted on the standard deviations as given.
+
+    The best of the points e where the lines of two smears meet is the start: unit homogeneous points, that
+    of parallel smears at infinity; two parts of one line meet nowhere and are left out.
+    """
+    some, ends = estimator.likelihood.thinned, estimator.likelihood.ends
+    pairs = ends[weighted_samples(estimator.quality, 2, c.PAIRS, rng)]
+    lines = np.cross(homogeneous(pairs[:, :, 0]), homogeneous(pairs[:, :, 1]))  # (PAIRS, 2, 3)
+    points = np.vstack([[0.0, 0.0, 1.0], np.cross(lines[:, 0], lines[:, 1])])
+    norm = np.linalg.norm(points, axis=1, keepdims=True)
+    points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]
+    cost = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
+    start = CameraF(t=points[int(np.argmin(cost))], R=np.eye(3), spread=UNROTATED)
+    *_, best = levenberg_marquardt(FundamentalFit(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
+    return best.point
+
+
+def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
+    """Return the likelihood with standard deviations as the residuals of F show them, times 0.1 to 4.
+
+    Residuals of the better order below c.CUTOFF are a mixture of a half normal distribution and of a
+    uniform one, the outliers; expectation-maximisation separates them.
+    """
+    residual = np.abs(likelihood.residuals(F).least)
+    squared = residual[residual < c.CUTOFF] ** 2
+    if not len(squared):
+        return likelihood
+    variance, inliers = max(1.4826**2 * float(np.median(squared)), c.LEAST_VARIANCE), 0.5
+    for _ in range(c.SCALE_STEPS):
+        normal = inliers * (2 / (np.pi * variance)) ** 0.5 * np.exp(-squared / (2 * variance))
+        share = normal / (normal + (1 - inliers) / c.CUTOFF)
+        total = float(share.sum())
+        inliers = min(total / len(squared), 0.999)
+        variance = max(float(share @ squared) / max(total, 1e-9), c.LEAST_VARIANCE)
+    return likelihood.rescaled(float(np.clip(variance**0.5, 0.1, 4.0)))

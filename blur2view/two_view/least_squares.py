@@ -1,0 +1,135 @@
+"""Levenberg-Marquardt and reweighted least squares: loops that fit, which know no geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Protocol, Self, TypeVar
+
+import numpy as np
+
+from blur2view.arrays import TINY, Array
+
+# Damping, relative to the diagonal of the normal equations: a tenth after a step that succeeds, ten times
+# after one that fails.
+FIRST, LEAST, GREATEST = 1e-3, 1e-9, 1e6
+RIDGE = 1e-9  # of the normal equations' diagonal, added to it: singular problems have some solution
+
+
+class Problem(Protocol):
+    """A point of a least-squares problem whose weights are those of the point."""
+
+    @property
+    def cost(self) -> float:
+        """What is to be least."""
+
+    def normal_equations(self) -> tuple[Array, Array]:
+        """Return J^T W J (k, k) and J^T W r (k,) of Jacobian, weights and residuals."""
+
+    def moved(self, delta: Array) -> Self:
+        """Return the point moved by delta (k,) along its tangents."""
+
+
+P = TypeVar("P", bound=Problem)
+
+
+def levenberg_marquardt(
+    start: P, max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
+) -> Iterator[P]:
+    """Yield the start, then the points reached, each by the step of least damping tried that costs no more.
+
+    Ends after ``max_iterations`` steps, where no step succeeds, after a decrease of the cost by a share of at
+    most ``tolerance`` or a step shorter than ``rest`` standard deviations of the parameters. (SciPy's
+    ``least_squares`` takes residuals of fixed weights; here they change at every point.)
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., appendix A6.2; the scaled damping is Marquardt's.
+    """
+    yield start
+    point, damping = start, FIRST
+    for _ in range(max_iterations):
+        normal, gradient = point.normal_equations()
+        scale = np.diag(normal.diagonal() + 1e-12)
+        while damping < GREATEST:
+            delta = np.asarray(np.linalg.solve(normal + damping * scale, -gradient), float)
+            trial = point.moved(delta)
+            if trial.cost <= point.cost:
+                break
+            damping *= 10
+        else:
+            return
+        damping = max(damping / 10, LEAST)
+        little = point.cost - trial.cost <= tolerance * trial.cost
+        point = trial
+        yield point
+        if little or delta @ normal @ delta < rest**2:
+            return
+
+
+def least_of(
+    starts: Sequence[P], kept: Sequence[int], max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
+) -> P:
+    """Return the point reached by `levenberg_marquardt` from the best of several starts.
+
+    They race: of the cheapest so many as ``kept`` says each takes a step, again for each of its numbers; then
+    the one that is cheapest goes on.
+    """
+    runs = [levenberg_marquardt(start, max_iterations, tolerance, rest) for start in starts]
+    trials = [(next(run), run) for run in runs]
+    for count in kept if len(runs) > 1 else ():
+        trials = sorted(trials, key=lambda trial: trial[0].cost)[:count]
+        trials = [(next(run, reached), run) for reached, run in trials]
+    reached, run = min(trials, key=lambda trial: trial[0].cost)
+    *_, best = [reached, *run]
+    return best
+
+
+def reweighted_motion(
+    rows: Array,
+    flow: Array,
+    *,
+    steps: int,
+    scale: Callable[[Array], Array | float],
+    start: Array | None = None,
+    prior: tuple[Array, Array] | None = None,
+) -> tuple[Array, Array]:
+    """Return the motion m (..., k) with m @ rows = flow for most points, and lengths of residuals (..., N).
+
+    Iteratively reweighted least squares with Cauchy's weights; leading axes are problems, each solved by
+    itself.
+
+    Parameters
+    ----------
+    rows : ndarray of shape (..., k, d, N)
+        Flow of d components at N points per unit of each of k parameters.
+    flow : ndarray of shape (..., d, N)
+    steps : int
+        Rounds of reweighting, at least one.
+    scale : callable
+        Maps the lengths of the residuals (..., N) to the length of half the weight.
+    start : ndarray of shape (..., k), optional
+        Weighs the first round; without it all points have the same weight.
+    prior : (ndarray, ndarray), optional
+        Expectation (k,) and precision (k,) of the motion, where residuals have the deviation ``scale``.
+    """
+    flat = rows.reshape(*rows.shape[:-2], -1)  # (..., k, d N)
+    column = flow.reshape(*flow.shape[:-2], -1, 1)  # (..., d N, 1)
+    expected, precision = (0.0, 0.0) if prior is None else prior
+
+    def lengths(motion: Array) -> Array:
+        return np.asarray(np.linalg.norm((motion[..., None, :] @ flat).reshape(flow.shape) - flow, axis=-2))
+
+    def weights(missed: Array) -> Array:  # 1 / scale^2 where residuals are zero
+        return np.asarray(1 / (np.asarray(scale(missed)) ** 2 + missed**2))
+
+    weight = np.ones((*rows.shape[:-3], rows.shape[-1])) if start is None else weights(lengths(start))
+    for _ in range(steps):
+        weighted = flat * np.concatenate([weight] * flow.shape[-2], axis=-1)[..., None, :]
+        normal = weighted @ np.swapaxes(flat, -1, -2)
+        ridge = RIDGE * np.diagonal(normal, axis1=-2, axis2=-1) + precision + TINY
+        right = (weighted @ column)[..., 0] + precision * expected
+        damped = normal + ridge[..., None] * np.eye(ridge.shape[-1])
+        motion = np.asarray(np.linalg.solve(damped, right[..., None])[..., 0])
+        missed = lengths(motion)
+        weight = weights(missed)
+    return motion, missed
