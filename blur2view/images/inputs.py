@@ -20,7 +20,7 @@ from blur2view.output_files import is_ours, real_paths
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
-NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1a\x1c-\x1f]")  # what a photograph begins with, and no list holds
+NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")  # what a photograph begins with, and no list holds
 MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
 
 
@@ -154,7 +154,7 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
 
 
 def _lines(source: str, read: Callable[[], bytes], folder: Path | None = None) -> list[str]:
-    """Return the names of a list, one on a line, or ended by null characters as of ``find -print0``.
+    """Return the names of a list, one on a line.
 
     A line that begins with # is a comment, and spaces about a name are none of it, unless a file is named so,
     here or in the ``folder`` of the list.
@@ -165,23 +165,19 @@ def _lines(source: str, read: Callable[[], bytes], folder: Path | None = None) -
 
     try:
         content = read()
-        if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-            raise ValueError("it is UTF-16; save it as UTF-8")
         if NO_TEXT.search(content[:4096]):
-            raise ValueError("it is no text; a photograph itself is named by its file")
+            raise ValueError("it is no UTF-8 text; a photograph itself is named by its file")
         text = os.fsdecode(content.removeprefix(codecs.BOM_UTF8))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         remedy = "name a file that holds one name on each line, or pipe them to -"
         raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
-    lines = text.split("\0") if "\0" in text else text.splitlines()
+    lines = text.splitlines()
     if len(lines) > MAX_LINES:
         most = f"name at most {MAX_LINES} photographs in one call"
         raise ImageError(f"{source}: has {len(lines)} lines; {most}")
-    names = [one for one in lines if one.strip()]
-    if "\0" not in text:
-        names = [one if exists(one) else one.strip() for one in names]
-        names = [one for one in names if one[0] != COMMENT or exists(one)]
+    names = [one if exists(one) else one.strip() for one in lines if one.strip()]
+    names = [one for one in names if one[0] != COMMENT or exists(one)]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names

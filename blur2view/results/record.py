@@ -146,10 +146,6 @@ class Record:
         are static, moving, unobservable), regions (connected moving parts, largest first: area_px, box (x, y,
         width, height), centroid, probability)."""
     )
-    views: dict[str, Any] | None = explained(
-        """Of to-colmap: names (of both virtual images), action (add or replace), num_keypoints, num_matches,
-        num_inliers, translation_known (parallax is proven, or the direction known to 30 degrees)."""
-    )
     beta: float | None = explained("The option of this name.")
     max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option of this name.")
