@@ -77,8 +77,7 @@ class ReportOptions:
     @staticmethod
     def tables() -> dict[str, str | Mapping[str, str]]:
         """Return what --help-all lists besides options."""
-        not_here = {"--resume": "a page is drawn anew, from the photographs"}
-        return {"on the page": CONTROLS, "terms of the page": TERMS, "not here": not_here}
+        return {"on the page": CONTROLS, "terms of the page": TERMS}
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page.

@@ -31,10 +31,6 @@ FILES = """
 masks/...: with --masks: the mask under the name and with the greys that each program reads
 <stem>.motion.json: the JSON document of the photograph; written last: what --resume goes on with
 """
-NOT_HERE = """
---readout: masks hardly notice a rolling shutter (with a readout of two exposure times less than 2 % of
-    simulated static scenes is called moving); for the pose use blur2view estimate
-"""
 FOLDER = Path("masks")  # below -o, of masks for another program
 
 
@@ -75,7 +71,6 @@ class SegmentOptions:
             "files of -o": FILES,
             "JSON document of --json": {"masks": "(list) One document per photograph.", **FAILURES},
             "JSON document of a photograph": explanations(),
-            "not here": NOT_HERE,
         }
 
     @property
