@@ -43,12 +43,12 @@ from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind
 from blur2view.smears.blur import blur_of as blur_of
-from blur2view.smears.field import SmearField as SmearField
+from blur2view.smears.grid import SmearField as SmearField
 from blur2view.smears.grid import SmearGrid as SmearGrid
+from blur2view.smears.grid import load_smears as load_smears
+from blur2view.smears.matches import SelectOptions as SelectOptions
 from blur2view.smears.matches import SmearMatches as SmearMatches
-from blur2view.smears.selection import SelectOptions as SelectOptions
-from blur2view.smears.selection import select_matches as select_matches
-from blur2view.smears.stored import load_smears as load_smears
+from blur2view.smears.matches import select_matches as select_matches
 from blur2view.two_view.consensus import EstimatorOptions as EstimatorOptions
 from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
 

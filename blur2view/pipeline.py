@@ -9,8 +9,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray, require
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import read_exif
-from blur2view.camera.intrinsics import Intrinsics
+from blur2view.camera.intrinsics import Intrinsics, read_exif
 from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
@@ -23,8 +22,7 @@ from blur2view.networks.smear_network import SmearNetwork, photograph_of
 from blur2view.networks.threads import one_thread
 from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.matches import SmearMatches
-from blur2view.smears.selection import SelectOptions, select_matches
+from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.two_view.consensus import EstimatorOptions
 from blur2view.two_view.estimate import estimate_two_view, without_motion
 

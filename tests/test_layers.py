@@ -41,7 +41,7 @@ SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
 FOLDERS = sorted({path.parent for path in SOURCES})
 
 NUMERIC = {"numpy", "scipy", "cv2"}
-ARRAYS_ONLY = {"arrays", "smears", "geometry", "two_view"}
+ARRAYS_ONLY = {"arrays", "smears", "two_view"}  # geometry states itself as pycolmap's
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
 EXTRAS = {

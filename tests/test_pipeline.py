@@ -18,7 +18,7 @@ from blur2view.movers.mask import segment
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph
-from blur2view.smears.selection import select_matches
+from blur2view.smears.matches import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
 

@@ -1,4 +1,10 @@
-"""A camera's intrinsics: the size they are for, and the rays of pixels."""
+"""A camera's intrinsics, the rays of pixels, and COLMAP's conventions.
+
+COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there: pixels of cameras pass
+through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`. Camera models are those
+that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane: a new one of COLMAP's works
+without a line here; `colmap.transforms` names those that readers of transforms.json know.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +15,12 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.camera.colmap_camera import (
-    FOCAL_RANGE,
-    colmap_camera,
-    from_colmap,
-    normalised_points,
-    parse_camera,
-    possible_focal,
-    to_colmap,
-)
 from blur2view.errors import CameraError
 
+HALF_PIXEL = 0.5
+MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
+FOCAL_PX = (0.1, 1e7)  # focal lengths of cameras; a telescope of 10 m before pixels of 2 um has 5e6
+FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
 OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
 
@@ -191,3 +192,60 @@ def _sides(image_size: tuple[int, int]) -> tuple[int, int]:
         got = " ".join(f"{image_size!r:.99}".split())
         raise ValueError(f"the size must be (width, height), as image.shape[1::-1], got {got}")
     return image_size
+
+
+def to_colmap(points: Array) -> Array:
+    """Return pixels (..., 2), (0, 0) at the first centre, as COLMAP's, (0.5, 0.5) there."""
+    return np.asarray(points, float) + HALF_PIXEL
+
+
+def from_colmap(points: Array) -> Array:
+    """Return COLMAP's pixels (..., 2) with (0, 0) at the first centre."""
+    return np.asarray(points, float) - HALF_PIXEL
+
+
+def possible_focal(focal_px: float) -> bool:
+    """Return whether a camera may have this focal length; others over- or underflow in products."""
+    return FOCAL_PX[0] <= focal_px <= FOCAL_PX[1]
+
+
+def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
+    """Return the parts of a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
+
+    As written: `colmap_camera` checks them. CameraError if the string is not of that form.
+    """
+    try:
+        model, width, height, *params = text.replace(",", " ").split()
+        return model.upper(), int(width), int(height), tuple(map(float, params))
+    except ValueError:
+        form = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
+        raise CameraError(f"camera {text!r}: is neither a database nor of the form {form}") from None
+
+
+def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
+    """Return the pycolmap.Camera; CameraError if the model is unknown or a parameter cannot be."""
+    import pycolmap  # 0.7 s, so only where a camera has more than a focal length
+
+    known = [name for name in pycolmap.CameraModelId.__members__ if name != "INVALID"]
+    made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
+    if made is None:
+        why = f"unknown model {model}; COLMAP's are {', '.join(known)}"
+    elif len(params) != len(made.params):
+        why = f"{model} has the parameters {made.params_info}, got {len(params)} values"
+    elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
+        why = f"needs a positive width and height below {MAX_SIDE} pixels"
+    elif not (np.abs(params) <= FOCAL_PX[1]).all() or model == "EQUIRECTANGULAR":
+        why = f"needs finite parameters up to {FOCAL_PX[1]:g} and a planar image"
+    else:
+        camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
+        if all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):
+            return camera
+        why = f"the focal length must be {FOCAL_RANGE}"
+    text = f"{model} {width} {height} {' '.join(f'{value:g}' for value in params)}".strip()
+    raise CameraError(f"camera {text!r}: {why}")
+
+
+def normalised_points(camera: Any, points: Array) -> Array:
+    """Return rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
+    # a point list comes back with NaN where a single point gives None
+    return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)

@@ -1,15 +1,99 @@
-"""The intrinsics of a photograph: those that the user states, else those of EXIF."""
+"""The intrinsics of a photograph, stated or by its EXIF, which also gives exposure time and orientation."""
 
+import os
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import FOCAL_RANGE, possible_focal
-from blur2view.camera.exif import ExifValues
+import numpy as np
+from PIL import ExifTags
+
+from blur2view.camera.camera import FOCAL_RANGE, Camera, possible_focal
 from blur2view.errors import CameraError
+from blur2view.input_files import open_picture, read_regular
 
+# Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
+DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
+ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
+# Half a stop. EXIF's times are rounded by up to 7 % (1/15 for 1/16), shutters are off by a third of a stop at
+# most; focal lengths are good to a few per cent, unless the picture was cropped.
+MOST_APART = 2**0.5
+PNG_MARKS = (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp")  # what a PNG with EXIF has one of
+MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF: rounded millimetres, cropped pictures
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExifValues:
+    """Values of EXIF; None where there is no usable one."""
+
+    focal_px: float | None = None  # of the photograph as it is stored, good to a few per cent
+    focal_tags: str = ""  # the tags it is from
+    exposure_s: float | None = None
+    # direction in the upright picture in which the sensor's rows follow each other, by its orientation
+    rows_towards: tuple[int, int] = (0, 1)
+
+
+def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifValues:
+    """Return focal length, exposure time and orientation; None of a photograph without EXIF or a damaged one.
+
+    The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
+    FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the
+    picture upright does not change it. ``content`` is that of the file, where it has been read already.
+    Source: CIPA DC-008 (EXIF 2.32), tags 0x829A, 0x920A, 0xA002, 0xA20E, 0xA210, 0xA405.
+    """
+    try:
+        content = read_regular(path) if content is None else content
+        with warnings.catch_warnings(), open_picture(content) as photo:
+            warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
+            if photo.format == "PNG" and not any(mark in content for mark in PNG_MARKS):
+                return ExifValues()  # Pillow would decode the picture to see whether any comes after it
+            size = photo.size
+            exif = photo.getexif()
+            tags = dict(exif.get_ifd(ExifTags.IFD.Exif))
+            # pillow_heif turns pictures upright and keeps what the tag said
+            orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
+    except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
+        return ExifValues()
+    focal_px, focal_tags = _focal(tags, size)
+    possible = possible_focal(focal_px)
+    return ExifValues(
+        focal_px=focal_px if possible else None,
+        focal_tags=focal_tags if possible else "",
+        exposure_s=_positive(tags, "ExposureTime"),
+        rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
+    )
+
+
+def disagreement(option: str | None, stated: float | None, read: float | None, unit: str) -> list[str]:
+    """Return a warning if an option's value is not within MOST_APART of EXIF's; none where one is missing."""
+    if option is None or stated is None or read is None or 1 / MOST_APART < stated / read < MOST_APART:
+        return []
+    return [f"{option} says {stated:.4g} {unit}, EXIF {read:.4g} {unit}"]
+
+
+def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float, str]:
+    """Return the focal length in pixels, 0 without one, and the tags it is from."""
+    film_mm = _positive(tags, "FocalLengthIn35mmFilm")
+    if film_mm is not None:
+        return film_mm * float(np.hypot(*size)) / DIAGONAL_35MM, "FocalLengthIn35mmFilm"
+    lens_mm, resolution = _positive(tags, "FocalLength"), _positive(tags, "FocalPlaneXResolution")
+    unit_mm = MM_PER_UNIT.get(int(_positive(tags, "FocalPlaneResolutionUnit") or 2))
+    if lens_mm is None or resolution is None or unit_mm is None:
+        return 0.0, ""
+    taken = max(_positive(tags, "ExifImageWidth") or 0, _positive(tags, "ExifImageHeight") or 0)
+    resized = max(size) / taken if taken else 1.0
+    return lens_mm * resolution / unit_mm * resized, "FocalLength, FocalPlaneXResolution"
+
+
+def _positive(tags: dict[int, Any], name: str) -> float | None:
+    try:
+        value = float(tags[ExifTags.Base[name].value])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    return value if 0 < value < np.inf else None
 
 
 @dataclass(frozen=True, kw_only=True)

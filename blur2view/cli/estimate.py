@@ -17,7 +17,7 @@ from blur2view.results.overlay import draw_overlay, png
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import fit_line
 from blur2view.runs.jobs import Job, Outcome
-from blur2view.smears.stored import stored_smears
+from blur2view.smears.grid import stored_smears
 
 ENDINGS = (".smear.npz", ".png", ".json")
 CONFIGURATIONS = """

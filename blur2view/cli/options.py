@@ -25,7 +25,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
 from blur2view.input_files import MAX_MEMORY_GIB
-from blur2view.smears.selection import SelectOptions
+from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.consensus import EstimatorOptions
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import ExifValues
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
 from blur2view.cli.options import Common
 from blur2view.cli.run import End, Photographs
 from blur2view.cli.terminal import plural, printable, waiting

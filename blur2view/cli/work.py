@@ -18,7 +18,7 @@ import numpy as np
 from blur2view import __version__
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
-from blur2view.camera.exif import ExifValues, disagreement, read_exif
+from blur2view.camera.intrinsics import ExifValues, disagreement, read_exif
 from blur2view.cli.options import Common, InTime
 from blur2view.errors import Blur2ViewError, CameraError, RunError
 from blur2view.exposure.features import Features, features_of, match_features

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.camera import to_colmap
 from blur2view.colmap.blur_matching import (
     APART,
     HALF_PATCH,

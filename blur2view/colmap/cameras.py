@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import colmap_camera
+from blur2view.camera.camera import Camera, colmap_camera
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.project import image_names, longest_suffix
 from blur2view.errors import CameraError, DatabaseError

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import colmap_camera, to_colmap
+from blur2view.camera.camera import Camera, colmap_camera, to_colmap
 from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only, temporary_database
 from blur2view.colmap.project import MAX_IMAGES, VIEWS_TABLE, storable
 from blur2view.errors import DatabaseError

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera.colmap_camera import from_colmap
+from blur2view.camera.camera import from_colmap
 from blur2view.colmap.connection import connect, open_for_writing, open_read_only, temporary_database
 from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (

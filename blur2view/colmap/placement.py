@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap, normalised_points
+from blur2view.camera.camera import from_colmap, normalised_points
 from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import add_image, photographs_of, read_model, seen_points
 from blur2view.colmap.project import image_names, read_keypoints, read_matches

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap
+from blur2view.camera.camera import from_colmap
 from blur2view.colmap.connection import open_read_only
 from blur2view.exposure.features import NO_POINTS
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.colmap_camera import to_colmap
+from blur2view.camera.camera import to_colmap
 from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose
 from blur2view.colmap.exposure_motion import Motion, projected

@@ -12,9 +12,9 @@ from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
-from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import smear_ends
+from blur2view.smears.matches import LEAST_SIGMA_PX
 from blur2view.smears.noise import across_px, sampson_px
-from blur2view.smears.selection import LEAST_SIGMA_PX
 from blur2view.two_view.consensus import EstimatorOptions
 from blur2view.two_view.order import end_order, open_and_close
 

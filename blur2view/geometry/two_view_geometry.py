@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import colmap_two_view_geometry
+from blur2view.camera.camera import HALF_PIXEL
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.pose import AngularVelocity, PoseCovariance, RigidTransform
 
@@ -247,12 +247,30 @@ class TwoViewGeometry:
         (`views.ExposureViews`): match (i, i) is smear i. Of a distorted camera F and H are those of
         undistorted pixels, as everywhere here.
         """
-        pose = self.cam2_from_cam1
-        return colmap_two_view_geometry(
-            self.config.name,
-            np.flatnonzero(self.inlier_mask),
-            F=self.F,
-            E=self.E,
-            H=self.H,
-            pose=None if pose is None else (pose.rotation, pose.translation),
+        import pycolmap
+
+        F, E, H, pose = self.F, self.E, self.H, self.cam2_from_cam1
+        inliers = np.flatnonzero(self.inlier_mask)
+        return pycolmap.TwoViewGeometry(
+            config=pycolmap.TwoViewGeometryConfiguration.__members__[self.config.name],
+            inlier_matches=np.stack([inliers, inliers], axis=1).astype(np.uint32),
+            F=None if F is None else fundamental_to_colmap(F),
+            E=E,
+            H=None if H is None else homography_to_colmap(H),
+            cam2_from_cam1=pose and pycolmap.Rigid3d(pycolmap.Rotation3d(pose.rotation), pose.translation),
         )
+
+
+COLMAP_FROM_PIXEL, PIXEL_FROM_COLMAP = (
+    np.array([[1, 0, half], [0, 1, half], [0, 0, 1.0]]) for half in (HALF_PIXEL, -HALF_PIXEL)
+)
+
+
+def fundamental_to_colmap(F: Array) -> Array:
+    """Return F (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    return unit_norm(PIXEL_FROM_COLMAP.T @ F @ PIXEL_FROM_COLMAP)
+
+
+def homography_to_colmap(H: Array) -> Array:
+    """Return H (3, 3) of our pixels as that of COLMAP's, of unit norm."""
+    return unit_norm(COLMAP_FROM_PIXEL @ H @ PIXEL_FROM_COLMAP)

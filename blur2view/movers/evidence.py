@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray, Array
 from blur2view.networks.octave_reader import LENGTHS
 from blur2view.networks.spectra import STEP
-from blur2view.smears.blur_kinds import IN_FOCUS_PX, KINDS
-from blur2view.smears.field import to_double_angle, upsample_grid
-from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import DIRECTIONS
+from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
+from blur2view.smears.likelihood import DIRECTIONS, IN_FOCUS_PX, KINDS
 
 Floats = NDArray[np.float32]
 

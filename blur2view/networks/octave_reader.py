@@ -15,14 +15,17 @@ from numpy.typing import NDArray
 from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
 from blur2view.networks.model_file import OnnxNetwork
 from blur2view.networks.spectra import STEP, WINDOW, in_batches, polar_cepstra, power_spectra, windows_of
-from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS, read_radii, softmax
 from blur2view.smears.likelihood import (
     BINS,
+    CANNOT_TELL,
     DIRECTIONS,
+    KINDS,
     PER_OCTAVE,
     lengths_px,
+    read_radii,
     read_smears,
     shares_of,
+    softmax,
     with_unseen,
 )
 

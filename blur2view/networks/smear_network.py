@@ -18,8 +18,8 @@ from blur2view.networks.octave_reader import LEAST_PX, LEVELS, VALUES, OctaveRea
 from blur2view.networks.protocol import Detail
 from blur2view.networks.spectra import STEP
 from blur2view.networks.threads import one_thread
-from blur2view.smears.blur_kinds import CANNOT_TELL, KINDS
 from blur2view.smears.grid import SmearGrid
+from blur2view.smears.likelihood import CANNOT_TELL, KINDS
 from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]

@@ -1,6 +1,6 @@
 """What blurred a photograph, and by how much: one object that names, ranks and verdicts follow from.
 
-The kinds of blur and radii that a network tells of cells (:mod:`blur2view.smears.blur_kinds`) are averaged
+The kinds of blur and radii that a network tells of cells (:mod:`blur2view.smears.likelihood`) are averaged
 over the photograph, each cell by how much it can tell. What lies near the border counts more: before a camera
 at rest something moves within the picture, and a camera that follows something blurs what is around it.
 """
@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
-from blur2view.smears.blur_kinds import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SMEARED
-from blur2view.smears.field import to_double_angle
-from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import SHORTEST_PX
+from blur2view.smears.grid import SmearGrid, to_double_angle
+from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SHORTEST_PX, SMEARED
 
 Floats = NDArray[np.float32]
 

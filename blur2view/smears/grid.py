@@ -1,19 +1,148 @@
-"""Smears at the cells of a network's grid: all that it says of a photograph, and sampled anywhere."""
+"""Smears, the paths of pixels during the exposure, known up to the sign of their displacements.
+
+Of every pixel or at any points (`SmearField`), at the cells of a network's grid with all that it says of a
+photograph (`SmearGrid`), and in a file, ``.smear.npz``: the grid in half precision. A half has eleven bits: a
+smear's length and direction change by a 4000th at most, a hundredth of what the network errs by, and a
+photograph of 20 megapixels takes 0.2 MB, where all its pixels take 320.
+"""
 
 from __future__ import annotations
 
+import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from blur2view.arrays import Array
-from blur2view.smears.blur_kinds import KINDS, OUT_OF_FOCUS, SHARP
-from blur2view.smears.field import SmearField, from_double_angle, upsample_grid
+from blur2view.arrays import AnyArray, Array
+from blur2view.errors import OutputError
+from blur2view.input_files import MAX_PIXELS, open_regular
+from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP
 from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel, of_kinds
 
-# Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph.
-_STRIP_CELLS = 8
+Floats = NDArray[np.floating[Any]]
+
+STRIP_CELLS = 8
+"""Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph."""
+GRID, BLUR = "smear_grid", "blur_grid"
+MOST_BYTES = 1 << 26
+"""Of an array of a file; a grid's has some millions."""
+DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
+          RuntimeError, MemoryError, zipfile.BadZipFile)  # fmt: skip
+"""What the readers of ZIP and NPY raise of damaged bytes; RuntimeError of an archive with a password."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SmearField:
+    """Smears and their uncertainty: of every pixel of an image, or at any points of it.
+
+    Parameters
+    ----------
+    displacement : ndarray of shape (..., 2), float32
+        Full displacement d = end - start in pixels, (x, y); its sign is arbitrary in every place. The shape
+        before the last axis is (H, W) for all pixels, (N,) for points.
+    sigma_px : ndarray of shape (...), float32
+        Standard deviation of the end-point error |d - d*|, in pixels; not negative.
+    sigma_rad : ndarray of shape (...), float32
+        Standard deviation of the smear's direction, radians; not negative.
+
+    Raises
+    ------
+    ValueError
+        If the shapes disagree, a value is not finite or a sigma is negative.
+    """
+
+    displacement: NDArray[np.float32]
+    sigma_px: NDArray[np.float32]
+    sigma_rad: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        displacement = np.asarray(self.displacement, dtype=np.float32)
+        object.__setattr__(self, "displacement", displacement)
+        for name in ("sigma_px", "sigma_rad"):
+            sigma = np.asarray(getattr(self, name), dtype=np.float32)
+            if displacement.shape != (*sigma.shape, 2):
+                got = f"{displacement.shape} and {sigma.shape}"
+                raise ValueError(f"expected a displacement (..., 2) and {name} (...), got {got}")
+            # min and max propagate NaN and need no temporary the size of the field
+            if sigma.size and not 0 <= sigma.min() <= sigma.max() < np.inf:
+                raise ValueError(
+                    f"{name} must be finite and not negative, got {sigma.min()} to {sigma.max()}"
+                )
+            object.__setattr__(self, name, sigma)
+        if displacement.size and not np.isfinite([displacement.min(), displacement.max()]).all():
+            raise ValueError("smears must be finite")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the sigmas: height and width of the image, or the number of points."""
+        return self.sigma_px.shape
+
+    @property
+    def length_px(self) -> NDArray[np.float32]:
+        """Length |d| of every smear, pixels."""
+        return np.hypot(self.displacement[..., 0], self.displacement[..., 1])
+
+
+def to_double_angle(displacement: ArrayLike) -> Floats:
+    """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), pixels, the same for d and -d.
+
+    Of the same length and, for floats, the same dtype; zero stays zero.
+    """
+    d = _vectors(displacement)
+    length = np.hypot(d[..., 0], d[..., 1])
+    # through the unit vector, so that squares of tiny and huge lengths neither underflow nor overflow
+    x, y = np.moveaxis(d / np.where(length > 0, length, 1)[..., None], -1, 0)
+    return np.stack([length * (x**2 - y**2), length * (2 * x * y)], -1)
+
+
+def from_double_angle(double_angle: ArrayLike) -> Floats:
+    """Return the displacements (..., 2) of vectors |d| (cos 2phi, sin 2phi), phi in (-90, 90] degrees.
+
+    Their x is not negative, and their y is positive where x is zero.
+    """
+    u = _vectors(double_angle)
+    length = np.hypot(u[..., 0], u[..., 1])
+    phi = np.arctan2(u[..., 1] + 0.0, u[..., 0]) / 2  # + 0.0 turns -0.0 into 0.0: phi is 90, never -90
+    return np.stack([length * np.cos(phi), length * np.sin(phi)], -1)
+
+
+def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64]:
+    """Return both ends (N, 2, 2), p - d/2 and p + d/2, of smears d (N, 2) at mid-exposure pixels p (N, 2).
+
+    Which end is the start is unknown. ValueError if the two arrays are not both (N, 2).
+    """
+    p = np.asarray(points, dtype=np.float64)
+    half = np.asarray(displacement, dtype=np.float64) / 2
+    if p.shape != half.shape or p.ndim != 2 or p.shape[1] != 2:
+        raise ValueError(f"expected two arrays of shape (N, 2), got {p.shape} and {half.shape}")
+    return np.stack([p - half, p + half], axis=1)
+
+
+def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
+    """Return a grid of cells (h, w, C) resampled to pixels (h*stride, w*stride, C), float32.
+
+    Cell j's centre is at pixel stride*j + (stride-1)/2; outside the outermost centres the nearest cell
+    continues. Directions must be in double angle: averaging d and -d would cancel them.
+    """
+    if grid.ndim != 3 or stride < 1:
+        raise ValueError(f"expected shape (h, w, C) and a positive stride, got {grid.shape}, {stride}")
+    height, width = grid.shape[:2]
+    # OpenCV's pixel centres are at integer + 0.5 of the cell, which is exactly the convention above
+    resized = cv2.resize(grid, (width * stride, height * stride), interpolation=cv2.INTER_LINEAR)
+    return resized.reshape(height * stride, width * stride, grid.shape[2]).astype(np.float32, copy=False)
+
+
+def _vectors(values: ArrayLike) -> Floats:
+    """Return a float array of shape (..., 2), keeping float32."""
+    vectors = np.asarray(values)
+    if vectors.ndim == 0 or vectors.shape[-1] != 2:
+        raise ValueError(f"expected an array of shape (..., 2), got {vectors.shape}")
+    return vectors if np.issubdtype(vectors.dtype, np.floating) else vectors.astype(np.float64)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,7 +161,7 @@ class SmearGrid:
         Side of the window that a cell is read from, pixels; None for smears that err each for itself.
     blur : ndarray of shape (h, w, 6), float32, optional
         Radius out of focus, pixels, and the probabilities of the kinds of blur of
-        `blur2view.smears.blur_kinds.KINDS`; None where only smears are known.
+        `blur2view.smears.likelihood.KINDS`; None where only smears are known.
     shares : ndarray of shape (h, w, 64), float32, optional
         Probabilities of 32 directions and of 32 lengths of the smears (`blur2view.smears.likelihood`), in
         pixels of a picture in which a cell has 32; None where no photograph was read.
@@ -118,10 +247,10 @@ class SmearGrid:
         grid, stride, (height, width) = self.cells, self.stride, self.shape
         displacement = np.empty((height, width, 2), np.float32)
         sigmas = [np.empty((height, width), np.float32) for _ in range(2)]
-        for first in range(0, grid.shape[0], _STRIP_CELLS):
+        for first in range(0, grid.shape[0], STRIP_CELLS):
             above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
-            pixels = upsample_grid(grid[above : first + _STRIP_CELLS + 1], stride)[(first - above) * stride :]
-            rows = slice(first * stride, min((first + _STRIP_CELLS) * stride, height))
+            pixels = upsample_grid(grid[above : first + STRIP_CELLS + 1], stride)[(first - above) * stride :]
+            rows = slice(first * stride, min((first + STRIP_CELLS) * stride, height))
             strip = pixels[: rows.stop - rows.start, :width]
             displacement[rows] = from_double_angle(strip[..., :2])
             for k, sigma in enumerate(sigmas):
@@ -134,3 +263,64 @@ def _decoded(cells: NDArray[np.float32]) -> SmearField:
     sigma_px, sigma_rad = np.moveaxis(np.maximum(cells[..., 2:], 0), -1, 0)
     displacement = from_double_angle(cells[..., :2])
     return SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
+
+
+def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
+    """Return the arrays of a file by name."""
+    place = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
+    blur = {} if grid.blur is None else {BLUR: grid.blur.astype(np.float16)}
+    named = {name: np.array(value) for name, value in place.items()}
+    return {GRID: grid.cells.astype(np.float16), **blur, **named}
+
+
+def load_smears(path: str | Path) -> SmearGrid:
+    """Return the smears that ``blur2view estimate -o`` has written to a ``.smear.npz`` file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    SmearGrid
+        As `SmearNetwork.predict` returns it, with ``at(points)`` and ``at_pixels()``.
+
+    Raises
+    ------
+    OutputError
+        If the file is missing, damaged or something else.
+    """
+    try:
+        with open_regular(path) as file, np.load(file, allow_pickle=False) as stored:
+            return _grid(dict(_arrays(stored)))
+    except FileNotFoundError:
+        raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
+    except DAMAGE:
+        remedy = "write it again with blur2view estimate -o"
+        raise OutputError(f"{path}: is no whole .smear.npz file of blur2view; {remedy}") from None
+
+
+def _arrays(stored: Any) -> Iterator[tuple[str, AnyArray]]:
+    """Yield the arrays of an open file by name; ValueError of one that is larger than any grid's.
+
+    `numpy.savez` compresses nothing: what unfolds to more than the file has is refused before it does.
+    """
+    for member in stored.zip.infolist():
+        if member.compress_type != zipfile.ZIP_STORED or member.file_size > MOST_BYTES:
+            raise ValueError(f"{member.filename} is compressed or too large")
+        name = member.filename.removesuffix(".npy")
+        yield name, stored[name]
+
+
+def _grid(arrays: dict[str, AnyArray]) -> SmearGrid:
+    cells, (height, width) = arrays[GRID].astype(np.float32), map(int, arrays["shape"])
+    stride, window_px = int(arrays["stride"]), int(arrays.get("window_px", WINDOW_PX))
+    blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
+    if not (np.isfinite(cells).all() and (blur is None or np.isfinite(blur).all())):
+        raise ValueError("smears must be finite")
+    if height * width > MAX_PIXELS:
+        raise ValueError("a grid must be of a photograph")
+    return SmearGrid(
+        cells=cells, blur=blur, stride=stride, shape=(height, width), window_px=window_px or None
+    )

@@ -34,6 +34,14 @@ ANY_PX = 16.0
 """Root mean square of lengths of 2 to 38 px, as frequent in every octave: of a smear that is not seen."""
 LEAST_SIGMA_RAD, LEAST_SIGMA_PX = float(np.deg2rad(0.3)), 0.15
 """Least deviations that the bins resolve."""
+KINDS = ("sharp", "out of focus", "smeared", "out of focus and smeared", "cannot tell")
+"""Kinds of blur that a cell may show, in the order of the network's logits."""
+SHARP, OUT_OF_FOCUS, SMEARED, BOTH, CANNOT_TELL = range(len(KINDS))
+SMALLEST_RADIUS_PX = 0.7
+"""Radius of bin 1, of four an octave; before it stands one bin for anything smaller, last one for anything
+larger. A radius is that of the disc which spreads as widely as lens and camera do."""
+IN_FOCUS_PX = 0.5
+"""Radius that stands for bin 0."""
 
 
 def lengths_px(bins: int) -> Floats:
@@ -135,3 +143,21 @@ def _peak(likelihood: Floats) -> tuple[Floats, Floats, Floats]:
     position = column + (near.sum(-2) @ steps) / mass
     log_length = np.interp(position, np.arange(bins), np.log(lengths_px(bins)))
     return direction.astype(np.float32), np.exp(log_length).astype(np.float32), mass
+
+
+def radii_px(bins: int) -> Floats:
+    """Return the radii of the bins, (bins,), pixels."""
+    radii = SMALLEST_RADIUS_PX * 2.0 ** ((np.arange(bins) - 1) / PER_OCTAVE)
+    radii[0] = IN_FOCUS_PX
+    return radii.astype(np.float32)
+
+
+def softmax(logits: Floats) -> Floats:
+    """Return probabilities of logits (..., n)."""
+    values = np.exp(logits - logits.max(-1, keepdims=True))
+    return np.asarray(values / values.sum(-1, keepdims=True), np.float32)
+
+
+def read_radii(logits: Floats) -> Floats:
+    """Return the radii out of focus (h, w), pixels, of logits (h, w, bins): means of their logarithms."""
+    return np.asarray(np.exp(softmax(logits) @ np.log(radii_px(logits.shape[-1]))), np.float32)

@@ -10,10 +10,8 @@ import pytest
 from PIL import Image
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
-from blur2view.camera.colmap_camera import from_colmap, parse_camera, to_colmap
-from blur2view.camera.exif import ExifValues, read_exif
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, Intrinsics
+from blur2view.camera.camera import Camera, from_colmap, parse_camera, to_colmap
+from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues, Intrinsics, read_exif
 from blur2view.colmap.cameras import camera_of_database, stored_camera
 from blur2view.errors import CameraError
 from tests.support.exif import exif_of

@@ -9,8 +9,8 @@ import pytest
 
 from blur2view.geometry.epipolar import serrmin
 from blur2view.images.image import read_image
-from blur2view.smears.field import smear_ends
-from blur2view.smears.selection import SelectOptions
+from blur2view.smears.grid import smear_ends
+from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.consensus import EstimatorOptions
 from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, forward_motion

@@ -11,7 +11,7 @@ from blur2view.exposure.views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.epipolar import sampson
 from blur2view.pipeline import Estimate
 from blur2view.smears.blur import blur_of
-from blur2view.smears.selection import SelectOptions, select_matches
+from blur2view.smears.matches import SelectOptions, select_matches
 from tests.support.grids import grid_of
 from tests.support.scenes import make_scene
 from tools.datasets.synthetic_matches import layered_depth, project_smears

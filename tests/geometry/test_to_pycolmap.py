@@ -6,8 +6,13 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.colmap_camera import fundamental_to_colmap, homography_to_colmap, to_colmap
-from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
+from blur2view.camera.camera import to_colmap
+from blur2view.geometry.two_view_geometry import (
+    Configuration,
+    TwoViewGeometry,
+    fundamental_to_colmap,
+    homography_to_colmap,
+)
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.metrics import translation_direction_error_deg

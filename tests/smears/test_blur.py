@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from blur2view.smears.blur import blur_of, in_doubt, is_close
-from blur2view.smears.blur_kinds import KINDS, radii_px, read_radii, softmax
 from blur2view.smears.grid import SmearGrid
+from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
 from tests.support.grids import grid_of
 
 ROWS, COLUMNS = 12, 16

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.smears.field import SmearField, from_double_angle, smear_ends, to_double_angle, upsample_grid
+from blur2view.smears.grid import SmearField, from_double_angle, smear_ends, to_double_angle, upsample_grid
 
 
 def random_displacements(seed: int = 0) -> np.ndarray:

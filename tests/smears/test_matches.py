@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.matches import SmearMatches
+from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.smears.noise import INDEPENDENT, NoiseModel, sampson_px
-from blur2view.smears.selection import SelectOptions, select_matches
 
 
 def grid(length_px: float = 10.0, sigma_px: float = 1.0, shape: tuple[int, int] = (384, 512)) -> SmearGrid:

@@ -13,9 +13,7 @@ from blur2view import load_smears
 from blur2view.errors import OutputError
 from blur2view.images.image import read_image
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.smears.field import to_double_angle
-from blur2view.smears.grid import SmearGrid
-from blur2view.smears.stored import stored_smears
+from blur2view.smears.grid import SmearGrid, stored_smears, to_double_angle
 from tests.support.calls import Call
 
 MEGABYTE = 1_000_000

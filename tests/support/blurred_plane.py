@@ -13,8 +13,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.exposure_motion import projected
 from blur2view.geometry.rotation import rotation_matrix
-from blur2view.smears.field import to_double_angle
-from blur2view.smears.grid import SmearGrid
+from blur2view.smears.grid import SmearGrid, to_double_angle
 
 SIZE, FOCAL, STRIDE, INSTANTS = (240, 180), 220.0, 32, 25
 PLANE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.25, 0.1, 4.0]])  # columns x, y, z of (u, v, 1)

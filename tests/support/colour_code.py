@@ -17,9 +17,17 @@ from onnx import TensorProto, helper
 
 from blur2view.networks.model_file import SMEAR
 from blur2view.networks.spectra import LAGS, SCALES
-from blur2view.smears.blur_kinds import KINDS, SHARP, SMEARED
-from blur2view.smears.field import to_double_angle
-from blur2view.smears.likelihood import BINS, DIRECTIONS, PER_OCTAVE, STILL_PX, lengths_px
+from blur2view.smears.grid import to_double_angle
+from blur2view.smears.likelihood import (
+    BINS,
+    DIRECTIONS,
+    KINDS,
+    PER_OCTAVE,
+    SHARP,
+    SMEARED,
+    STILL_PX,
+    lengths_px,
+)
 
 CODE_RANGE_PX = 64.0
 SIGMA_RANGE_PX = 8.0

@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from blur2view.smears.field import to_double_angle
-from blur2view.smears.grid import SmearGrid
+from blur2view.smears.grid import SmearGrid, to_double_angle
 
 
 def grid_of(

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.camera.colmap_camera import from_colmap
+from blur2view.camera.camera import from_colmap
 
 
 def distorted_points(camera: Any, rays: Array) -> Array:

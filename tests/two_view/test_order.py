@@ -7,7 +7,7 @@ import pytest
 
 from blur2view import RigidTransform, TwoViewGeometry, estimate, estimate_two_view, read_image, views_of
 from blur2view.geometry.epipolar import homogeneous, sampson
-from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import smear_ends
 from blur2view.two_view.order import end_order, in_order, open_and_close
 from tests.support.scenes import Scene, disturb, make_scene
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.smears.field import smear_ends
+from blur2view.smears.grid import smear_ends
 from tools.arguments import Existing, run
 from tools.datasets.testset import SERIES, write_photographed
 from tools.processes import mapped

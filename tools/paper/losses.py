@@ -33,7 +33,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from blur2view.smears.field import from_double_angle
+from blur2view.smears.grid import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
 from tools.datasets.shards import Example, load_shards

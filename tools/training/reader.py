@@ -15,8 +15,15 @@ from torch import Tensor, nn
 from torch.nn import functional as nnf
 
 from blur2view.networks.spectra import LAGS, SCALES, STEP, WINDOW
-from blur2view.smears.blur_kinds import KINDS, SMALLEST_RADIUS_PX
-from blur2view.smears.likelihood import BINS, DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX
+from blur2view.smears.likelihood import (
+    BINS,
+    DIRECTIONS,
+    KINDS,
+    LABEL_SPREAD,
+    PER_OCTAVE,
+    SHORTEST_PX,
+    SMALLEST_RADIUS_PX,
+)
 
 SCALARS = SCALES + 2
 """Numbers beside the cepstra of a window: their scales, and what :func:`clipped_shares` gives."""

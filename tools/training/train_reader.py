@@ -23,7 +23,7 @@ from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
-from blur2view.smears.field import from_double_angle
+from blur2view.smears.grid import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS, read_smears
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, load_shard, load_shards

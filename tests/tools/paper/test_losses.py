@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from blur2view.networks.spectra import LAGS
-from blur2view.smears.field import to_double_angle
+from blur2view.smears.grid import to_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.paper import losses
 from tools.paper.losses import Representation, Variant, main, paper_loss
