@@ -140,10 +140,11 @@ def keypoint_views(
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Each by half of its smear: so a track that holds the feature holds both ends of its smear.
-    Usable are those whose smear is known well enough. What lies beyond the picture stays where it is and is
-    not usable; what is not finite is put at 0. Nor is usable what lies on pixels (H, W) that are
-    ``excluded``, as they move by themselves. ``options`` are those of the estimate: what counts as an inlier.
+    Each by half of its smear: so a track that holds the feature holds both ends of its smear; where the
+    camera did not move they stay. Usable are those whose smear is known well enough. What lies beyond the
+    picture stays where it is and is not usable; what is not finite is put at 0. Nor is usable what lies on
+    pixels (H, W) that are ``excluded``, as they move by themselves. ``options`` are those of the estimate:
+    what counts as an inlier.
     """
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
@@ -152,7 +153,8 @@ def keypoint_views(
     points = np.where(inside[:, None], keypoints, 0.0)
     smears = grid.at(points)
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
-    ends = smear_ends(points, smears.displacement)
+    moves = estimate.blur.kind.of_camera  # else a smear is its error
+    ends = smear_ends(points, smears.displacement * moves)
     across = across_px(length, smears.sigma_rad.astype(float))
     sampson = sampson_px(length, across, estimate.matches.shared)
     used = estimate.matches

@@ -10,7 +10,7 @@ from blur2view.camera.camera import Camera
 from blur2view.exposure.views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.epipolar import sampson
 from blur2view.pipeline import Estimate
-from blur2view.smears.blur import blur_of
+from blur2view.smears.blur import BlurKind, blur_of
 from blur2view.smears.matches import SelectOptions, select_matches
 from tests.support.grids import grid_of
 from tests.support.scenes import make_scene
@@ -64,6 +64,15 @@ def test_features_move_by_half_of_their_smear(result: Result) -> None:
     inliers = views.geometry.inlier_mask
     assert inliers.sum() > 150
     assert np.median(sampson(F, views.points_open, views.points_close)[inliers]) < 0.05
+
+
+@pytest.mark.parametrize("kind", [BlurKind.SHARP, BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_AT_REST])
+def test_features_stay_where_the_camera_did_not_move(result: Result, kind: BlurKind) -> None:
+    estimate, _ = result
+    keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
+    views = keypoint_views("a.jpg", keypoints, replace(estimate, blur=replace(estimate.blur, kind=kind)))
+    np.testing.assert_array_equal(views.points_open, keypoints)
+    np.testing.assert_array_equal(views.points_close, keypoints)
 
 
 def test_only_certain_smears_are_used(result: Result) -> None:
