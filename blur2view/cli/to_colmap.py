@@ -15,9 +15,9 @@ from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.views import LinkJob, named_jobs, views_line, views_record, with_time
 from blur2view.cli.work import Setup
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.connection import BESIDE
 from blur2view.colmap.database import refuse_existing, write_database, written_photographs
 from blur2view.colmap.link import ProjectImage, write_links
+from blur2view.colmap.project import BESIDE
 from blur2view.errors import CameraError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.movers.mask import MotionLabel, segment

@@ -15,8 +15,8 @@ from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
-from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import database_of, pictures_of, read_model, refuse_other_model, write_model
+from blur2view.colmap.project import open_read_only
 from blur2view.colmap.transforms import (
     MODEL,
     PHOTOGRAPHS,

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera.camera import normalised_points, to_colmap
 from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
-from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.project import image_names
+from blur2view.colmap.project import image_names, open_read_only
 from blur2view.colmap.recovery import FrameSequence
 from blur2view.errors import DatabaseError
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.camera.camera import Camera, colmap_camera
-from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.project import image_names, longest_suffix
+from blur2view.colmap.project import image_names, longest_suffix, open_read_only
 from blur2view.errors import CameraError, DatabaseError
 
 MOST_PARAMETERS = 32  # of a camera; no model has half as many

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera, colmap_camera, to_colmap
-from blur2view.colmap.connection import LOGS, connect, database_errors, open_read_only, temporary_database
-from blur2view.colmap.project import MAX_IMAGES, VIEWS_TABLE, storable
+from blur2view.colmap.project import KILLED, LOGS, MAX_IMAGES, VIEWS_TABLE, open_read_only, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
@@ -49,17 +49,10 @@ def write_database(
         raise ValueError(f"photographs must have different names, got {names}")
     if not all(map(storable, names)):
         raise ValueError(f"names must be UTF-8, which a database needs, got {names}")
-    if not replace:
-        refuse_existing(path)
+    refuse_existing(path, replace=replace)
     try:
         content = _views_alone(photographs)
-        if replace and path.is_file():
-            # settle its log or journal, or SQLite would apply it to what takes its place; it may be in use
-            with database_errors(path), closing(connect(path, "mode=rw")) as old:
-                old.execute("PRAGMA journal_mode = DELETE")
-                old.execute("SELECT 1 FROM sqlite_master")
-        else:
-            refuse_existing(path)  # may have come meanwhile
+        refuse_existing(path, replace=replace)  # may have come meanwhile
         target = path.resolve()  # a link stays one
         remove_half_written(target.parent)
         write_files({target: content})
@@ -74,7 +67,8 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
 
     cameras: list[Any] = []
     ids: list[Pair] = []
-    with temporary_database() as path:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "rows.db"
         with pycolmap.Database.open(path) as opened, pycolmap.DatabaseTransaction(opened):
             for views in photographs:
                 camera = colmap_camera_of(views.camera, views.size)
@@ -157,13 +151,18 @@ def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
     return stored
 
 
-def refuse_existing(path: Path) -> None:
-    """Raise a DatabaseError where something lies at a path, or its folder takes no files."""
-    if os.path.lexists(path):
+def refuse_existing(path: Path, *, replace: bool = False) -> None:
+    """Raise a DatabaseError where something lies at a path that is not to be replaced, or cannot be.
+
+    A log beside it is of a program that uses it or was killed: SQLite would apply it to the new database.
+    """
+    if os.path.lexists(path) and not replace:
         raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
-    for log in (f"{path}{suffix}" for suffix in LOGS):
-        if os.path.lexists(log):  # which SQLite would apply to the new database
+    for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):
+        if os.path.lexists(log) and not path.exists():
             raise DatabaseError(f"{log}: is of a database that is gone; remove it, or choose another --db")
+        if os.path.lexists(log):
+            raise DatabaseError(f"{path}: another program uses it; close that and try again; {KILLED}")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 

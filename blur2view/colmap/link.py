@@ -13,27 +13,27 @@ from datetime import datetime
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import from_colmap
-from blur2view.colmap.connection import connect, open_for_writing, open_read_only, temporary_database
 from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (
     CAMERA_SENSOR,
-    MAX_ID,
     VIEWS_TABLE,
     check_schema,
-    frame_of,
+    connect,
     has_frames,
     image_names,
     longest_suffix,
+    open_for_writing,
+    open_read_only,
     own_views,
     pair_id,
     read_keypoints,
     rig_of,
-    views_are_whole,
 )
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
@@ -74,7 +74,8 @@ def plan_links(
 ) -> list[ProjectImage | DatabaseError]:
     """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
 
-    With ``replace`` views that an earlier call wrote are written anew. DatabaseError if nothing can be read.
+    Views that an earlier call wrote are kept, unless the photograph's features or camera have changed since,
+    or with ``replace``. DatabaseError if nothing can be read.
     """
     plan: list[ProjectImage | DatabaseError] = []
     first_of: dict[str, Path] = {}
@@ -109,8 +110,6 @@ def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, re
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
     if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
         raise ValueError(f"image {name} has no camera, or that no rig; the database is damaged")
-    if not (isinstance(camera_id, int) and 0 <= camera_id <= MAX_ID):
-        raise ValueError(f"image {name} has a camera of number {camera_id!r:.20}, which COLMAP cannot read")
     (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
     stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + data
     digest, own = hashlib.sha256(stored).digest(), own_views(database, name)
@@ -118,14 +117,9 @@ def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, re
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in views:
             raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
-    step = Step.REPLACE if own else Step.ADD
-    if own and not replace:
-        sources = [source for _, source in own.values()]
-        if sources != [digest] * 2 or not views_are_whole(database, image_id, views):
-            raise ValueError(f"{name} or its views are not as this call makes them; add --replace")
-        step = Step.KEEP
+    same = [source for _, source in own.values()] == [digest] * 2 and not replace
     return ProjectImage(
-        step=step,
+        step=Step.KEEP if same else Step.REPLACE if own else Step.ADD,
         image_id=image_id,
         camera_id=camera_id,
         name=name,
@@ -168,7 +162,8 @@ def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, E
     import pycolmap
 
     any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
-    with temporary_database() as beside:
+    with TemporaryDirectory() as folder:
+        beside = Path(folder) / "rows.db"
         with pycolmap.Database.open(beside) as opened, pycolmap.DatabaseTransaction(opened):
             opened.write_camera(any_camera)
             for image, views in links:
@@ -191,18 +186,16 @@ def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, E
 def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
     """Write the images of both views, each with a frame of its own if the project has frames.
 
-    What an earlier call wrote goes before, and its ids are taken again. Return the ids.
+    What an earlier call wrote goes before, and its image ids are taken again. Return the ids.
     """
     own = {role: number for role, (number, _) in own_views(database, image.name).items()}
-    frames = {role: frame_of(database, number) for role, number in own.items()}
-    with_frames = has_frames(database)
-    places = [
-        "keypoints WHERE image_id",
-        "images WHERE image_id",
-        *["frame_data WHERE data_id"] * with_frames,
-    ]
-    for place in places:
-        database.executemany(f"DELETE FROM {place} = ?", [(number,) for number in own.values()])
+    with_frames, of_frame = has_frames(database), f"data_id = ? AND sensor_type = {CAMERA_SENSOR}"
+    doomed = ["keypoints WHERE image_id = ?", "images WHERE image_id = ?"]
+    if with_frames:
+        frames = f"frames WHERE frame_id IN (SELECT frame_id FROM frame_data WHERE {of_frame})"
+        doomed = [frames, f"frame_data WHERE {of_frame}", *doomed]
+    for rows in doomed:
+        database.executemany(f"DELETE FROM {rows}", [(number,) for number in own.values()])
     for pair in combinations([image.image_id, *own.values()], 2):
         for table in PAIRS:
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (pair_id(*pair),))
@@ -211,21 +204,17 @@ def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
         row = {"image_id": own.get(role), "name": image.name + ending, "camera_id": image.camera_id}
         ids.append(_insert(database, "images", row))
         if with_frames:
-            if (frame_id := frames.get(role)) is None:
-                rig = {"frame_id": None, "rig_id": rig_of(database, image.camera_id)}
-                frame_id = _insert(database, "frames", rig)
+            frame = {"frame_id": None, "rig_id": rig_of(database, image.camera_id)}
             sensor = {"sensor_id": image.camera_id, "sensor_type": CAMERA_SENSOR}
-            _insert(database, "frame_data", {"frame_id": frame_id, "data_id": ids[-1], **sensor})
+            data = {"frame_id": _insert(database, "frames", frame), "data_id": ids[-1]}
+            _insert(database, "frame_data", data | sensor)
     return ids[0], ids[1]
 
 
 def _insert(database: sqlite3.Connection, table: str, row: Mapping[str, object]) -> int:
-    """Insert a row and return its id; ValueError of one that COLMAP cannot read."""
+    """Insert a row and return its id."""
     sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
-    number = database.execute(sql, tuple(row.values())).lastrowid
-    if number is None or number > MAX_ID:
-        raise ValueError(f"its ids of {table} are used up; extract features into a new database")
-    return number
+    return int(database.execute(sql, tuple(row.values())).lastrowid or 0)
 
 
 def back_up(path: Path) -> Path:

@@ -16,9 +16,8 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import from_colmap, normalised_points
-from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.models import add_image, photographs_of, read_model, seen_points
-from blur2view.colmap.project import image_names, read_keypoints, read_matches
+from blur2view.colmap.project import image_names, open_read_only, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
 from blur2view.exposure.camera_path import CameraPath, changed
 from blur2view.exposure.time_direction import frame_times, place_of

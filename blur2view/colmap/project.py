@@ -1,8 +1,9 @@
-"""A user's COLMAP project as SQLite sees it: images, keypoints and matches in its database.
+"""A user's COLMAP project as SQLite sees it: read without changing a byte of it, or to be linked to.
 
 SQLite reads, and `blur2view.colmap.link` writes, because ``pycolmap.Database.open`` changes a file before
 anything is asked of it: it adds tables and columns, turns on write-ahead logging and stamps its own version,
-in no transaction with what comes after. The format is that of pycolmap 4.2:
+in no transaction with what comes after. Linking writes to the file, in one transaction: its journal outlives
+a kill at any moment. The format is that of pycolmap 4.2:
 
 - Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches are uint32
   (N, 2).
@@ -14,8 +15,9 @@ in no transaction with what comes after. The format is that of pycolmap 4.2:
 - The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
 """
 
-from collections.abc import Callable, Collection, Container, Sequence
-from itertools import combinations
+import sqlite3
+from collections.abc import Callable, Container, Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 from sqlite3 import Connection
 from typing import Any
@@ -25,12 +27,11 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import from_colmap
-from blur2view.colmap.connection import open_read_only
+from blur2view.errors import DatabaseError
 from blur2view.exposure.features import NO_POINTS
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
-MAX_ID = 2**32 - 2  # of cameras, rigs and frames, which pycolmap reads into 32 bits; the last means none
 CAMERA_SENSOR = 0
 RIG_OF_CAMERA = f"""
 SELECT rig_id FROM rigs WHERE ref_sensor_id = ? AND ref_sensor_type = {CAMERA_SENSOR}
@@ -42,6 +43,79 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
   time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
+LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database
+LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
+BESIDE = (*LOGS, "-shm")
+KILLED = "if a program was killed that used it, open it once with COLMAP"
+HINTS = {
+    "locked": "another program uses it; close that and try again",
+    "changed while": "another program uses it; close that and try again",
+    "readonly": f"check permissions; {KILLED}",
+    "unable to open": f"check permissions of the file and its folder; {KILLED}",
+    "Permission": "check permissions of the file and its folder",
+    "disk is full": "make room, or its image ids are used up",
+    "image_id_check": "its image ids are used up; extract features into a new database",
+}
+
+
+@contextmanager
+def open_read_only(path: Path) -> Iterator[Connection]:
+    """Open a COLMAP database for reading; every query inside sees the same state of it, with its log.
+
+    DatabaseError if there is no such file, it is locked, damaged or no database of SQLite, also where a query
+    inside shows it; if another program changed it meanwhile, or was killed with a transaction to undo.
+    """
+    with database_errors(path):
+        path = path.resolve()
+        # a read-only connection leaves two files beside a log; without one it needs no lock
+        settled = not any(Path(f"{path}{suffix}").exists() for suffix in LOGS)
+        before = path.stat()
+        with closing(connect(path, "immutable=1" if settled else "mode=ro&readonly_shm=1")) as database:
+            database.execute("BEGIN")
+            database.execute("SELECT 1 FROM sqlite_master").fetchone()  # takes the lock
+            yield database
+        after = path.stat()
+        if settled and (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
+            raise sqlite3.OperationalError("changed while it was read")
+
+
+@contextmanager
+def open_for_writing(path: Path) -> Iterator[Connection]:
+    """Begin a transaction in the file itself and commit it; a failure inside rolls it back.
+
+    DatabaseError as of `open_read_only`, and of what SQLite refuses to write.
+    """
+    with database_errors(path), closing(connect(path, "mode=rw")) as database:
+        database.execute("PRAGMA foreign_keys = ON")
+        database.execute("BEGIN IMMEDIATE")
+        yield database
+        database.execute("COMMIT")
+
+
+@contextmanager
+def database_errors(path: Path) -> Iterator[None]:
+    """Raise every error inside as a DatabaseError, one line with the file and the remedy.
+
+    A ValueError says itself what is wrong with the database and what the remedy is.
+    """
+    if not path.is_file():
+        raise DatabaseError(f"{path}: no such database; check the path")
+    try:
+        yield
+    except (sqlite3.Error, OSError, OverflowError, ValueError, RuntimeError) as error:
+        if isinstance(error, ValueError) and not isinstance(error, UnicodeError):  # that of a damaged schema
+            raise DatabaseError(f"{path}: {error}") from None
+        why = " ".join(str(error).split())  # a damaged schema may hold line breaks
+        hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
+        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
+
+
+def connect(path: Path, query: str) -> Connection:
+    """Return a connection by SQLite's URI parameters; texts of any bytes are decoded without loss."""
+    uri = f"{path.resolve().as_uri()}?{query}"
+    database = sqlite3.connect(uri, uri=True, timeout=LOCK_TIMEOUT_S, isolation_level=None)
+    database.text_factory = lambda data: data.decode("utf-8", "surrogateescape")
+    return database
 
 
 def check_schema(database: Connection) -> None:
@@ -53,9 +127,6 @@ def check_schema(database: Connection) -> None:
     if version > NEWEST_KNOWN:
         known = f"version {version}, known up to {NEWEST_KNOWN}"
         raise ValueError(f"written by a newer COLMAP ({known}); update blur2view")
-    odd = "SELECT 1 FROM sqlite_master WHERE type = 'trigger' OR sql LIKE '%ON CONFLICT%'"
-    if database.execute(odd).fetchone():  # which could change rows of the user while views are written
-        raise ValueError("has triggers or ON CONFLICT clauses, which COLMAP never makes; remove them first")
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
         raise ValueError(f"is damaged ({' '.join(damage.split())}); restore a backup")
@@ -80,10 +151,8 @@ def storable(name: str) -> bool:
 
 
 def pair_id(image1: int, image2: int) -> int:
-    """Return the key of a pair of images in both match tables, in either order; ValueError of no such ids."""
+    """Return the key of a pair of images in both match tables, in either order."""
     first, last = sorted((image1, image2))
-    if not 0 <= first < last < MAX_IMAGES:
-        raise ValueError(f"image ids must differ and lie below {MAX_IMAGES}, got {image1} and {image2}")
     return MAX_IMAGES * first + last
 
 
@@ -120,13 +189,6 @@ def has_frames(database: Connection) -> bool:
     return bool(table) and database.execute("SELECT 1 FROM frames LIMIT 1").fetchone() is not None
 
 
-def frame_of(database: Connection, image_id: int) -> int | None:
-    """Return the id of an image's frame, None where it has none."""
-    sql = "SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = ?"
-    row = database.execute(sql, (image_id, CAMERA_SENSOR)).fetchone() if has_frames(database) else None
-    return None if row is None else int(row[0])
-
-
 def rig_of(database: Connection, camera_id: int) -> int | None:
     """Return the id of the rig that a camera belongs to, or None."""
     row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
@@ -142,20 +204,6 @@ def own_views(database: Connection, name: str) -> dict[str, tuple[int, bytes | N
         "WHERE photograph = ? AND name = photograph || '#' || role"
     )
     return {role: (image_id, source) for role, image_id, source in database.execute(sql, (name,))}
-
-
-def views_are_whole(database: Connection, image_id: int, views: Collection[int]) -> bool:
-    """Return whether both views of a photograph have keypoints, frames if there are any, and all pairs."""
-    pairs = [pair_id(one, other) for one, other in combinations([image_id, *views], 2)]
-    wanted = {"keypoints WHERE image_id": views}
-    wanted |= {"matches WHERE pair_id": pairs, "two_view_geometries WHERE pair_id": pairs}
-    wanted |= {"frame_data WHERE data_id": views} if has_frames(database) else {}
-    found = (
-        database.execute(f"SELECT 1 FROM {table} = ?", (key,)).fetchone()
-        for table, keys in wanted.items()
-        for key in keys
-    )
-    return all(found)
 
 
 def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], tuple[Array, Array]]:

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -124,15 +123,6 @@ def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path: Path) -> Non
     assert path.is_symlink() and written_photographs(target) == {"b.jpg"}
 
 
-def test_temporary_files_that_cannot_be_written_are_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "rows.db").mkdir()
-    monkeypatch.setattr("blur2view.colmap.connection.TemporaryDirectory", lambda: nullcontext(tmp_path))
-    with pytest.raises(DatabaseError, match="no database can be written in .*set TMPDIR"):
-        write_database(tmp_path / "new.db", [make_views()])
-
-
 OPENED = "import os, sys, pycolmap; a = pycolmap.Database.open('new.db'); a.write_camera(a.read_camera(1)); "
 
 
@@ -143,8 +133,9 @@ def test_the_log_of_a_killed_mapper_does_not_damage_a_new_database(tmp_path: Pat
     assert log.stat().st_size
     old = path.read_bytes(), log.read_bytes()
     names = [f"b_{k}.jpg" for k in range(5)]
-    write_database(path, [make_views(name) for name in names], replace=True)
-    assert check_database(path) == [] and written_photographs(path) == set(names)
+    with pytest.raises(DatabaseError, match="open it once with COLMAP"):
+        write_database(path, [make_views(name) for name in names], replace=True)
+    assert (path.read_bytes(), log.read_bytes()) == old
     path.unlink()
     log.write_bytes(old[1])  # of a database that a user has removed alone
     with pytest.raises(DatabaseError, match="new.db-wal: is of a database that is gone; remove it"):
@@ -182,6 +173,3 @@ def test_numbers_are_those_of_pycolmap(tmp_path: Path) -> None:
     for ids in ((3, 17), (1, MAX_IMAGES - 1)):
         assert pycolmap.pair_id_to_image_pair(pair_id(*ids)) == ids
         assert pair_id(*ids[::-1]) == pair_id(*ids)
-    for wrong in ((3, 3), (-1, 3), (3, MAX_IMAGES)):
-        with pytest.raises(ValueError, match="must differ"):
-            pair_id(*wrong)

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.colmap.connection import open_for_writing
 from blur2view.colmap.link import ProjectImage, write_links
-from blur2view.colmap.project import MAX_IMAGES
+from blur2view.colmap.project import MAX_IMAGES, open_for_writing
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
 from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
@@ -22,16 +21,12 @@ SQL_FAULTS = {
     "column renamed": "ALTER TABLE keypoints RENAME COLUMN data TO blob",
     "view for a table": "DROP TABLE matches; CREATE VIEW matches AS SELECT image_id AS pair_id, 0 AS rows, "
     "2 AS cols, NULL AS data FROM images",
-    "trigger": "CREATE TRIGGER t AFTER INSERT ON images BEGIN DELETE FROM keypoints WHERE image_id = 1; END",
     "own table of another": "CREATE TABLE blur2view_views (image_id INTEGER, note TEXT)",
     "view of our name": "INSERT INTO images VALUES (9, 'a_001.jpg#open', 1)",
     "rows too many": "UPDATE keypoints SET rows = 1000",
     "keypoints not finite": "UPDATE keypoints SET data = zeroblob(0) || x'0000C07F' || substr(data, 5)",
     "camera unknown": "UPDATE cameras SET model = 99",
     "name a blob": "UPDATE images SET name = x'00FF' WHERE image_id = 3",
-    "replacing keypoints": "DROP TABLE keypoints; CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY, "
-    "rows INTEGER NOT NULL, cols INTEGER NOT NULL, data BLOB, UNIQUE(cols) ON CONFLICT REPLACE); "
-    "INSERT INTO keypoints VALUES (2, 40, 4, zeroblob(640)), (3, 40, 2, zeroblob(320))",
     "last id": f"INSERT INTO images VALUES ({MAX_IMAGES - 1}, 'last.jpg', 1)",
     "counter at its end": "UPDATE sqlite_sequence SET seq = 9223372036854775807",
     "all empty": "DELETE FROM images; DELETE FROM cameras; DELETE FROM keypoints",
@@ -77,7 +72,7 @@ def test_a_failure_midway_undoes_all(path: Path) -> None:
 
 @ROLLBACK
 def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("blur2view.colmap.project.LOCK_TIMEOUT_S", 0.05)
     planned = link_of(only_plan(path))
     with closing(sqlite3.connect(path, timeout=0, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")

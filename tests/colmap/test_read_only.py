@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.connection import open_read_only
 from blur2view.colmap.link import ProjectImage, Step, plan_links
 from blur2view.colmap.placement import place_views
-from blur2view.colmap.project import database_matcher, database_names
+from blur2view.colmap.project import database_matcher, database_names, open_read_only
 from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_check import check_database
@@ -127,16 +126,10 @@ def damaged(path: Path) -> None:
     path.write_bytes(data[:100] + np.random.default_rng(0).bytes(len(data) - 100))
 
 
-def endless(path: Path) -> None:
-    query = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS image_id, i FROM n"
-    run_sql(path, "ALTER TABLE images RENAME TO kept", f"CREATE VIEW Images AS {query}")
-
-
 FAULTS: dict[Callable[[Path], object], str] = {
     locked: "another program uses it; close that and try again",
     killed_midway: "if a program was killed that used it, open it once with COLMAP",
     foreign: "is it whole, and COLMAP's?",
-    endless: "its images is a view, where COLMAP has a table",
     newer: "newer COLMAP .*; update blur2view",
     damaged: "cannot be used as a COLMAP database",
     Path.unlink: "no such database; check the path",
@@ -147,7 +140,7 @@ FAULTS: dict[Callable[[Path], object], str] = {
 def test_what_is_wrong_is_one_clear_line(
     path: Path, monkeypatch: pytest.MonkeyPatch, fault: Callable[[Path], object]
 ) -> None:
-    monkeypatch.setattr("blur2view.colmap.connection.LOCK_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("blur2view.colmap.project.LOCK_TIMEOUT_S", 0.05)
     other = fault(path)
     before = contents(path)
     for name, reads in list(READERS.items())[:5]:

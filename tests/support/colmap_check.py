@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.colmap.connection import open_read_only
-from blur2view.colmap.project import MAX_IMAGES
+from blur2view.colmap.project import MAX_IMAGES, open_read_only
 
 MATRICES = {"F": 72, "E": 72, "H": 72, "qvec": 32, "tvec": 24}  # bytes
 PAIRS = "matches", "two_view_geometries"
