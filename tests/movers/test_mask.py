@@ -56,7 +56,7 @@ def overlap(mask: MotionMask, box: tuple[slice, slice]) -> float:
 @pytest.mark.parametrize("camera", [SIDEWAYS, STILL], ids=["moving camera", "still camera"])
 def test_mover_is_found_where_it_is_and_described(camera: tuple[float, float]) -> None:
     _, found, mask = before(camera)
-    assert overlap(mask, BOX) > 0.7
+    assert overlap(mask, BOX) > 0.65
     region = mask.regions[0]
     np.testing.assert_allclose(region.centroid, (447.5, 239.5), atol=32)
     assert region.area_px == pytest.approx((mask.labels == MotionLabel.MOVING).sum(), rel=0.1)

@@ -1,55 +1,54 @@
-"""How good motion masks are: rendered photographs with movers and without, and real ones.
+"""How good motion masks are, and whether cameras that stood still are called so; both halves of every set.
 
-    python -m tools.evaluation.segmentation render/test render/movers --out tools/results/segmentation.md
+    python -m tools.evaluation.segmentation FOLDERS --out tools/results/segmentation.md
 
-Truth and masks are compared at the centres of the truth's cells, 4 x 4 pixels, where smears are known. The
-scenes of one folder count as one split: `tools.datasets.testset` makes the test split,
-`tools.datasets.mover_scenes` others. ``--still`` are folders of photographs in which nothing moves,
-``--objects`` one of photographs ``NAME.jpg`` whose object is white in ``NAME.truth.png``.
+A folder holds ``NAME.jpg`` whose object is white in ``NAME.truth.png``; or scenes of `tools.datasets.testset`
+or `tools.datasets.mover_scenes`; or photographs in which nothing moves. ``--standing`` names photographs by
+cameras that stood still, before something that moves, ``--sharp`` folders of sharp ones. Masks and truth are
+compared at the centres of 4 x 4 pixels. The numbers of the decision were chosen on every second photograph,
+the even ones: the odd ones chose nothing. Run again, what is in ``--work`` is not judged again.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import blur2view
 from blur2view import MotionLabel, MotionMask, SmearNetwork
-from blur2view.arrays import AnyArray
 from tools.arguments import Existing, Target, run
 from tools.datasets.blurred_photographs import photographs_of
-from tools.datasets.testset import read_test_set
+from tools.datasets.testset import TestScene, read_test_set
 from tools.metrics import average_precision
 from tools.pages import publish, table
 from tools.rendering.exposure import GRID
 
 Mask = NDArray[np.bool_]
-LEAST_SHARE = 0.01  # of the picture that moves, for a scene to count as one with movers
-FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
-COLUMNS = ("iou", "precision", "called", "unobservable")
-WORDS = (
-    "Means over scenes, of everywhere that smears are known: IoU of what is called moving with what moves, "
-    "average precision of the probability, shares that are called moving and unobservable."
+Record = dict[str, Any]
+
+LEAST_SHARE = 0.01
+"""Of the picture that moves, for a photograph to count as one with movers."""
+FALSE_SHARE = 0.005
+"""Called moving where nothing moves: more is a miss."""
+BLURRED_PX = 4.0
+"""Median smear from which on photographs of a known object are a group of their own."""
+LEAST_SMEAR_PX = 2.0
+"""Median smear below which a camera that moved need not be called so."""
+WORDS = """The first of two numbers is of the even photographs, which chose the numbers of the decision, the
+second of the odd ones, which chose nothing. IoU of what is called moving with what moves, and average
+precision of the probability: means where 1 % or more moves. False area: mean share called moving where
+nothing does, and in how many photographs it is above 0.5 %. Last, cameras that stood still before something
+that moves and are not said to have moved, and how many of these are said to stand still before it; and
+cameras that moved and are not said to: in photographs with smears of 2 px and more, of rendered scenes those
+longer than the disc of a lens out of focus."""
+HEAD = (
+    "photographs | n | IoU | average precision | false area | false above 0.5 % | still: not said to move | "
+    "still: named | moved: not said to"
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneFigures:
-    """One scene: what moves, what was called moving, and how well the probability ranks.
-
-    ``is_still``: nothing moves at all. ``iou`` and ``precision`` may be NaN where nothing moves. ``counts``
-    (2, 10) are all pixels, and those that move, by tenths of the probability.
-    """
-
-    share: float
-    is_still: bool
-    iou: float
-    precision: float
-    called: float
-    unobservable: float
-    counts: AnyArray
 
 
 def overlap(found: Mask, true: Mask) -> float:
@@ -58,96 +57,150 @@ def overlap(found: Mask, true: Mask) -> float:
     return float((found & true).sum() / union) if union else float("nan")
 
 
-def judge(static: Mask, valid: Mask, mask: MotionMask) -> SceneFigures:
-    """Return how a mask compares with what stands still, where known (both (h, w), of 4 x 4 pixels)."""
+def judge(static: Mask, valid: Mask, mask: MotionMask) -> Record:
+    """Return how a mask compares with what stands still, where known (both (h, w), of 4 x 4 pixels).
+
+    ``share`` moves; ``iou`` and ``precision`` may be NaN where nothing does; ``called`` is called moving.
+    """
     sides = zip(valid.shape, mask.labels.shape, strict=True)
     rows, columns = np.ix_(*(np.minimum(GRID * np.arange(n) + 1, side - 1) for n, side in sides))
     label, score = (of[rows, columns][valid] for of in (mask.labels, mask.probability))
     moving, called = ~static[valid], label == MotionLabel.MOVING
-    tenth = np.minimum((10 * score).astype(int), 9)
-    return SceneFigures(
-        share=float(moving.sum() / valid.size),
-        is_still=bool(static.all()),
-        iou=overlap(called, moving),
-        precision=average_precision(score, moving),
-        called=float(called.mean()),
-        unobservable=float((label == MotionLabel.UNOBSERVABLE).mean()),
-        counts=np.stack([np.bincount(tenth, minlength=10), np.bincount(tenth, moving, minlength=10)]),
-    )
+    return {
+        "share": float(moving.sum() / valid.size),
+        "iou": overlap(called, moving),
+        "precision": average_precision(score, moving),
+        "called": float(called.mean()),
+    }
 
 
-def split_rows(name: str, judged: list[SceneFigures]) -> Iterator[tuple[str, ...]]:
-    """Yield means of a split over scenes with movers and over those without any, unknown values left out."""
-    still = [one for one in judged if one.is_still]
-    many = sum(scene.called > FALSE_SHARE for scene in still)
-    groups = {"movers of 1 % or more": [one for one in judged if one.share >= LEAST_SHARE]}
-    groups[f"no movers ({many} over {FALSE_SHARE:.1%})"] = still
-    for kind, scenes in groups.items():
-        if scenes:
-            values = (np.array([getattr(scene, column) for scene in scenes], float) for column in COLUMNS)
-            known = [value[np.isfinite(value)] for value in values]
-            means = (f"{value.mean():.3f}" if len(value) else "-" for value in known)
-            yield f"{name}, {kind}", str(len(scenes)), *means
+def record_of(path: Path, network: SmearNetwork, static: Mask, valid: Mask, known: Record) -> Record:
+    """Return what is found in a photograph, beside what is known of it."""
+    image = blur2view.read_image(path)
+    found = blur2view.estimate(image, network=network)
+    return known | {
+        **judge(static, valid, blur2view.segment(found, image)),
+        "smear_px": float(np.median(found.grid.smears().length_px)),
+        "disc_px": 2 * (found.blur.defocus_px or 0.0),
+        "kind": str(found.blur.kind),
+    }
 
 
-def calibration(scenes: list[SceneFigures]) -> list[str]:
-    """Return a table of the probability: of the pixels in each tenth, how many move."""
-    every, moving = np.sum([scene.counts for scene in scenes], axis=0)
-    shares = ("-" if not n else f"{k / n:.2f}" for n, k in zip(every, moving, strict=True))
-    tenths = " | ".join(f"{k / 10:.1f}-{(k + 1) / 10:.1f}" for k in range(10))
-    pixels = (f"{n / every.sum():.4f}" for n in every)
-    return table(f"probability | {tenths}", [("share of the pixels", *pixels), ("of these, moving", *shares)])
+def of_scene(scene: TestScene, network: SmearNetwork) -> Record:
+    """Return the record of a rendered scene."""
+    lengths = np.linalg.norm(scene.displacement, axis=-1)[scene.static & scene.valid]
+    known: Record = {
+        "stands": scene.kind in ("rest", "unmoved"),
+        "true_px": float(np.median([0.0, *lengths])),
+    }
+    return record_of(scene.image_path, network, scene.static, scene.valid, known)
 
 
-def mask_of(image: AnyArray, network: SmearNetwork) -> MotionMask:
-    """Return the mask of a picture (H, W, 3)."""
-    return blur2view.segment(blur2view.estimate(image, network=network), image)
+def of_photograph(path: Path, network: SmearNetwork, standing: list[str], sharp: list[str]) -> Record:
+    """Return the record of a photograph with its outlines, or one in which nothing moves."""
+    outlines = path.with_name(f"{path.stem}.truth.png")
+    rows, columns = (-(-side // GRID) for side in blur2view.read_image(path).shape[:2])
+    static = np.ones((rows, columns), bool)
+    if outlines.exists():
+        static = blur2view.read_image(outlines)[1::GRID, 1::GRID, 0] == 0
+    known: Record = {
+        "stands": path.stem in standing,
+        "sharp": path.parent.name in sharp,
+        "object": outlines.exists(),
+    }
+    return record_of(path, network, static, np.ones_like(static), known)
 
 
-def rendered(folder: Path, network: SmearNetwork) -> list[SceneFigures]:
-    """Return the figures of the scenes of a folder."""
-    scenes = read_test_set(folder)
-    return [judge(one.static, one.valid, mask_of(one.image, network)) for one in scenes]
+def judged(
+    folder: Path, network: SmearNetwork, standing: list[str], sharp: list[str]
+) -> Iterator[tuple[str, Callable[[], Record]]]:
+    """Yield the names of the photographs of a folder, and what judges each."""
+    if next(folder.glob("[0-9]*.npz"), None) and not next(folder.glob("*.jpg"), None):
+        for scene in read_test_set(folder):
+            yield scene.name, partial(of_scene, scene, network)
+        return
+    for path in photographs_of([folder]):
+        if not path.name.endswith(".truth.png"):
+            yield path.stem, partial(of_photograph, path, network, standing, sharp)
 
 
-def outlined(folder: Path, network: SmearNetwork) -> Iterator[SceneFigures]:
-    """Yield the figures of photographs whose object is known."""
-    for path in sorted(folder.glob("*.truth.png")):
-        still = blur2view.read_image(path)[1::GRID, 1::GRID, 0] == 0
-        image = blur2view.read_image(path.with_name(f"{path.name.removesuffix('.truth.png')}.jpg"))
-        yield judge(still, np.ones_like(still), mask_of(image, network))
+def groups_of(name: str, records: list[Record]) -> dict[str, list[Record]]:
+    """Return the records of a set, those of known objects by the length of their smears."""
+    if not records[0].get("object"):
+        return {name: records}
+    blurred = [one for one in records if one["smear_px"] >= BLURRED_PX]
+    between = [one for one in records if LEAST_SMEAR_PX <= one["smear_px"] < BLURRED_PX]
+    return {f"{name}, 4 px and more": blurred, f"{name}, 2 to 4 px": between}
 
 
-def still_line(folder: Path, network: SmearNetwork) -> str:
-    """Return what is called moving in photographs in which nothing moves."""
-    masks = (mask_of(blur2view.read_image(path), network) for path in photographs_of([folder]))
-    shares = np.array([(mask.labels == MotionLabel.MOVING).mean() for mask in masks])
-    return (
-        f"- {folder.name}, {len(shares)} still photographs: {shares.mean():.2%} called moving, "
-        f"{shares.max():.2%} at most, more than {FALSE_SHARE:.1%} in {(shares > FALSE_SHARE).sum()}"
-    )
+def length(one: Record) -> float:
+    """Return the true median smear of a rendered scene, or what is read of a photograph, pixels."""
+    return float(one["true_px"] if "true_px" in one else one["smear_px"])
+
+
+def figures_of(records: list[Record]) -> list[str]:
+    """Return the cells of a half of a row."""
+    some = [one for one in records if one["share"] >= LEAST_SHARE]
+    none = [one for one in records if not one["share"] and not one["stands"]]
+    stood = [
+        one for one in records if one["stands"] and (one["share"] >= LEAST_SHARE or "true_px" not in one)
+    ]
+    moved = [
+        one for one in records if not (one["stands"] or one.get("sharp")) and length(one) >= LEAST_SMEAR_PX
+    ]
+    moved = [one for one in moved if "true_px" not in one or one["true_px"] >= one["disc_px"]]
+
+    def mean(rows: list[Record], key: str) -> str:
+        return f"{np.nanmean([one[key] for one in rows]):.3f}" if rows else "-"
+
+    def count(rows: list[Record], hits: list[bool]) -> str:
+        return f"{sum(hits)} of {len(rows)}" if rows else "-"
+
+    return [
+        str(len(records)),
+        mean(some, "iou"),
+        mean(some, "precision"),
+        mean(none, "called"),
+        count(none, [one["called"] > FALSE_SHARE for one in none]),
+        count(stood, ["moved" not in one["kind"] for one in stood]),
+        count(stood, [one["kind"] == "camera at rest" for one in stood]),
+        count(moved, ["moved" not in one["kind"] for one in moved]),
+    ]
 
 
 def main(
-    scenes: list[Existing],
+    folders: list[Existing],
     *,
-    still: list[Existing] | None = None,
-    objects: Existing | None = None,
-    out: Target | None = None,
+    standing: list[str] | None = None,
+    sharp: list[str] | None = None,
+    work: Path | None = None,
+    out: Target,
 ) -> None:
-    """Segment rendered scenes and photographs, and write the page."""
-    network = SmearNetwork()
-    judged = {folder.name: rendered(folder, network) for folder in scenes}
-    if objects:
-        judged[objects.name] = list(outlined(objects, network))
-    rows = [row for name, found in judged.items() for row in split_rows(name, found)]
+    """Judge all photographs of folders."""
+    network, found = SmearNetwork(), dict[str, Record]()
+    if work is not None and work.exists():
+        found = json.loads(work.read_text())
+    rows = []
+    for folder in folders:
+        records = []
+        for name, record in judged(folder, network, standing or [], sharp or []):
+            key = f"{folder}/{name}"
+            if key not in found:
+                found[key] = record()
+                if work is not None:
+                    work.write_text(json.dumps(found))
+            records.append(found[key])
+        for name, group in groups_of(folder.name, records).items():
+            halves = figures_of(group[::2]), figures_of(group[1::2])
+            rows.append(
+                [name, *("; ".join(pair) if set(pair) != {"-"} else "" for pair in zip(*halves, strict=True))]
+            )
     publish(
         out,
         "# Motion masks",
+        f"Network `{network.model_id}` and those that find movers.",
         WORDS,
-        table(f"scenes | n | {' | '.join(COLUMNS)}", rows),
-        *(block for name, found in judged.items() for block in (f"Calibration, {name}:", calibration(found))),
-        [still_line(folder, network) for folder in still or ()],
+        table(HEAD, rows),
     )
 
 
