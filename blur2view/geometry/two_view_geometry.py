@@ -209,7 +209,7 @@ class TwoViewGeometry:
         """Whether parallax is proven (only CALIBRATED and UNCALIBRATED are), undecided or absent."""
         if self.config in (Configuration.CALIBRATED, Configuration.UNCALIBRATED):
             return Parallax.PROVEN
-        if self.insufficient_data or self.config in (Configuration.MULTIPLE, Configuration.UNDEFINED):
+        if self.insufficient_data or self.config is Configuration.UNDEFINED:
             return Parallax.UNDECIDED
         return Parallax.ABSENT if self.F is None else Parallax.UNDECIDED
 

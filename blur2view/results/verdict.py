@@ -153,8 +153,6 @@ def _motion(one: Record) -> str:
     match one.config:
         case "UNDEFINED":
             return f"Camera moved, and no one motion explains the blur; {length_text(one)}"
-        case "MULTIPLE":
-            return f"Most of the picture moves by itself; {length_text(one)}"
         case "PANORAMIC":
             return f"Camera {_turned(one)}{by if posed else ''}{undecided}{'' if posed else by}"
         case "PLANAR_OR_PANORAMIC":

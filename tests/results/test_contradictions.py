@@ -27,10 +27,10 @@ WORDS = {
     "out of focus": "Out of focus (",
     "camera at rest": "The camera stood still;",
     "cannot tell": ("Smooth: cannot tell", "Too dark", "Overexposed", "One colour"),
-    "camera moved": ("Camera moved", "Camera turned", "Camera rolled", "Most of"),
-    "out of focus and moved": ("Camera moved", "Camera turned", "Camera rolled", "Most of"),
+    "camera moved": ("Camera moved", "Camera turned", "Camera rolled"),
+    "out of focus and moved": ("Camera moved", "Camera turned", "Camera rolled"),
 }
-DID = {"PANORAMIC": ("Camera turned", "Camera rolled"), "MULTIPLE": "Most of"}
+DID = {"PANORAMIC": ("Camera turned", "Camera rolled")}
 
 
 def contradictions(one: Photograph) -> Iterator[str]:
