@@ -299,7 +299,7 @@ def _refused(inputs: Inputs, plan: Sequence[Files]) -> Iterator[Files | OutputEr
 
     Inputs and files of other programs are never replaced, nor results of another photograph of the call.
     """
-    first_of = dict[Path, object]()
+    read, first_of = inputs.read, dict[Path, object]()
     for source, files in zip(inputs.sources, plan, strict=bool(plan)):
         other = next((first_of[path] for path in files if path in first_of), None)
         first_of |= dict.fromkeys(files, source)
@@ -307,7 +307,7 @@ def _refused(inputs: Inputs, plan: Sequence[Files]) -> Iterator[Files | OutputEr
             if other is not None:
                 raise OutputError(f"its results would be those of {other}; use another -o")
             for path in files:
-                check_file(path, "result", inputs.read)
+                check_file(path, "result", read)
             yield files
         except OutputError as error:
             yield OutputError(f"{source}: {error}")
