@@ -187,7 +187,7 @@ class Estimating:
 
 @dataclass(frozen=True, kw_only=True)
 class Many:
-    """many photographs: Ctrl-C, a kill or a power cut loses only the photographs in hand.
+    """many photographs.
 
     --jobs N: processes, of one thread each; any number gives the same bytes (default: one per core)
     Rarely:

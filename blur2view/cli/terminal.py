@@ -16,7 +16,7 @@ EXIT_CODES = """
 0: done; a photograph without F is a result, with its reason
 1: something failed: one line on stderr each, other photographs are done all the same
 2: wrong usage
-130: interrupted by Ctrl-C: what is done is kept, with -o --resume does the rest
+130: interrupted by Ctrl-C: the files of what is done are kept; with -o, --resume does the rest
 141: what read the output wants no more of it, as head does; the rest is not done
 """
 ERASE = "\r\x1b[K"  # what stands on the last line of a terminal
