@@ -102,6 +102,7 @@ def write_beside(files: Mapping[Path, bytes]) -> None:
 
 def unwritable(folder: Path, error: OSError) -> OutputError:
     """Return the one line about a folder that takes no files."""
+    folder = folder if folder.name else Path(os.path.abspath(folder))  # . says little
     if isinstance(error, FileExistsError | NotADirectoryError):
         return OutputError(f"{folder}: is no folder, as results need one; name another")
     reason = error.strerror or type(error).__name__

@@ -1,10 +1,11 @@
 """What a call that was killed leaves beside results is gone after the next one."""
 
+import errno
 import os
 from pathlib import Path
 
 from blur2view.colmap.database import write_database
-from blur2view.output_files import half_written, remove_half_written
+from blur2view.output_files import half_written, remove_half_written, unwritable
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project, some_views
 
@@ -27,3 +28,8 @@ def test_what_running_processes_write_stays(tmp_path: Path) -> None:
         path.touch()
     remove_half_written(tmp_path)
     assert set(tmp_path.iterdir()) == {running, parent, mine}
+
+
+def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:
+    refusal = unwritable(Path("."), OSError(errno.EROFS, os.strerror(errno.EROFS)))
+    assert str(refusal).startswith(f"{here}: results cannot be written there (Read-only file system)")
