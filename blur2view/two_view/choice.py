@@ -11,17 +11,19 @@ absent: then F is given with the homography beside it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
-from blur2view.geometry.two_view_geometry import Configuration, ModelRow, ModelTable, MotionModel
+from blur2view.geometry.two_view_geometry import FAMILIES, Configuration, ModelRow, ModelTable, MotionModel
 from blur2view.two_view import constants as c
 from blur2view.two_view.consensus import within_errors
-from blur2view.two_view.fit_homography import HomographyFit, find_plane, fit_homography
 from blur2view.two_view.fundamental import FundamentalFit
+from blur2view.two_view.homography import HomographyFit, find_plane, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import HomographyFlow, rotation_of
 
+WITHOUT_SIZE = "without an image size a rotation cannot be told from a plane"
 ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
 
 
@@ -117,48 +119,41 @@ def named(
     table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: FundamentalFit, agreement: float
 ) -> Choice:
     """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
-    parallax = table.probability(MotionModel.PARALLAX) or 0.0
+
+    def odds(*models: MotionModel) -> float:
+        return table.probability(*models) or 0.0
+
+    parallax, still = odds(MotionModel.PARALLAX), odds(MotionModel.STILL)
+    choice = partial(Choice, fit=fit, table=table)
     if parallax >= c.PROVEN_FROM and agreement >= c.PROVEN_AGREEMENT:
         sentence = f"parallax is proven: {figures_of(table)}"
-        return Choice(
-            config=Configuration.UNCALIBRATED, sentence=sentence, fit=fit, reports_F=True, table=table
-        )
-    first, probability = table.likeliest()
-    still = table.probability(MotionModel.STILL) or 0.0
+        return choice(config=Configuration.UNCALIBRATED, sentence=sentence, reports_F=True)
     if still > 0.5:
-        sentence = f"no motion: probability {still:.2f}"
-        return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit, table=table)
-    on_plane = float((np.hypot(*fields[MotionModel.PLANE].residual) < c.ON_PLANE).mean())
-    count = fields[MotionModel.PLANE].likelihood.fully_correlated.effective_count
+        return choice(config=Configuration.DEGENERATE, sentence=f"no motion: probability {still:.2f}")
+    plane = fields[MotionModel.PLANE]
+    on_plane = float((np.hypot(*plane.residual) < c.ON_PLANE).mean())
+    count = plane.likelihood.fully_correlated.effective_count
     enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
-    at_once = sum(table.probability(model) or 0.0 for model in fields if model not in ROLLING.values())
     # where a shutter that reads row after row is what explains the smears, parallax may be there as well
+    at_once = odds(*(model for model in fields if model not in ROLLING.values()))
     absent = enough and parallax < c.ABSENT_BELOW * (parallax + at_once)
     if agreement < c.MIN_AGREEMENT and not absent:
-        return Choice(config=Configuration.UNDEFINED, sentence="no consensus", fit=fit, table=table)
-    config, model = Configuration.PLANAR_OR_PANORAMIC, MotionModel.PLANE
-    comparison = "without an image size a rotation cannot be distinguished from a plane"
+        return choice(config=Configuration.UNDEFINED, sentence="no consensus")
+    first, probability = table.likeliest()
+    config, model, comparison = Configuration.PLANAR_OR_PANORAMIC, MotionModel.PLANE, WITHOUT_SIZE
     if MotionModel.ROTATION in fields:
-        turns = [m for m in (MotionModel.ROTATION, MotionModel.ROLLING_ROTATION) if m in fields]
-        flat = MotionModel.PLANE, MotionModel.ROLLING_PLANE
-        of_turn, of_plane = table.probability(*turns) or 0.0, table.probability(*flat) or 0.0
-        comparison = f"of a rotation {of_turn:.2f}, of a plane {of_plane:.2f}"
-        is_turn = of_turn >= of_plane
-        config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
-        model = max(turns, key=lambda m: table.probability(m) or 0.0) if is_turn else model
-        if first is MotionModel.STILL:  # likelier than each, not than all others
-            config = Configuration.PLANAR_OR_PANORAMIC
-    likeliest = f"{first}, probability {probability:.2f}"
+        turns, flat = FAMILIES[MotionModel.ROTATION], FAMILIES[MotionModel.PLANE]
+        is_turn = odds(*turns) >= odds(*flat)
+        comparison = f"of a rotation {odds(*turns):.2f}, of a plane {odds(*flat):.2f}"
+        if is_turn:
+            model = max((one for one in turns if one in fields), key=odds)
+        if first is not MotionModel.STILL:  # which is likelier than each, not than all others
+            config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
     few = ", as few smears follow F" * (parallax >= c.PROVEN_FROM)
     prefix = "there is no parallax" if absent else f"parallax is undecided{few}"
-    return Choice(
-        config=config,
-        sentence=f"{likeliest}; {prefix}: {figures_of(table)}; {comparison}",
-        fit=fit,
-        reports_F=not absent,
-        homography=fields[model],
-        table=table,
-    )
+    likeliest = f"{first}, probability {probability:.2f}"
+    sentence = f"{likeliest}; {prefix}: {figures_of(table)}; {comparison}"
+    return choice(config=config, sentence=sentence, reports_F=not absent, homography=fields[model])
 
 
 def figures_of(table: ModelTable) -> str:

@@ -12,7 +12,7 @@ from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
-from blur2view.two_view.fit_homography import HomographyFit
+from blur2view.two_view.homography import HomographyFit
 from blur2view.two_view.likelihood import Likelihood
 
 GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions

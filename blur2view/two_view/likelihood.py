@@ -7,7 +7,7 @@ tempered by that share. Two kinds of models are judged:
 
 - F says on which line a smear lies, not where: the Sampson distance counts (`OrderedResiduals`);
 - a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
-  (`fit_homography.HomographyFit`, also of a field with parallax along the lines of F, which links the two).
+  (`homography.HomographyFit`, also of a field with parallax along the lines of F, which links the two).
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
 from blur2view.two_view.directions import DirectionLikelihood
-from blur2view.two_view.fit_homography import fit_homography
 from blur2view.two_view.fundamental import FundamentalFit, fit_best
+from blur2view.two_view.homography import fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, cayley
 from blur2view.two_view.order import pose_before_both

@@ -189,6 +189,12 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
     assert inliers_of(other, likelihood, options).beyond_chance < 0.2
 
 
+def test_tolerance_is_a_tenth_of_the_length_at_most_the_option_at_least_two_deviations() -> None:
+    length_px, sigma_px = np.array([[5.0, 50.0, 5.0], [0.1, 0.1, 3.0]])
+    tolerance = EstimatorOptions(max_error_px=2.0).tolerance_px(length_px, sigma_px)
+    np.testing.assert_allclose(tolerance, [0.5, 2.0, 6.0])
+
+
 @pytest.mark.parametrize("px", [0.0, np.inf, 1e300])  # 1e300 px: its square is no number
 def test_bounds_of_inliers_out_of_range_are_refused(px: float) -> None:
     with pytest.raises(ValueError, match="must be"):

@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.smears.noise import INDEPENDENT, NoiseModel
-from blur2view.two_view.fit_homography import SLOW, HomographyFit, fit_homography
+from blur2view.two_view.homography import SLOW, HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraPrior, HomographyFlow
 from tests.support.scenes import Scene, disturb, make_scene, with_outliers

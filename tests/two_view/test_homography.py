@@ -7,7 +7,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
-from blur2view.two_view.fit_homography import find_plane, fit_homography
+from blur2view.two_view.homography import find_plane, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import (
     CameraPrior,

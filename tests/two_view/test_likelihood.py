@@ -5,7 +5,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
-from blur2view.two_view.fit_homography import HomographyFit, fit_homography
+from blur2view.two_view.homography import HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraPrior, HomographyFlow, cayley
 from tests.support.likelihoods import normalised_likelihood

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.epipolar import fundamental_from_pose, sampson, serrmin
-from blur2view.two_view.fit_homography import find_plane
+from blur2view.two_view.homography import find_plane
 from blur2view.two_view.likelihood import Likelihood
 from tools.datasets import synthetic_matches as synthetic
 from tools.datasets.synthetic_matches import (
