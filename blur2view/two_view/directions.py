@@ -30,10 +30,10 @@ class DirectionLikelihood:
     count: float  # how many of the smears are independent
 
     @classmethod
-    def of(cls, likelihood: Likelihood, smears: int = c.GRID_SMEARS) -> DirectionLikelihood:
-        """Return so many smears of a likelihood, up to twice; all correlation of neighbours is counted."""
+    def of(cls, likelihood: Likelihood) -> DirectionLikelihood:
+        """Return the smears of a likelihood, thinned; all correlation of neighbours is counted."""
         correlated = likelihood.fully_correlated
-        part = correlated.subset(slice(None, None, max(1, len(correlated) // smears)))
+        part = correlated.subset(slice(None, None, max(1, len(correlated) // c.GRID_SMEARS)))
         _, across_px = part.matches.inlier_sigma_px
         share = likelihood.sigma_scale * across_px / np.maximum(part.length_px, TINY)
         return cls(

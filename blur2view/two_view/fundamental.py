@@ -191,7 +191,7 @@ def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Li
     starts = [simple] if searched is None else [searched, simple]
     tells_minima_apart = likelihood.effective_count >= c.LEAST_INDEPENDENT
     if tells_minima_apart:
-        rotation, t = DirectionLikelihood.of(likelihood, c.START_SMEARS).best
+        rotation, t = DirectionLikelihood.of(likelihood).best
         starts.append(cross_matrix(t) @ rotation_matrix(rotation))
     rough = with_measured_noise(likelihood.thinned, starts[0])  # as the search's F has it
     point = fit_best([CameraF.from_matrix(F, likelihood.prior) for F in starts], rough).point
