@@ -158,7 +158,8 @@ def check_file(target: Path, what: str, inputs: Container[str] = (), *, option: 
     if target.exists() and not real.is_file():
         raise OutputError(f"{target}: is no regular file; {remedy}")
     if target.exists() and not is_ours(target, KINDS.get(what)):
-        raise OutputError(f"{target}: is no {what} of an earlier call; move it away, or {remedy}")
+        why = f"is no {what} of an earlier call" if what != "list" else "is there; no list is replaced"
+        raise OutputError(f"{target}: {why}; move it away, or {remedy}")
 
 
 def is_ours(path: Path, kind: str | None = None) -> bool:

@@ -228,7 +228,7 @@ class Photographs:
         rate = f", {done / run.seconds:.2g} a second" if done and run.seconds > 0 else ""
         line = f"{plural(len(run.outcomes), 'photograph')}: {', '.join(parts)} in {run.seconds:.1f} s{rate}"
         paths = [printable(str(path)) for path in written if path is not None]
-        print(line + f"; wrote {' and '.join(paths)}" * bool(paths and run.done))
+        print(line + f"; wrote {' and '.join(paths)}" * bool(paths and done))
 
 
 def run_into_folder(

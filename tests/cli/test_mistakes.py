@@ -43,7 +43,7 @@ MISTAKES = [
     ("triage @names.txt --keep names.txt", "would replace an input"),
     ("triage a.png --keep endless", "endless: is no regular file"),
     ("estimate a.png -o new --csv notes.txt", "is no table of an earlier call"),
-    ("triage a.png --keep names.txt", "is no list of an earlier call"),
+    ("triage a.png --keep names.txt", "names.txt: is there; no list is replaced"),
     ("triage a.png --csv /dev/full", "/dev/full: is no regular file"),
     ("estimate a.png --dask tls://127.0.0.1:9", "expected tcp://HOST:PORT"),
     ("estimate a.png --max-blur 3", "--max-blur is no option of estimate (see"),

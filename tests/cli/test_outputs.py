@@ -39,7 +39,7 @@ def test_tables_are_replaced_and_what_is_of_others_or_a_list_is_not(
         target.write_text("still.png\n")  # a list of the user's, of this photograph alone
         words = ("triage", frames / "still.png", option, target)
         done = call(*words)
-        assert done == 1 and "is no " in done.line and target.read_text() == "still.png\n"
+        assert done == 1 and f"{target}: is " in done.line and target.read_text() == "still.png\n"
         target.unlink()
         assert call(*words) == 0
     assert call("triage", frames / "still.png", "--csv", tmp_path / "--csv") == 0
