@@ -51,6 +51,12 @@ def lengths_px(bins: int) -> Floats:
     return lengths.astype(np.float32)
 
 
+def normalised(log_likelihood: Floats) -> Floats:
+    """Return probabilities of directions by lengths (..., 32, bins) of logarithms up to a constant."""
+    likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
+    return np.asarray(likelihood / likelihood.sum((-2, -1), keepdims=True), likelihood.dtype)
+
+
 def read_smears(log_likelihood: Floats) -> Floats:
     """Return the smears of a log likelihood, with their standard deviations, (h, w, 4), float32.
 
@@ -59,8 +65,7 @@ def read_smears(log_likelihood: Floats) -> Floats:
     direction, radians: root mean squares over the whole likelihood, all its peaks, less what the fit's own
     blur adds.
     """
-    likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
-    likelihood /= likelihood.sum((-2, -1), keepdims=True)
+    likelihood = normalised(log_likelihood)
     direction, length = _smears(likelihood)
     apart = np.pi / DIRECTIONS * np.arange(DIRECTIONS, dtype=np.float32) - direction[..., None]
     apart = np.remainder(apart + np.pi / 2, np.pi) - np.pi / 2
@@ -84,8 +89,7 @@ def shares_of(log_likelihood: Floats, lengths: int, shorter: int = 0) -> Floats:
     Of cells' log likelihoods (h, w, 32, bins), up to a constant. The first length stands for anything shorter
     than that of the first ``shorter`` bins but one, the last one for anything longer.
     """
-    likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
-    likelihood /= likelihood.sum((-2, -1), keepdims=True)
+    likelihood = normalised(log_likelihood)
     each = likelihood.sum(-2)
     each[..., shorter] = each[..., : shorter + 1].sum(-1)
     each = each[..., shorter:]

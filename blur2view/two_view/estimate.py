@@ -71,23 +71,37 @@ def estimate_two_view(
     without_orders = geometry.F is None and geometry.H is None
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
-    flips = []
-    for flip in (geometry, geometry.reversed()):
-        found = flip
-        for _ in range(ROUNDS):
-            there = shutter.all_rows_at_once(matches, found.second_end_is_open, (camera.width, camera.height))
-            if there is None:
-                break
-            found = as_recorded(there, options, rng, camera)
-            if (found.second_end_is_open == flip.second_end_is_open).mean() < 0.5:
-                found = found.reversed()
-        if found is not flip:
-            flips.append(found)
+    flips = [
+        flip
+        for way in (geometry, geometry.reversed())
+        if (flip := all_rows_at_once(matches, options, rng, camera, shutter, way)) is not None
+    ]
     if len(flips) == 1:
         reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
         return replace(flips[0], reason=reason)
     first, second = sorted(flips, key=parallax_of)
     return replace(first, backward=second)
+
+
+def all_rows_at_once(
+    matches: SmearMatches,
+    options: EstimatorOptions,
+    rng: np.random.Generator,
+    camera: Camera,
+    shutter: RollingShutter,
+    way: TwoViewGeometry,
+) -> TwoViewGeometry | None:
+    """Return the geometry of a global shutter's exposure, in the orders of a given one; None without any."""
+    found = None
+    for _ in range(ROUNDS):
+        second = (way if found is None else found).second_end_is_open
+        there = shutter.all_rows_at_once(matches, second, (camera.width, camera.height))
+        if there is None:
+            break
+        found = as_recorded(there, options, rng, camera)
+        if (found.second_end_is_open == way.second_end_is_open).mean() < 0.5:
+            found = found.reversed()
+    return found
 
 
 def parallax_of(geometry: TwoViewGeometry) -> tuple[bool, int, bool]:

@@ -1,10 +1,7 @@
 """The pose of a camera with known intrinsics: E, the rotation, and the translation where it is known.
 
-Given a direction of translation every smear's epipolar line and order follow (a point before the camera moves
-away from the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly.
-So the likelihood of every direction of a grid over half a sphere is cheap; smears of a turning camera leave
-it flat, which no covariance about one optimum shows. The region counts all correlation of neighbouring smears
-(`Likelihood.fully_correlated`).
+The region is the likelihood's spread over all directions of translation (`directions`), with all correlation
+of neighbouring smears counted (`Likelihood.fully_correlated`).
 
 E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction.
 """

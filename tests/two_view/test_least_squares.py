@@ -1,4 +1,4 @@
-"""The Levenberg-Marquardt loop on problems without geometry."""
+"""Loops that fit, on problems without geometry: Levenberg-Marquardt, reweighted least squares."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.two_view.least_squares import least_of, levenberg_marquardt
+from blur2view.two_view.least_squares import least_of, levenberg_marquardt, reweighted_motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,3 +71,44 @@ def test_of_several_starts_the_one_that_is_cheapest_after_a_step_goes_on() -> No
     assert stuck.cost < near.cost < far.cost
     assert np.allclose(least_of([far, stuck, near], [2], 40).at, 1.0, atol=1e-6)
     assert least_of([stuck], [2], 40) is stuck
+
+
+MOTION = np.array([0.3, -1.2, 0.7])
+
+
+def flows(seed: int, outliers: float = 0.3) -> tuple[Array, Array]:
+    """Return rows (3, 2, N) and the flow (2, N) of MOTION, a share of it replaced."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(3, 2, 200))
+    flow = np.einsum("k,kdn->dn", MOTION, rows)
+    wrong = rng.random(200) < outliers
+    flow[:, wrong] = 3 * rng.normal(size=(2, int(wrong.sum())))
+    return rows, flow
+
+
+def by_median(missed: Array) -> Array:
+    return np.asarray(np.median(missed, axis=-1, keepdims=True) + 1e-9)
+
+
+def test_outliers_do_not_move_it() -> None:
+    rows, flow = flows(0)
+    plain = np.linalg.lstsq(rows.reshape(3, -1).T, flow.ravel(), rcond=None)[0]
+    motion, missed = reweighted_motion(rows, flow, steps=20, scale=by_median)
+    assert np.abs(motion - MOTION).max() < 1e-6 < np.abs(plain - MOTION).max()
+    assert np.isclose(np.median(missed), 0, atol=1e-6)
+
+
+def test_a_sure_prior_wins_and_a_vague_one_does_not() -> None:
+    rows, flow = flows(2)
+    for precision, expected in ((1e12, np.zeros(3)), (1e-12, MOTION)):
+        prior = np.zeros(3), np.full(3, precision)
+        motion, _ = reweighted_motion(rows, flow, steps=20, scale=lambda _: 0.01, prior=prior)
+        assert np.abs(motion - expected).max() < 1e-3
+
+
+def test_problems_on_leading_axes_are_solved_by_themselves() -> None:
+    pairs = [flows(seed) for seed in range(4)]
+    rows, flow = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
+    together, _ = reweighted_motion(rows, flow, steps=5, scale=by_median)
+    alone = [reweighted_motion(*pair, steps=5, scale=by_median)[0] for pair in pairs]
+    assert np.allclose(together, alone)
