@@ -123,10 +123,14 @@ def essential_motions(E: Array) -> tuple[list[Array], Array]:
 
 
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
-    """Return which matches' rays (N, 2), x/z and y/z, meet or nearly meet before both cameras (cheirality).
+    """Return where (N,) rays (N, 2), x/z and y/z, of two cameras meet before both of them (cheirality).
 
-    Where depth2 y = depth1 R x + t has both depths positive, each solved across the other ray; parallel rays
-    meet nowhere.
+    Rays x, y of a match meet where depth2 y = depth1 R x + t; both depths are solved across the other ray, so
+    that noisy rays nearly meet. False of parallel rays, which meet nowhere.
+
+    References
+    ----------
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 9.6.3.
     """
     x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
     normal = np.cross(y, x)

@@ -32,7 +32,7 @@ def half_sphere(count: int) -> Array:
 
 
 def rotation_matrix(vector: Array) -> Array:
-    """Return the rotation matrix of a rotation vector in radians."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,), radians (Rodrigues' formula)."""
     return np.asarray(cv2.Rodrigues(np.asarray(vector, float))[0], float)
 
 

@@ -84,7 +84,7 @@ class SmearField:
 
     @property
     def length_px(self) -> NDArray[np.float32]:
-        """Length |d| of every smear, pixels."""
+        """Length |d| of every smear (...), pixels."""
         return np.hypot(self.displacement[..., 0], self.displacement[..., 1])
 
 
@@ -266,7 +266,7 @@ def _decoded(cells: NDArray[np.float32]) -> SmearField:
 
 
 def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
-    """Return the arrays of a file by name."""
+    """Return the arrays of a ``.smear.npz`` file by name: cells (h, w, 4) and blur (h, w, 6) as float16."""
     place = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
     blur = {} if grid.blur is None else {BLUR: grid.blur.astype(np.float16)}
     named = {name: np.array(value) for name, value in place.items()}

@@ -129,7 +129,7 @@ def of_kinds(length_px: Floats, sigma_px: Floats, still: Floats) -> Floats:
 
 
 def across_px(length_px: Array, sigma_rad: Array) -> Array:
-    """Return standard deviations of errors across smears, pixels, from lengths and those of directions."""
+    """Return deviations (N,) of errors across smears, pixels, of lengths (N,) and directions (N,)."""
     return np.maximum(length_px * sigma_rad, LEAST_PX)
 
 

@@ -124,7 +124,7 @@ class SmearEstimator:
         return self.products.costs(models, c.CUTOFF**2, block)
 
     def refine(self, model: Array) -> Array:
-        """Return the model after a few steps on all of F, wider sigmas first: it is coarse."""
+        """Return F (3, 3) after a few steps on all its parameters, wider deviations first: it is coarse."""
         some = self.likelihood.thinned
         for likelihood in (some.rescaled(c.WIDE), some):
             start = FundamentalFit(point=GeneralF.from_matrix(model), likelihood=likelihood)

@@ -175,7 +175,7 @@ class Likelihood:
         return replace(self, matches=replace(self.matches, shared=self.matches.shared.fully_correlated))
 
     def pixels(self, F: Array) -> Array:
-        """Return F of pixels, unit norm, from F of normalised coordinates."""
+        """Return F (3, 3) of pixels, unit norm, from F (3, 3) of normalised coordinates."""
         return denormalise(F, self.T)
 
     # F: on which line a smear lies

@@ -75,7 +75,7 @@ class GeneralF:
         return GeneralF(U=U, V=V, angle=self.angle + float(delta[6]))
 
     def motion(self) -> tuple[Array, Array]:
-        """Return the motion of the nearest essential matrix, of its two rotations the smaller."""
+        """Return the smaller rotation vector (3,), radians, and +-t (3,) of the nearest E."""
         rotations, t = essential_motions(self.matrix())
         return rotation_vector(rotations[0]), t
 
@@ -182,7 +182,7 @@ class CameraF:
         return value * self.spread.weight, self.spread.jacobian
 
     def motion(self) -> tuple[Array, Array]:
-        """Return its rotation vector and translation; the offset of K from the identity is left out."""
+        """Return its rotation vector (3,), radians, and t (3,), as if K were the identity."""
         return self.rotation, self.t
 
 
