@@ -17,6 +17,7 @@ from blur2view.images.inputs import list_photographs
 if TYPE_CHECKING:
     from blur2view.colmap.placement import Placement
 
+REPLACED = "; in place of the model of an earlier call"
 SHOWN = 3  # frames of each reason without -v
 ALL_FRAMES = "link all frames of the video (blur2view to-colmap --link)"
 WRITTEN = """
@@ -67,11 +68,11 @@ class PlaceOptions:
         with waiting("placing views") as show:
             names = frame_names(self.photographs)
             model = find_model(self.model)
-            refuse_other_model(self.output)
+            replaced = refuse_other_model(self.output)
             placement = self._placed(model, names, show)
             write_model(placement.model, self.output, self.photographs, self.database)
         if not self.printing.quiet:
-            print("\n".join(self._summary(model, placement, names)))
+            print("\n".join(self._summary(model, placement, names)) + REPLACED * replaced)
         return 0
 
     def _placed(self, model: FoundModel, names: list[str], show: Callable[[int, int], None]) -> "Placement":

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
-from blur2view.cli.place import frame_names, model_lines
+from blur2view.cli.place import REPLACED, frame_names, model_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import FoundModel, database_of, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError
@@ -63,7 +63,7 @@ class RecoverOptions:
         with waiting("recovering frames") as show:
             names = frame_names(self.photographs)
             model = find_model(self.model)
-            refuse_other_model(self.output)
+            replaced = refuse_other_model(self.output)
             found = recover_frames(model.folder, self.photographs, names, refine=self.refine, show=show)
             if found.refused and not found.recovered and self.tracks is None:
                 first = next(iter(found.refused))
@@ -74,7 +74,7 @@ class RecoverOptions:
             with waiting("matching blurred patches") as show:
                 track_frames(found.sequence, self.tracks, self.output / TRACKS, show)
         if not self.printing.quiet:
-            print("\n".join(self._summary(model, found, names)))
+            print("\n".join(self._summary(model, found, names)) + REPLACED * replaced)
         return 0
 
     def _summary(self, model: FoundModel, found: "Recovery", names: list[str]) -> Iterator[str]:

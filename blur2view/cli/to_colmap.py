@@ -164,7 +164,9 @@ class ToColmapOptions:
             }
             print(json.dumps(document, indent=2, allow_nan=False))
         elif not self.common.printing.quiet:
-            print(self._summary(records, kept, backup))
+            print(
+                self._summary(records, kept, backup) + "; in place of those of an earlier call" * bool(before)
+            )
         return finished.exit_code
 
     def _summary(self, records: list[dict[str, Any]], kept: list[LinkJob], backup: Path | None) -> str:

@@ -143,14 +143,14 @@ def add_image(
     return model.images[number]
 
 
-def refuse_other_model(folder: Path) -> None:
-    """Raise OutputError where a model would be replaced that `write_model` did not write just so.
+def refuse_other_model(folder: Path) -> bool:
+    """Return whether a model of an earlier call will be replaced; OutputError of any other that is there.
 
     That of another program, and one that was refined since it was written.
     """
     present = [name for name in (*FILES, PROJECT_FILE) if os.path.lexists(folder / name)]
     if not present:
-        return
+        return False
     first = _project(folder).partition("\n")[0]
     if not first.startswith(SIGN):
         raise OutputError(f"{folder / present[0]}: is not of an earlier call; name another folder with -o")
@@ -158,6 +158,7 @@ def refuse_other_model(folder: Path) -> None:
         raise OutputError(
             f"{folder}: its model was changed since it was written; name another folder with -o"
         )
+    return True
 
 
 def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:

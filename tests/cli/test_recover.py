@@ -28,6 +28,8 @@ def test_every_frame_is_counted_and_written(
     assert printed[0].startswith(f"{PLANE.names[3]} recovered by ")
     names = {image.name for image in pycolmap.Reconstruction(tmp_path / "all").images.values()}
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
+    again = call_program(capsys, "recover", video / "model", video / "frames", "-o", tmp_path / "all")
+    assert again.out.endswith("0 refused; in place of the model of an earlier call\n")
     assert call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json") == 0
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.colmap.link import ProjectImage, plan_links, write_links
+from blur2view.colmap.models import add_image
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
@@ -127,6 +128,22 @@ def test_every_linked_frame_is_placed_or_refused_with_the_reason(tmp_path: Path)
         DatabaseError, match=r"the frames are called a\.png .*name the folder that COLMAP read"
     ):
         place_views(database, model, ["a.png"])
+
+
+def test_recovered_frames_and_other_numbers_of_images_are_no_obstacle(tmp_path: Path) -> None:
+    database, model = project(tmp_path)
+    walk = pycolmap.Reconstruction(model)
+    lost, first = walk.images[3], walk.images[1]
+    pose, name = lost.cam_from_world().matrix(), lost.name
+    walk.deregister_frame(lost.frame_id)
+    walk.tear_down()
+    for end in ("", "#open", "#close"):
+        add_image(walk, name + end, pose, np.ones((5, 2)), first)  # as recover_frames does
+    walk.write(model)
+    found = place_views(database, model)
+    assert found.refused == {name: "they were recovered, with their views"}
+    assert found.placed == tuple(one for one in NAMES if one != name)
+    assert found.fraction == pytest.approx(SHARE, rel=0.02)
 
 
 def test_points_that_a_model_lacks_are_one_line(tmp_path: Path) -> None:
