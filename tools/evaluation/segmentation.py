@@ -179,7 +179,7 @@ def main(
     """Judge all photographs of folders."""
     network, found = SmearNetwork(), dict[str, Record]()
     if work is not None and work.exists():
-        found = json.loads(work.read_text())
+        found = dict(json.loads(line) for line in work.read_text().splitlines())
     rows = []
     for folder in folders:
         records = []
@@ -188,7 +188,8 @@ def main(
             if key not in found:
                 found[key] = record()
                 if work is not None:
-                    work.write_text(json.dumps(found))
+                    with work.open("a") as file:
+                        file.write(json.dumps([key, found[key]]) + "\n")
             records.append(found[key])
         for name, group in groups_of(folder.name, records).items():
             halves = figures_of(group[::2]), figures_of(group[1::2])

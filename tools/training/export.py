@@ -291,7 +291,7 @@ def main(which: Literal["reader", "unet", "blur"], checkpoints: list[Existing], 
         network.load_state_dict(mean)
         export = of_movers(network)
     facts = {name: states[0][name] for name in ("seed", "batch", "figures") if name in states[0]}
-    write(target, export, facts | {"steps": [state["step"] for state in states]})
+    write(target, export, facts | {"steps": [state.get("step") for state in states]})
 
 
 if __name__ == "__main__":
