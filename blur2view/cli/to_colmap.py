@@ -1,7 +1,7 @@
 """``blur2view to-colmap``: blurred photographs as images that COLMAP can use; its options, help and work."""
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,17 +12,27 @@ from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
 from blur2view.cli.options import Common
 from blur2view.cli.run import End, Photographs
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.cli.views import LinkJob, named_jobs, views_line, views_record, with_time
 from blur2view.cli.work import Setup
 from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.database import refuse_existing, write_database, written_photographs
-from blur2view.colmap.link import ProjectImage, write_links
-from blur2view.colmap.project import BESIDE
-from blur2view.errors import CameraError, OutputError
+from blur2view.colmap.database import (
+    matched,
+    refuse_existing,
+    translation_known,
+    write_database,
+    written_photographs,
+)
+from blur2view.colmap.link import ProjectImage, Step, plan_links, write_links
+from blur2view.colmap.project import BESIDE, database_matcher, database_names, storable
+from blur2view.errors import CameraError, DatabaseError, OutputError
+from blur2view.exposure.features import photograph_matcher
+from blur2view.exposure.time_direction import consecutive_runs, with_time_direction
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
+from blur2view.geometry.two_view_geometry import Parallax
+from blur2view.images.source import Source
 from blur2view.movers.mask import MotionLabel, segment
-from blur2view.runs.jobs import Outcome
+from blur2view.runs.jobs import Job, Outcome
 
+NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
@@ -36,7 +46,8 @@ a fresh database: appears whole or not at all. Photographs without intrinsics ge
     px), and adds the pairs photograph-open, photograph-close and open-close, with all inliers, as depth comes
     from your other photographs. Rows of yours are read, never written; one transaction, after a copy to
     DB.<time>.bak: killed at any moment it leaves the database as before or as after. A second run changes
-    nothing. Our rows are listed in the table blur2view_views. Where COLMAP has a prior, the project's focal
+    nothing, except of photographs with new features. Our rows are listed in the table blur2view_views.
+    Where COLMAP has a prior, the project's focal
     length is a hint; --camera project.db takes it for true. Whatever maps the project later sees the views,
     too, unless it is limited to images (image_names) or given the backup
 order in time: one photograph does not show which view came first; neighbours in a video do, by the
@@ -58,6 +69,13 @@ NOT_HERE = """
 """
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinkJob(Job):
+    """A photograph with what linking will do with it in a project, if it is to be linked."""
+
+    plan: ProjectImage | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class Database:
     """output.
@@ -65,7 +83,7 @@ class Database:
     --db DB: the database: a new one, or with --link yours
     --json: print one JSON document instead of the summaries, see below
     Rarely:
-    --replace: with --link: write anew what an earlier call has written (after new features, a new network)
+    --replace: with --link: write anew what an earlier call has written (after a new network)
     --no-backup: with --link: do not copy the database to DB.<time>.bak first
     """
 
@@ -248,3 +266,87 @@ def _project_camera(
             "; give the photograph that the features are from"
         )
     return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.prior_focal and hint else stated
+
+
+def named_jobs(
+    jobs: Sequence[Job], project: Path | None, *, replace_views: bool = False
+) -> tuple[list[LinkJob], list[LinkJob]]:
+    """Return the jobs, those that cannot be stored refused, and those whose views are there already.
+
+    ``project`` is the database of a user that they are linked to, if so.
+    """
+    begun: list[LinkJob] = []
+    kept: list[LinkJob] = []
+    plans: Sequence[ProjectImage | DatabaseError | None] = [None] * len(jobs)
+    if project is not None:
+        paths = [Path(str(job.source)) for job in jobs]
+        plans = plan_links(project, paths, replace=replace_views)
+    for job, plan in zip(jobs, plans, strict=True):
+        if plan is None and not storable(job.name):
+            plan = DatabaseError(f"{job.source}: its name is no UTF-8, which a database needs; rename it")
+        name, refusal = job.name, job.refusal
+        if isinstance(plan, DatabaseError):
+            refusal, plan = refusal or plan, None
+        elif plan is not None:
+            name = plan.name
+        linked = LinkJob(index=len(begun), source=job.source, name=name, refusal=refusal, plan=plan)
+        (kept if plan is not None and plan.step is Step.KEEP else begun).append(linked)
+    return begun, kept
+
+
+def views_record(job: LinkJob, views: ExposureViews) -> dict[str, Any]:
+    """Return what is said of a photograph's views, in JSON's types."""
+    geometry, plan, count = views.geometry, job.plan, len(matched(views))
+    unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
+    return {
+        "image": str(job.source),
+        "name": views.name,
+        "config": geometry.config.name,
+        "parallax": str(geometry.parallax),
+        "reason": "no feature of yours has a smear that can be used" if unsure else geometry.reason,
+        "views": list(views.names),
+        "action": "add" if plan is None else plan.step.value,
+        "num_keypoints": len(views.points_open),
+        "num_matches": count,
+        "num_inliers": int(geometry.inlier_mask.sum()) if count else 0,
+        "translation_known": translation_known(geometry),
+        "time_known": views.time.known,
+        "time_confidence": views.time.confidence,
+    }
+
+
+def with_time(
+    views: list[ExposureViews], sources: Mapping[str, Source], project: Path | None, *, in_order: bool | None
+) -> list[ExposureViews]:
+    """Return the views with the direction of time that neighbouring frames decide.
+
+    ``sources`` are by name; neighbours are those ``in_order`` or, where that is None, those whose names say
+    so, which in a project are also photographs that are not linked.
+    """
+    if in_order is False:
+        return views
+    names = [one.name for one in views]
+    matcher: Callable[[int, int], Any]
+    if project is None:
+        matcher = photograph_matcher([sources[name] for name in names])
+    else:
+        if views and not in_order:
+            names += sorted(set(database_names(project)) - set(names))
+        matcher = database_matcher(project, names)
+    return with_time_direction(views, consecutive_runs(names, in_order=bool(in_order)), matcher)
+
+
+def views_line(one: Mapping[str, Any], *, linked: bool, verbose: bool) -> str:
+    """Return the line of a photograph."""
+    name = printable(one["name"])
+    if not one["num_matches"]:
+        return f"{name}: {one['action']}, no matches: {one['reason']} [{one['config']}]"
+    moved, counts = "translation undecided", f"{one['num_inliers']} of {one['num_matches']} matches fit"
+    if one["translation_known"]:
+        moved = "parallax proven" if one["parallax"] == Parallax.PROVEN else "translation known"
+    elif not linked:
+        counts = f"{one['num_matches']} matches, none of them an inlier"
+    sure = int(100 * one["time_confidence"])
+    order = f"known by neighbours ({sure} % sure)" if one["time_known"] else "unknown"
+    line = f"{name}: {one['action']}, {moved}; {counts}; order in time {order} [{one['config']}]"
+    return f"{line}\n  {one['reason']}" if verbose else line

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.views import LinkJob, views_line, views_record
+from blur2view.cli.to_colmap import LinkJob, views_line, views_record
 from blur2view.colmap.mapping import mapper_options
 from blur2view.images.source import Source
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
