@@ -6,7 +6,7 @@ A folder holds ``NAME.jpg`` whose object is white in ``NAME.truth.png``; or scen
 or `tools.datasets.mover_scenes`; or photographs in which nothing moves. ``--standing`` names photographs by
 cameras that stood still, before something that moves, ``--sharp`` folders of sharp ones. Masks and truth are
 compared at the centres of 4 x 4 pixels. The numbers of the decision were chosen on every second photograph,
-the even ones: the odd ones chose nothing. Run again, what is in ``--work`` is not judged again.
+the even ones; `AT_REST` was chosen on all. Run again, what is in ``--work`` is not judged again.
 """
 
 import json
@@ -38,9 +38,10 @@ BLURRED_PX = 4.0
 """Median smear from which on photographs of a known object are a group of their own."""
 LEAST_SMEAR_PX = 2.0
 """Median smear below which a camera that moved need not be called so."""
-WORDS = """The first of two numbers is of the even photographs, which chose the numbers of the decision, the
-second of the odd ones, which chose nothing. IoU of what is called moving with what moves, and average
-precision of the probability: means where 1 % or more moves. False area: mean share called moving where
+WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were chosen; the
+second is of the odd ones, which were looked at then, but decided nothing, except whether a camera stood still
+(`AT_REST` was chosen on both). IoU of what is called moving with what moves, and average precision of the
+probability: means where 1 % or more moves. False area: mean share called moving where
 nothing does, and in how many photographs it is above 0.5 %. Last, cameras that stood still before something
 that moves and are not said to have moved, and how many of these are said to stand still before it; and
 cameras that moved and are not said to: in photographs with smears of 2 px and more, of rendered scenes those
