@@ -38,9 +38,10 @@ BLURRED_PX = 4.0
 """Median smear from which on photographs of a known object are a group of their own."""
 LEAST_SMEAR_PX = 2.0
 """Median smear below which a camera that moved need not be called so."""
-WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were chosen; the
-second is of the odd ones, which were looked at then, but decided nothing, except whether a camera stood still
-(`AT_REST` was chosen on both). IoU of what is called moving with what moves, and average precision of the
+WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were
+chosen; the second is of the odd ones, which were looked at then, but decided nothing, except
+whether a camera stood still (`AT_REST` was chosen on both). IoU of what is called moving with what moves,
+and average precision of the
 probability: means where 1 % or more moves. False area: mean share called moving where
 nothing does, and in how many photographs it is above 0.5 %. Last, cameras that stood still before something
 that moves and are not said to have moved, and how many of these are said to stand still before it; and
