@@ -1,5 +1,6 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from blur2view.cli.options import Printing
 from blur2view.cli.place import REPLACED, frame_names, model_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import FoundModel, database_of, find_model, refuse_other_model, write_model
-from blur2view.errors import DatabaseError
+from blur2view.errors import DatabaseError, OutputError
 
 if TYPE_CHECKING:
     from blur2view.colmap.recovery import Recovery
@@ -64,6 +65,10 @@ class RecoverOptions:
             names = frame_names(self.photographs)
             model = find_model(self.model)
             replaced = refuse_other_model(self.output)
+            if self.tracks is not None and os.path.lexists(self.output / TRACKS):
+                raise OutputError(
+                    f"{self.output / TRACKS}: exists; move it away, or name another folder with -o"
+                )
             found = recover_frames(model.folder, self.photographs, names, refine=self.refine, show=show)
             if found.refused and not found.recovered and self.tracks is None:
                 first = next(iter(found.refused))

@@ -128,10 +128,13 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     files[target] = (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()
     for folder in sorted({path.parent for path in files}, reverse=True):
         write_beside({path: data for path, data in files.items() if path.parent == folder})
-    line = summary(target, content, verbose=options.printing.verbose, masks=options.masks is not None)
+    line, *still = summary(target, content, options.masks is not None)
+    line += _of_linked(options.model, model)
+    if options.printing.verbose:
+        line = "\n  ".join([line, *still])
     if left:
-        line = f"{printable(str(images))}: lacks {left} photographs of the model, which are left out\n{line}"
-    return line + _of_linked(options.model, model)
+        line = f"{printable(str(images))}: lacks {plural(left, 'photograph')} of the model\n{line}"
+    return line
 
 
 def _of_linked(folder: Path, model: Any) -> str:
@@ -145,6 +148,8 @@ def _of_linked(folder: Path, model: Any) -> str:
     except DatabaseError:
         return ""
     kinds = {PLACED_BEFORE: "placed", RECOVERED: "recovered", UNREGISTERED: "not in the model"}
+    if not states:
+        return ""
     counts = {kind: states.pop(state, 0) for state, kind in kinds.items()}
     said = [f"{count} {kind}" for kind, count in {**counts, "without views": states.total()}.items() if count]
     return f"; of {plural(sum(counts.values()) + states.total(), 'linked frame')} {', '.join(said)}"
@@ -236,8 +241,8 @@ def _write_model(options: ToTransformsOptions) -> str:
     )
 
 
-def summary(target: Path, content: dict[str, Any], *, verbose: bool, masks: bool = False) -> str:
-    """Return one line about the file; with -v the frames without motion, too."""
+def summary(target: Path, content: dict[str, Any], masks: bool = False) -> list[str]:
+    """Return one line about the file, and the names of the frames without motion."""
     frames = content["frames"]
     still = [frame["file_path"] for frame in frames if not any(any(frame.get(key, ())) for key in MOTION)]
     line = f"{printable(str(target))}: wrote {plural(len(frames), 'frame')}"
@@ -245,6 +250,4 @@ def summary(target: Path, content: dict[str, Any], *, verbose: bool, masks: bool
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     if still:
         line += f", {len(still)} of them without views, as if sharp (blur2view place gives them views)"
-    if verbose and still:
-        line += "\n  " + "\n  ".join(map(printable, still))
-    return line
+    return [line, *map(printable, still)]

@@ -22,6 +22,7 @@ from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
 from blur2view.colmap.project import image_names, open_read_only
 from blur2view.colmap.recovery import FrameSequence
 from blur2view.errors import DatabaseError
+from blur2view.output_files import half_written
 
 BEFORE = 3  # frames, the last, whose keypoints are looked for in a frame
 CORNERS, QUALITY, SIGMA_PX = 800, 0.005, 2.0  # corners of a frame, as OpenCV finds them after smoothing
@@ -67,34 +68,49 @@ def track_frames(
     """Write a copy of a project's database with keypoints and matches of a sequence's known frames.
 
     Each with the `BEFORE` frames before. Keypoints come behind those of the project; a pair's matches and
-    geometry are those of the tracks. DatabaseError if the project lacks a frame.
+    geometry are those of the tracks. What is at ``target`` is replaced, when all is written. DatabaseError if
+    the project lacks a frame.
     """
+    names = sorted(sequence.poses, key=lambda name: sequence.times[name])
+    beside = half_written(target)
+    try:
+        with open_read_only(database) as source, closing(sqlite3.connect(beside)) as copy:
+            ids = image_names(source)
+            if missing := [name for name in names if name not in ids]:
+                raise DatabaseError(f"{database}: has no image {missing[0]}; name the database of the model")
+            source.backup(copy)  # pycolmap writes to what it opens
+        keypoints = {name: _Keypoints() for name in names}
+        matches: dict[tuple[str, str], NDArray[np.uint32]] = {}
+        for index, name in enumerate(names):
+            show(index, len(names))
+            view = sequence.view(name, sequence.poses[name])
+            for one in names[max(0, index - BEFORE) : index]:
+                both = _matches(sequence, view, name, one, keypoints)
+                if len(both) >= LEAST_MATCHES:
+                    matches[one, name] = both
+            keypoints[name].add_corners(view.image)
+        _write_tracks(beside, sequence, ids, keypoints, matches)
+        beside.replace(target)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def _write_tracks(
+    path: Path,
+    sequence: FrameSequence,
+    ids: Mapping[str, int],
+    keypoints: Mapping[str, _Keypoints],
+    matches: Mapping[tuple[str, str], NDArray[np.uint32]],
+) -> None:
+    """Write keypoints of frames and matches of pairs of them into a database that holds these images."""
     import pycolmap
 
-    names = sorted(sequence.poses, key=lambda name: sequence.times[name])
-    target.unlink(missing_ok=True)
-    with open_read_only(database) as source, closing(sqlite3.connect(target)) as copy:
-        ids = image_names(source)
-        if missing := [name for name in names if name not in ids]:
-            raise DatabaseError(f"{database}: has no image {missing[0]}; name the database of the model")
-        source.backup(copy)  # pycolmap writes to what it opens
-    keypoints = {name: _Keypoints() for name in names}
-    matches: dict[tuple[str, str], NDArray[np.uint32]] = {}
-    for index, name in enumerate(names):
-        show(index, len(names))
-        view = sequence.view(name, sequence.poses[name])
-        for one in names[max(0, index - BEFORE) : index]:
-            both = _matches(sequence, view, name, one, keypoints)
-            if len(both) >= LEAST_MATCHES:
-                matches[one, name] = both
-        keypoints[name].add_corners(view.image)
-    with pycolmap.Database.open(target) as opened:
+    with pycolmap.Database.open(path) as opened:
         first = {}
-        for name in names:
+        for name, points in keypoints.items():
             camera = sequence.view(name, sequence.poses[name]).camera
             scale = opened.read_camera(opened.read_image(ids[name]).camera_id).width / camera.width
-            places = (keypoints[name].places + 0.5) * scale - 0.5
-            first[name] = _write_keypoints(opened, ids[name], to_colmap(places))
+            first[name] = _write_keypoints(opened, ids[name], to_colmap((points.places + 0.5) * scale - 0.5))
         for (one, other), both in matches.items():
             numbers = (both + (first[one], first[other])).astype(np.uint32)
             _write_pair(opened, ids[one], ids[other], numbers)

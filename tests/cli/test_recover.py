@@ -30,7 +30,8 @@ def test_every_frame_is_counted_and_written(
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
     again = call_program(capsys, "recover", video / "model", video / "frames", "-o", tmp_path / "all")
     assert again.out.endswith("0 refused; in place of the model of an earlier call\n")
-    assert call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json") == 0
+    onward = call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json")
+    assert onward == 0 and "linked" not in onward.out
 
 
 def test_folder_of_other_frames_is_named(
@@ -41,3 +42,14 @@ def test_folder_of_other_frames_is_named(
     done = call_program(capsys, "recover", video / "model", tmp_path / "frames", "-o", tmp_path / "all")
     assert done == 1 and "has 0 of the 1 frames" in done.line
     assert not (tmp_path / "all").exists()
+
+
+def test_database_that_is_there_is_not_replaced_by_tracks(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tracks = tmp_path / "tracks.db"
+    tracks.write_bytes(b"mine")
+    words = ["recover", video / "model", video / "frames", "-o", tmp_path, "--tracks", tracks]
+    done = call_program(capsys, *words)
+    assert done == 1 and f"{tracks}: exists; move it away" in done.line
+    assert tracks.read_bytes() == b"mine" and list(tmp_path.iterdir()) == [tracks]
