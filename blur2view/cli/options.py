@@ -122,9 +122,9 @@ class InTime:
         its exposure came first, so that rates are one series; with --no-sequence not even the frames of a
         video do (default: those of a video)
     Rarely:
-    --timestamps TABLE: times of the photographs: a table that names each in one column and has its time in
-        another, as EuRoC's data.csv and TUM's rgb.txt (default: a name that is a time, as
-        1403636579.763.png)
+    --timestamps TABLE: times of photographs that are no frames of a video: a table that names each in one
+        column and has its time in another, as EuRoC's data.csv and TUM's rgb.txt (default: a name that is a
+        time, as 1403636579.763.png)
     --readout S: of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the
         first row to that of the last one; rows are those of the file as stored. A point that moves with the
         rows is seen for longer, so the motion differs with the order in time: one is given, of both that

@@ -49,6 +49,7 @@ class Finished:
     end: End = End.WHOLE
     seconds: float = 0.0
     has_table: bool = True  # it was not asked for, or could be written
+    has_log: bool = True  # likewise
 
     @property
     def records(self) -> dict[Job, Photograph]:
@@ -74,7 +75,8 @@ class Finished:
         """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
         if self.end is End.INTERRUPTED:
             return INTERRUPTED
-        return FAILED if self.failures or self.end is End.STOPPED or not self.has_table else DONE
+        whole = self.end is End.WHOLE and self.has_table and self.has_log
+        return DONE if whole and not self.failures else FAILED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,13 +117,15 @@ class Photographs:
     def jobs(self, files: Sequence[Files | OutputError] = ()) -> list[Job]:
         """Return the jobs, with the files of each, if it has some, or why they cannot be written.
 
-        ImageError if a table of times lacks one.
+        ImageError if a table of times lacks one that is there; frames have the times of their video.
         """
         sources, in_time = self.inputs.sources, self.setup.in_time
         if in_time.timestamps is not None:
-            named = [one.path if one.frame is None else one.name for one in sources]
-            times = timestamps_of(named, in_time.timestamps)
-            sources = [replace(one, time_s=time) for one, time in zip(sources, times, strict=True)]
+            usable = [one for one in sources if one.path.is_file() and one not in self.inputs.refused]
+            stills = [one for one in usable if one.frame is None]
+            times = timestamps_of([one.path for one in stills], in_time.timestamps)
+            of = dict(zip(stills, times, strict=True))
+            sources = [replace(one, time_s=of.get(one)) for one in sources]
         near, names, jobs = neighbours_of(sources, in_time.sequence), self.inputs.names(), []
         for index, source in enumerate(sources):
             refusal: Blur2ViewError | None = None
@@ -169,7 +173,9 @@ class Photographs:
                 line += f" after {len(run.outcomes)} of {plural(len(jobs), 'photograph')}"
                 line += "; the same call with --resume does the rest" * any(job.files for job in jobs)
             print(line, file=sys.stderr, flush=True)
-        run.has_table = self._write_table(run.records.values())
+        table, rows = self.setup.common.table.csv, list(run.records.values())
+        if table is not None and rows:
+            run.has_table = _written(table, lambda: table_text(rows))
         return run
 
     def done_before(self, job: Job) -> Outcome | None:
@@ -206,17 +212,6 @@ class Photographs:
                 complain(Blur2ViewError(f"{job.source}: {warning}"), say)
             warned.add(about)
 
-    def _write_table(self, records: Iterable[Photograph]) -> bool:
-        """Return whether the table could be written, if one is wanted; the others are of use without it."""
-        target, rows = self.setup.common.table.csv, list(records)
-        try:
-            if target is not None and rows:
-                write_file(target, table_text(rows))
-        except OutputError as error:
-            complain(error)
-            return False
-        return True
-
     def print_total(self, run: Finished, *written: Path | None) -> None:
         """Print how many of several photographs were done, and what all of them were written to."""
         if run.end is not End.WHOLE or len(run.outcomes) < 2 or self.setup.common.printing.quiet:
@@ -251,25 +246,39 @@ def run_into_folder(
     plan = [] if output is None else list(_plan(photographs.inputs, output, endings, beside))
     paths = [path for files in plan for path in files]
     folders = [] if output is None else [output, *sorted({path.parent for path in paths})]
+    if log is not None and not photographs.inputs.one_video:
+        raise OutputError(f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow")
     with photographs.writing({"--gyroflow": (log, "log")}, *folders, taken=paths):
         jobs = photographs.jobs(list(_refused(photographs.inputs, plan)))
         show = (lambda job, outcome: "") if folder.json else lambda job, outcome: outcome.summary
         finished = photographs.run(jobs, work, show=show, resume=folder.resume)
         records = [one.photograph for one in finished.done]
-        if log is not None:
-            write_file(log, gyroflow_of(records, photographs.inputs).encode())
+        if log is not None and records and finished.end is End.WHOLE:
+            video = next(job.source.path.name for job, one in finished.outcomes if not one.error)
+            finished.has_log = _written(log, lambda: gyroflow_of(records, video).encode())
     if folder.json:
         done = [one.plain() for one in records]
         print(json.dumps({listed: done, "failures": finished.failures}, indent=2, allow_nan=False))
     else:
-        photographs.print_total(finished, output, table if finished.has_table else None, log)
+        written = output, table if finished.has_table else None, log if finished.has_log else None
+        photographs.print_total(finished, *written)
     return finished.exit_code
 
 
-def gyroflow_of(records: Sequence[Photograph], inputs: Inputs) -> str:
+def _written(target: Path, content: Callable[[], bytes]) -> bool:
+    """Return whether a file about all photographs could be written; all else is of use without it."""
+    try:
+        write_file(target, content())
+    except OutputError as error:
+        complain(error)
+        return False
+    return True
+
+
+def gyroflow_of(records: Sequence[Photograph], video: str) -> str:
     """Return Gyroflow's log of the frames of a video whose rates and direction of time are known.
 
-    OutputError without any.
+    OutputError without any, or if the video gives two of them one time.
     """
     known = [
         (one.timestamp_s, [(1 if one.gyroscope else -1) * rate for rate in (one.wx, one.wy, one.wz)])
@@ -281,8 +290,11 @@ def gyroflow_of(records: Sequence[Photograph], inputs: Inputs) -> str:
         raise OutputError(
             "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"
         )
-    video = inputs.sources[0].path.name if inputs.one_video else ""
-    return gyroflow_log([time for time, _ in known], np.array([rate for _, rate in known]), video)
+    known.sort(key=lambda one: one[0] or 0.0)  # frames may be named in any order
+    try:
+        return gyroflow_log([time for time, _ in known], np.array([rate for _, rate in known]), video)
+    except ValueError:
+        raise OutputError(f"{video}: has two frames of one time; omit --gyroflow") from None
 
 
 def _plan(

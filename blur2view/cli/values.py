@@ -23,7 +23,7 @@ def whole(least: int) -> Callable[[str], int]:
 
     def number(text: str) -> int:
         if not text.isdecimal() or int(text) < least:
-            raise ArgumentTypeError(f"must be {least} or more, got {text}")
+            raise ArgumentTypeError(f"must be a whole number, {least} or more, got {text}")
         return int(text)
 
     return number

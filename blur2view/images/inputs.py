@@ -47,9 +47,9 @@ class Inputs:
 
     @property
     def one_video(self) -> bool:
-        """Whether all are frames of one video, and so in the order of time."""
-        videos = {source.path if source.frame is not None else None for source in self.sources}
-        return len(videos) == 1 and None not in videos
+        """Whether all that can be used, if anything can, are frames of one video."""
+        there = [one for one in self.sources if one not in self.refused and os.path.isfile(one.path)]
+        return all(one.frame is not None for one in there) and len({one.path for one in there}) <= 1
 
     @property
     def read(self) -> set[str]:

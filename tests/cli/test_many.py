@@ -3,8 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from blur2view.cli.run import gyroflow_of
+from blur2view.errors import OutputError
+from blur2view.results.photograph import Photograph
 from tests.support.calls import Call
 from tests.support.many_photographs import write_photographs, write_video
 from tests.support.tables import table
@@ -41,6 +45,40 @@ def test_frames_of_a_video_are_estimated_in_order(run: Call, tmp_path: Path) -> 
     assert document["name"] == "clip.mp4/000010" and (document["width"], document["height"]) == (80, 64)
     done = run(video, "--from", "0.5s", "--to", 20, "--every", 5, "-o", out, "--resume")
     assert done == 0 and "4 photographs: 2 done, 2 done before" in done.out
+
+
+def test_times_of_a_table_are_asked_of_photographs_that_are_there(
+    run: Call, folder: Path, tmp_path: Path
+) -> None:
+    video, times = write_video(tmp_path / "clip.mp4", 2), tmp_path / "times.csv"
+    times.write_text("1403636579763555584,000.png\n")
+    words = [folder / "000.png", "absent.png", tmp_path, video, "--csv", tmp_path / "t.csv"]
+    done = run(*words, "--timestamps", times)
+    assert done == 1 and len(done.lines) == 2 and "absent.png: no such file" in done.err
+    stamps = [row["timestamp_s"] for row in table(tmp_path / "t.csv")]
+    assert (stamps[0], stamps[-1]) == ("1403636579.763556", "0.1")
+
+
+def test_without_a_rate_there_is_no_log_and_all_else_is_printed(run: Call, tmp_path: Path) -> None:
+    video, log = write_video(tmp_path / "clip.mp4", 2), tmp_path / "clip.gcsv"
+    done = run(video, "--focal", 300, "--gyroflow", log, "--json")
+    assert done == 1 and "no frame has a time, a rate" in done.line
+    assert len(done.document["estimates"]) == 2 and not log.exists()
+    other = write_video(tmp_path / "other.mp4", 2)
+    done = run(video, other, "--focal", 300, "--gyroflow", log, "--json")
+    assert done == 1 and "a log of rates is of one video" in done.line and done.out == ""
+
+
+def test_log_of_rates_is_in_the_order_of_time() -> None:
+    turned = {"rotation": np.eye(3).tolist()}
+    first, second = (
+        Photograph(name="a", timestamp_s=time, time_known=True, exposure_s=0.04, cam2_from_cam1=turned)
+        for time in (0.0, 0.1)
+    )
+    text = gyroflow_of([second, first], "clip.mp4")
+    assert [row.partition(",")[0] for row in text.splitlines()[-2:]] == ["0", "100000"]
+    with pytest.raises(OutputError, match="two frames of one time"):
+        gyroflow_of([first, first], "clip.mp4")
 
 
 def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Path, tmp_path: Path) -> None:

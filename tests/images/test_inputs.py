@@ -144,7 +144,7 @@ def test_video_without_such_frames_or_of_no_kind_is_refused(tmp_path: Path) -> N
     (tmp_path / "text.mp4").write_text("text")
     found = listed(tmp_path / "text.mp4", "a.jpg")
     assert "cannot be opened as a video" in found.refused[Source(path=tmp_path / "text.mp4")]
-    assert [one.path.name for one in found.sources] == ["text.mp4", "a.jpg"] and not found.one_video
+    assert [one.path.name for one in found.sources] == ["text.mp4", "a.jpg"]
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
