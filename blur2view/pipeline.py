@@ -141,6 +141,7 @@ def estimate(
     ValueError, ModelError, ImageError
         If image or camera is invalid, or a shutter has no camera; if network or file cannot be used.
     """
+    detail = Detail(detail)  # of a word, too
     if camera is not None:
         require("camera", camera, Camera, CAMERAS)
     if isinstance(image, str | os.PathLike):
@@ -149,6 +150,8 @@ def estimate(
         camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
+    if not callable(getattr(network, "predict", None)):
+        raise ValueError(f"network must be a blur2view.SmearNetwork, or a path, got {network!r:.99}")
     image = photograph_of(image)
     grid, blur, moving = _seen(image, network, detail)
     matches = select_matches(grid, select)

@@ -112,7 +112,7 @@ def _facts(one: Photograph) -> Iterable[str]:
     """Yield the table of what the record says beside the picture; a row's title explains it."""
     for name, _, text in entries():
         value = getattr(one, name)
-        if name in ELSEWHERE or value in (None, "", False) or isinstance(value, dict):
+        if name in ELSEWHERE or value is None or value is False or value == "" or isinstance(value, dict):
             continue
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)
         if isinstance(value, list):  # a matrix

@@ -33,6 +33,7 @@ def test_it_says_what_the_record_says() -> None:
     one, page = page_of()
     assert page.count(one.verdict) == 2  # in the index and above the picture
     assert f"<td>num_inliers</td><td>{one.num_inliers}</td>" in page
+    assert "<td>num_inliers</td><td>0</td>" in page_of(F=False)[1]  # which is a value
     link = re.search(r'download="[^"]+" href="data:application/json;base64,([^"]+)"', page)
     assert link is not None and Photograph.from_json(base64.b64decode(link[1])) == one
 
