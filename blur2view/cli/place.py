@@ -90,9 +90,14 @@ class PlaceOptions:
 
     def _summary(self, model: FoundModel, placement: "Placement", names: list[str]) -> Iterator[str]:
         """Yield the lines of `model_lines` and one that counts all frames."""
-        yield from model_lines(model, names, placement.refused, "placed", self.printing)
+        from blur2view.colmap.placement import RECOVERED
+
+        recovered = [name for name, why in placement.refused.items() if why == RECOVERED]
+        refused = {name: why for name, why in placement.refused.items() if why != RECOVERED}
+        yield from model_lines(model, names, refused, "placed", self.printing)
         line = f"{printable(str(self.output))}: of {plural(placement.linked, 'linked frame')} "
-        line += f"{len(placement.placed)} placed, {len(placement.refused)} refused"
+        line += f"{len(placement.placed)} placed, {len(refused)} refused"
+        line += f", {len(recovered)} recovered before" * bool(recovered)
         line += f"; exposure over frame interval {placement.fraction:.2f}"
         if not placement.measured:
             line += " for want of a better one: the camera shakes faster than the frames; state --fraction"

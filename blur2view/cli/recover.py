@@ -49,7 +49,7 @@ class RecoverOptions:
     refine: bool = False
     printing: Printing = group(Printing)
 
-    examples = ("blur2view recover model frames -o all_frames", "blur2view to-transforms all_frames")
+    examples = ("blur2view recover with_views frames -o all_frames", "blur2view to-transforms all_frames")
 
     @staticmethod
     def tables() -> dict[str, str | Mapping[str, str]]:

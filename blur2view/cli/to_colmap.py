@@ -57,7 +57,7 @@ DOCUMENT = """
 target: (str) The database that was written.
 backup: (str or null) The copy of the database from before, with --link.
 photographs: (list) Those that were written: image, name, config, parallax and reason, as of blur2view
-    estimate; views, the names of both; action, add or replace; num_keypoints of each view; num_matches, of
+    estimate; views, the names of both; action, added or replaced; num_keypoints of each view; num_matches, of
     which num_inliers fit; translation_known, whether parallax is proven or the direction known to 30 degrees;
     time_known and time_confidence, whether neighbours decided which view came first, and how surely.
 kept: (list) Photographs whose views are in the database already: image, name.
@@ -205,7 +205,7 @@ class ToColmapOptions:
             why = "nothing is lost, as the depth of their points comes from your other photographs"
             if not self.link:
                 why = "COLMAP makes no points from them alone, only beside other photographs (--link)"
-            turned = "their smears fit a camera that only turned as well"
+            turned = "a rotation or a plane explains their smears as well"
             lines.append(f"translation undecided in {undecided} of {count}: {turned}; {why}")
         return "\n".join([*lines, total])
 
@@ -305,7 +305,7 @@ def views_record(job: LinkJob, views: ExposureViews) -> dict[str, Any]:
         "parallax": str(geometry.parallax),
         "reason": "no feature of yours has a smear that can be used" if unsure else geometry.reason,
         "views": list(views.names),
-        "action": "add" if plan is None else plan.step.value,
+        "action": (Step.ADD if plan is None else plan.step).value,
         "num_keypoints": len(views.points_open),
         "num_matches": count,
         "num_inliers": int(geometry.inlier_mask.sum()) if count else 0,

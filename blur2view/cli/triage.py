@@ -60,7 +60,7 @@ class Choice:
     --keep LIST: write the list of photographs to keep, see below
     --extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
     --blurred: keep the blurred ones, too, that geometry can use
-    --best N: keep the N sharpest, by the width of all of the blur
+    --best N: keep the N sharpest: those called sharp before others, then by the width of all of the blur
     --every-best N: keep the sharpest of every N neighbours
     """
 
@@ -84,9 +84,9 @@ class Choice:
         """Return the photographs to keep, in order."""
         read = {one: row for one, row in rows.items() if not row.error}
 
-        def width(one: Source) -> float:
-            found = read[one].width_px
-            return inf if found is None else found  # without texture it comes last
+        def width(one: Source) -> tuple[bool, float]:
+            found = read[one].width_px  # without texture it comes last
+            return read[one].use != Use.SHARP, inf if found is None else found
 
         if self.best is not None:
             chosen = set(sorted(read, key=width)[: self.best])

@@ -51,9 +51,9 @@ COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's data
 class Step(StrEnum):
     """What linking does with a photograph."""
 
-    ADD = "add"
-    REPLACE = "replace"
-    KEEP = "keep"
+    ADD = "added"
+    REPLACE = "replaced"
+    KEEP = "kept"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,6 +8,8 @@ from enum import StrEnum
 
 from blur2view.results.record import Record
 
+STILL = ("sharp", "out of focus", "camera at rest")
+"""Kinds of blur of a camera that did not move."""
 MAY_HAVE_TURNED = 0.1
 """Probability of a rotation from which on it is named beside the movement."""
 MAX_DEFOCUS_PX = 2.0
@@ -60,7 +62,7 @@ def use_of(one: Record, limits: Limits) -> tuple[str, str]:
     length, radius = one.smear_px, one.defocus_px or 0.0
     if one.blur == "cannot tell" or length is None:
         return Use.UNCLEAR, f"{one.nothing_seen or 'smooth or too dark'}: its blur is unknown"
-    still = one.blur in ("sharp", "out of focus", "camera at rest")
+    still = one.blur in STILL
     short = still or length <= limits.max_smear_px
     soft = radius > limits.max_defocus_px
     why = f"smear {length:.3g} px, {'at most' if short else 'above'} {limits.max_smear_px:g} px"
@@ -101,10 +103,10 @@ def use_line(one: Record) -> str:
     if one.use == Use.UNCLEAR:
         return f"{one.use} (no texture)"
     if one.use == Use.OUT_OF_FOCUS:
-        return f"{one.use} (by a {_radius(one)})"
-    length = one.smear_px or 0.0
-    if one.use == Use.SHARP and length < (one.smear_sigma_px or 0.0):  # which says nothing
+        return f"{one.use} ({_radius(one)})"
+    if one.use == Use.SHARP and one.blur in STILL:
         return f"{one.use} (no motion of the camera)"
+    length = one.smear_px or 0.0
     return f"{one.use} (smears of {length:.{1 if length < 10 else 0}f} px)"
 
 

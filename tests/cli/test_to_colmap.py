@@ -67,8 +67,8 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     code, out, err = run("--db", path, *CAMERA, *photos)
     assert (code, err) == (0, "")
     moving, still, total = out.splitlines()
-    assert moving.startswith("moving.png: add, translation known; ") and "order in time unknown" in moving
-    assert still.startswith("still.png: add, no matches: ") and still.endswith("[DEGENERATE]")
+    assert moving.startswith("moving.png: added, translation known; ") and "order in time unknown" in moving
+    assert still.startswith("still.png: added, no matches: ") and still.endswith("[DEGENERATE]")
     assert total == f"{path}: wrote 4 images and 2 pairs of 2 photographs"
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
@@ -115,7 +115,7 @@ def test_link_is_idempotent_and_keeps_what_is_the_users(run: Any, photos: list[P
     said = "2 photographs (moving.png, still.png): the views are there already; --replace makes them anew"
     assert out.splitlines() == [said, f"{project}: nothing to write"]
     code, out, _ = run("--db", project, "--link", "--replace", "--no-backup", *CAMERA, *photos)
-    assert code == 0 and "moving.png: replace, " in out and "backup" not in out
+    assert code == 0 and "moving.png: replaced, " in out and "backup" not in out
     assert user_rows(project) == before
     assert len(list(project.parent.glob("*.bak"))) == 1
 
