@@ -37,7 +37,7 @@ class ExifValues:
 
 
 def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifValues:
-    """Return focal length, exposure time and orientation; None of a photograph without EXIF or a damaged one.
+    """Return focal length, exposure time and orientation, as far as the EXIF of a photograph states them.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
     FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the

@@ -26,10 +26,7 @@ Ctrl and wheel: zoom; a drag moves the picture
 click on a head of the index: sort by it
 """
 TERMS = """
-distance from lines: sqrt SErrMin, the root of the squared Sampson distance of a smear's ends from their
-    epipolar lines, in the better of both orders: pixels, compared with --max-error
 epipole: where epipolar lines meet: the camera moved towards it or from it
-P(moves): probability that a pixel moves by itself, of the motion mask
 uncertainty: standard deviation (sigma) of a smear that the network predicts, pixels
 """
 
@@ -57,9 +54,9 @@ class ReportOptions:
 
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
     the photographs, sortable by verdict, length of the smears and name; for each the picture with smears,
-    inliers, epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, what
-    else the record says, and the JSON document of blur2view estimate to download. A photograph that
-    fails is a card with its reason. It needs a browser of 2023 or later.
+    epipolar lines, uncertainty and motion mask as layers, the verdict with its reason, what else the record
+    says, and the JSON document of blur2view estimate to download. A photograph that fails is a line of the
+    index with its reason. It needs a browser of 2023 or later.
     """
 
     common: Common
@@ -82,8 +79,8 @@ class ReportOptions:
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page.
 
-        A photograph that fails gets a card with its reason; if all fail nothing is written. An interrupted
-        run leaves a page of what is done.
+        A photograph that fails has a line of the index; if all fail nothing is written. An interrupted run
+        leaves a page of what is done.
         """
         photographs, page = Photographs.of("report", self), self.page.output
         with photographs.writing({"-o": (page, "page")}):

@@ -101,11 +101,10 @@ def segment_one(setup: Setup, job: Job, *, threshold: float, programs: Sequence[
     files = {}
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(content_of(job)))  # programs turn nothing by its EXIF
-        masks = [to.picture(stored, ignore_unobservable=False) for to in programs]
+        masks = [to.picture(stored) for to in programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
         pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
         written = [*map(png, pictures), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))
-    reason = mask.reason if setup.common.printing.verbose else mask.reason.partition(";")[0]
-    summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {reason}{wrote(job, ENDINGS)}"
+    summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, ENDINGS)}"
     return Outcome(photograph=record, summary=summary, files=files, warnings=one.warnings)

@@ -45,10 +45,10 @@ def verdict_line(name: str, one: "Photograph") -> str:
 
 
 class Bar:
-    """How many of several things are done: the last line of a terminal, below what is printed meanwhile."""
+    """How many photographs are done: the last line of a terminal, below what is printed meanwhile."""
 
-    def __init__(self, count: int, noun: str) -> None:
-        self.count, self.noun, self.done, self.start_s = count, noun, 0, time.monotonic()
+    def __init__(self, count: int) -> None:
+        self.count, self.done, self.start_s = count, 0, time.monotonic()
         self.draw()
 
     def say(self, text: str, file: Any = None) -> None:
@@ -65,7 +65,7 @@ class Bar:
     def draw(self) -> None:
         """Print how many are done, the rate and what is left."""
         seconds = time.monotonic() - self.start_s
-        text = f"{self.done} of {plural(self.count, self.noun)}"
+        text = f"{self.done} of {plural(self.count, 'photograph')}"
         if self.done and seconds > 0:
             left = round(seconds / self.done * (self.count - self.done))
             text += f", {self.done / seconds:.2g} a second, {left // 60}:{left % 60:02d} left"
@@ -73,12 +73,12 @@ class Bar:
 
 
 @contextmanager
-def progress(count: int, noun: str = "photograph") -> Iterator[tuple[Say, Callable[[], None]]]:
+def progress(count: int) -> Iterator[tuple[Say, Callable[[], None]]]:
     """Yield what prints a line, and what counts one more that is done: on a bar, if a person watches."""
     if count < 2 or not sys.stderr.isatty():
         yield print, lambda: None
         return
-    bar = Bar(count, noun)
+    bar = Bar(count)
     try:
         yield bar.say, bar.advance
     finally:

@@ -184,7 +184,7 @@ def _masks(
             path = photograph.parent / path.name
         if path in files or (os.path.lexists(path) and not is_ours(path)):
             raise OutputError(f"{path}: is no mask of an earlier call of {name}; move it away")
-        files[path] = png(program.picture(labels, ignore_unobservable=False))
+        files[path] = png(program.picture(labels))
         if program is MaskFormat.NERFSTUDIO:
             frame["mask_path"] = path.relative_to(options.output.parent).as_posix()
     return files

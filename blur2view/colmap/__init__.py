@@ -1,4 +1,4 @@
-"""COLMAP databases, text formats and mapping."""
+"""COLMAP databases, models and mapping."""
 
 INSTANT_NGP, NERFSTUDIO = DIALECTS = ("instant-ngp", "nerfstudio")
 """The dialects of ``transforms.json``."""

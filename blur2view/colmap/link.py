@@ -109,7 +109,7 @@ def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, re
     if not len(keypoints):
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
     if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
-        raise ValueError(f"image {name} has no camera, or that no rig; the database is damaged")
+        raise ValueError(f"image {name} has no camera, or its camera has no rig; the database is damaged")
     (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
     stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + data
     digest, own = hashlib.sha256(stored).digest(), own_views(database, name)

@@ -54,7 +54,7 @@ def read_model(folder: Path) -> Any:
         numbers += [point.xyz for point in model.points3D.values()]
         numbers += [image.cam_from_world().matrix().ravel() for image in posed]
         if not (np.abs(np.concatenate([np.zeros(0), *numbers])) < BEYOND).all():  # False of NaN
-            raise ValueError("holds numbers that are none")
+            raise ValueError("holds values that are not finite")
         return model
     except (OSError, ValueError, RuntimeError, LookupError, MemoryError) as error:
         why = " ".join(str(error).split()).rpartition("] ")[2] or type(error).__name__

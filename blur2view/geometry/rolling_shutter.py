@@ -50,7 +50,7 @@ class RollingShutter:
         if not 0 < self.exposure_s < np.inf:
             raise ValueError(f"exposure must be positive and finite, got {self.exposure_s}")
         if self.towards not in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-            raise ValueError(f"rows begin along x or y, got {self.towards}")
+            raise ValueError(f"towards must be (0, 1), (0, -1), (1, 0) or (-1, 0), got {self.towards}")
 
     def exposures(self, displacement: Array, image_size: tuple[int, int]) -> Array:
         """Return for how many exposure times (N,) the points of smears (N, 2), open to close end, were seen.

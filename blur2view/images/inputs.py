@@ -56,10 +56,10 @@ class Inputs:
         """The files that are read, where their paths lead."""
         return real_paths([*(source.path for source in self.sources), *self.lists])
 
-    def refuse(self, path: Path, reason: str) -> None:
-        """Add what cannot be used."""
+    def refuse(self, path: Path, line: str) -> None:
+        """Add what cannot be used, and the line that says why."""
         self.sources.append(source := Source(path=path))
-        self.refused[source] = f"{path}: {reason}"
+        self.refused[source] = line
 
     def names(self) -> list[str]:
         """Return every photograph's path below the one folder that was given, or else that all share.
@@ -115,8 +115,7 @@ def list_photographs(
         path = Path(word)
         try:
             if URL.match(word) and not os.path.lexists(word):
-                found.refuse(path, "")  # whose slashes a path has lost
-                found.refused[found.sources[-1]] = f"{word}: is no file here; download it first"
+                found.refuse(path, f"{word}: is no file here; download it first")
             elif is_video(path):
                 _add_frames(found, path, frames)
             elif path.is_dir():
@@ -124,7 +123,9 @@ def list_photographs(
             else:
                 found.sources.append(frame_named(word) or Source(path=path))
         except OSError as error:
-            found.refuse(path, f"cannot be read ({error.strerror}); check the path and its permissions")
+            found.refuse(
+                path, f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
+            )
     once: dict[tuple[str, int | None], Source] = {}
     for source in found.sources:
         place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
@@ -188,8 +189,7 @@ def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> 
     try:
         found.sources.extend(Source(path=video, frame=number) for number in frames(video))
     except ImageError as error:
-        found.sources.append(source := Source(path=video))
-        found.refused[source] = str(error)
+        found.refuse(video, str(error))
 
 
 def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
@@ -209,12 +209,13 @@ def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         if video := next(filter(is_video, entries), None):
             more = f"name its video, {video}"
-        found.refuse(folder, f"holds no photograph; {more}")
+        found.refuse(folder, f"{folder}: holds no photograph; {more}")
     for path in photographs:
         found.sources.append(source := Source(path=path))
         found.roots[source] = folder
     for error in unread:
-        found.refuse(Path(error.filename), f"cannot be read ({error.strerror}); check its permissions")
+        line = f"{error.filename}: cannot be read ({error.strerror}); check its permissions"
+        found.refuse(Path(error.filename), line)
 
 
 def _first(walk: Iterator[tuple[str, list[str], list[str]]]) -> list[tuple[str, list[str], list[str]]]:

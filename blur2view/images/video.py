@@ -116,7 +116,7 @@ def read_video(
 
 
 def frame_time(video: Path, number: int) -> float | None:
-    """Return the time of a frame in its video, seconds; None where that does not say. ImageError as above."""
+    """Return the time of a frame in its video, seconds, None where that has none; raises as `read_frame`."""
     _reader(video).read(number)
     return _reader(video).recent[number][1]
 

@@ -1,1 +1,1 @@
-"""The evidence for what moves by itself, and the network that weighs it."""
+"""The evidence for what moves by itself, and the two networks that weigh it."""

@@ -1,4 +1,4 @@
-"""What the two networks see that find what moves by itself.
+"""Inputs of the two networks that find what moves by itself.
 
 ``models/unet.onnx`` sees the photograph and what the smear network says of its cells. ``models/movers.onnx``
 sees smears against the camera's motion and, as these are read in windows of three cells' width, gradients

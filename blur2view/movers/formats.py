@@ -47,14 +47,10 @@ class MaskFormat(StrEnum):
             return photograph.parent / f"{photograph.stem}.png"
         return photograph.parent / f"dynamic_mask_{photograph.stem}.png"
 
-    def picture(self, labels: NDArray[np.uint8], *, ignore_unobservable: bool) -> NDArray[np.uint8]:
+    def picture(self, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the mask (H, W), 0 or 255, of labels (H, W)."""
-        ignored = labels == MotionLabel.MOVING
-        if ignore_unobservable:
-            ignored |= labels == MotionLabel.UNOBSERVABLE
-        if self is not MaskFormat.INSTANT_NGP:
-            ignored = ~ignored
-        return np.where(ignored, 255, 0).astype(np.uint8)
+        moving = labels == MotionLabel.MOVING
+        return np.where(moving if self is MaskFormat.INSTANT_NGP else ~moving, 255, 0).astype(np.uint8)
 
 
 def stored_labels(path: Path) -> NDArray[np.uint8]:

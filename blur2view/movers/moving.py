@@ -101,10 +101,10 @@ class Moving:
         moves[0] = False
         return np.asarray(moves[part])
 
-    def share_of(self, grid: SmearGrid, threshold: float = THRESHOLD) -> Array:
+    def share_of(self, grid: SmearGrid) -> Array:
         """Return the shares (h, w) of the cells of a grid that lie in parts that move."""
         rows, columns = (-(-side * grid.stride // self.place_px) for side in grid.cells.shape[:2])
-        return at_cells(self.parts(threshold)[:rows, :columns].astype(np.float32), grid.cells.shape)
+        return at_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
 
 
 def moving_in(

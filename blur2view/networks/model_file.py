@@ -191,7 +191,7 @@ class OnnxNetwork:
             raise self.error(f"has damaged metadata ({error})") from None
         stated = metadata.get("blur2view_format", "")
         if stated != self.form.version:
-            other = f"but of {stated}" if stated else "or of none"
+            other = f"but of {stated}" if stated else "as it states no blur2view_format"
             raise self.error(f"is not {self.form.what} of format {self.form.version}, {other}")
         if "model_id" not in metadata:
             raise self.error("has damaged metadata (no model_id)")
@@ -243,7 +243,7 @@ def shipped(form: NetworkFormat, execution: Execution) -> OnnxNetwork:
 
 
 def _provider_names(providers: Sequence[str]) -> list[str]:
-    """Return ONNX Runtime's names of execution providers; ModelError if its build has one of them not."""
+    """Return ONNX Runtime's names of execution providers; ModelError if its build lacks one."""
     there = {_short(name): name for name in _onnxruntime().get_available_providers()}
     for name in providers:
         if _short(name) not in there:

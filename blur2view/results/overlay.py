@@ -244,7 +244,7 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     rims, _ = cv2.findContours(moving.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, rims, -1, (255, 255, 255), 1, cv2.LINE_AA)
     drawn = ["pink moves"] * bool(rims) + ["hatched is unobservable"] * bool(unseen.any())
-    words = "; ".join([*filter(None, [", ".join(drawn)]), mask.reason.partition(";")[0]])
+    words = "; ".join([*filter(None, [", ".join(drawn)]), mask.reason])
     return captioned(canvas, mask_verdict(mask), words)
 
 

@@ -76,9 +76,9 @@ class Photograph(Record):
             return {"name": self.name, "error": self.error}
         return {key: getattr(self, key) for key, _, _ in entries()}
 
-    def to_json(self, indent: int | None = 2) -> str:
+    def to_json(self) -> str:
         """Return the record as JSON text; NaN and infinity are errors of the program."""
-        return json.dumps(self.plain(), indent=indent, allow_nan=False)
+        return json.dumps(self.plain(), indent=2, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:

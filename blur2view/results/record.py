@@ -41,7 +41,7 @@ class Record:
     height: int | None = explained("Height in pixels, upright.")
     frame: int | None = explained("Number of the frame in its video, from 0.")
     timestamp_s: float | None = explained(
-        "Its time in the video, of --timestamps, or that which its name is, seconds."
+        "Its time in the video, of --timestamps, or the one that its file name states, seconds."
     )
 
     blur: str = explained(

@@ -13,7 +13,6 @@ from html import escape
 from importlib.resources import files
 from io import BytesIO
 from string import Template
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -21,8 +20,10 @@ from PIL import Image
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import serrmin
+from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import (
+    PINK,
     SQUARES,
     View,
     certainty_of,
@@ -36,13 +37,9 @@ from blur2view.results.overlay import (
 )
 from blur2view.results.photograph import Photograph, entries
 
-if TYPE_CHECKING:
-    from blur2view.movers.mask import MotionMask
-
 PICTURE_SIDE_PX, THUMBNAIL_SIDE_PX, MASK_SIDE_PX = 2048, 160, 1024
 PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 160 kB at 90
-MOVING_RGBA, UNSEEN_RGBA = (255, 70, 170, 150), (0, 0, 0, 140)
-MOVING, UNSEEN = 1, 2  # labels of a mask
+MOVING_RGBA, UNSEEN_RGBA = (*PINK, 150), (0, 0, 0, 140)
 ELSEWHERE = ("name", "verdict", "config", "models", "model_ids", "input_sha256", "options_sha256")
 
 
@@ -181,7 +178,8 @@ def _mask(mask: MotionMask) -> str:
     size = max(round(width * scale), 1), max(round(height * scale), 1)
     labels = cv2.resize(mask.labels, size, interpolation=cv2.INTER_NEAREST)
     colours = np.zeros((*labels.shape, 4), np.uint8)
-    colours[labels == MOVING], colours[labels == UNSEEN] = MOVING_RGBA, UNSEEN_RGBA
+    colours[labels == MotionLabel.MOVING] = MOVING_RGBA
+    colours[labels == MotionLabel.UNOBSERVABLE] = UNSEEN_RGBA
     return _image(_png(colours), "mask", width, height)
 
 

@@ -126,18 +126,16 @@ def fit_line(one: Record) -> str:
     return "; ".join(parts)
 
 
-def length_text(one: Record, *, digits: int = 2) -> str:
+def length_text(one: Record) -> str:
     """Return the length of the photograph's smear in pixels and as a share of the width."""
     if one.smear_px is None:
         return "no smears"
-    return (
-        f"smears of {rounded(one.smear_px, digits)} px, {rounded(one.smear_percent or 0.0, 2)} % of the width"
-    )
+    return f"smears of {_rounded(one.smear_px)} px, {_rounded(one.smear_percent or 0.0)} % of the width"
 
 
-def rounded(value: float, digits: int) -> str:
-    """Return a number with so many significant digits, without an exponent."""
-    decimals = max(digits - 1 - math.floor(math.log10(max(abs(value), 1e-3))), 0)
+def _rounded(value: float) -> str:
+    """Return a number with two significant digits, without an exponent."""
+    decimals = max(1 - math.floor(math.log10(max(abs(value), 1e-3))), 0)
     return f"{value:.{decimals}f}"
 
 

@@ -13,7 +13,7 @@ from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, 
 from blur2view.images.source import Source, read_content
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.input_files import open_regular
-from blur2view.output_files import unwritable, write_files
+from blur2view.output_files import file_digest, unwritable, write_files
 from blur2view.results.photograph import Photograph
 
 WHOLE_BYTES, END_BYTES = 1 << 30, 1 << 20  # a larger file, a video, is known by its length and both ends
@@ -222,9 +222,9 @@ def digest_of(path: Path) -> str:
 @lru_cache(maxsize=8)
 def _digest(path: Path, size: int, changed_ns: int) -> str:
     """Return the SHA-256 of a file as it was changed last: each frame of a video asks for it."""
+    if size <= WHOLE_BYTES:
+        return file_digest(path)
     with open_regular(path) as file:
-        if size <= WHOLE_BYTES:
-            return hashlib.file_digest(file, "sha256").hexdigest()
         digest = hashlib.sha256(f"{size}".encode())
         for place in (0, size - END_BYTES):
             file.seek(place)
