@@ -1,13 +1,14 @@
-"""The overlay pictures: smears and epipolar lines of an estimate, a motion mask; drawn with OpenCV alone."""
+"""The overlay pictures, smears and epipolar lines of an estimate, a motion mask, each over its caption."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from io import BytesIO
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import TINY, AnyArray, Array
@@ -23,12 +24,11 @@ from blur2view.smears.matches import SmearMatches
 
 Picture = NDArray[np.uint8]  # (H, W, 3), RGB
 INK, PAPER, FAINT = (235, 235, 235), (26, 26, 30), (165, 165, 165)
-TEXT_SIZE, LEADING_PX = 0.42, 17
-HEAD_SIZE, HEAD_LEADING_PX = 0.55, 22  # of the verdict
+TEXT_SIZE_PX, LEADING_PX = 13, 17
+HEAD_SIZE_PX, HEAD_LEADING_PX = 17, 22  # of the verdict
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
 # Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
 _PNG_EFFORT = 1
 _SHIFT = 4  # OpenCV draws with 1/16 px
@@ -86,7 +86,8 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     Inlier smears are vivid, coloured by orientation; outliers are grey; those no longer than their standard
     deviation are thin, and not drawn where nothing explains the others. Where no H explains the smears, too,
     white lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles that lie in
-    the picture. The panel below holds the verdict, the configuration and how many smears fit.
+    the picture. The panel below holds the verdict, the configuration, how many smears fit
+    and what the lines are.
 
     Parameters
     ----------
@@ -106,15 +107,24 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     ValueError
         If the estimate is of a photograph of another size.
     """
-    grid, matches = estimate.grid, estimate.matches
-    if grid.shape != np.shape(image)[:2]:
-        raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {grid.shape}")
+    if (shape := estimate.grid.shape) != np.shape(image)[:2]:
+        raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {shape}")
     one = one or Photograph.of(estimate, name="")
     canvas = draw_smears(photograph_of(image), estimate)
-    words = [f"{fit_line(one)} (COLMAP: {one.config})"]
-    words += ["white: epipolar lines, rings: epipoles"] * (lines_of(estimate.geometry) is not None)
-    words += ["thin: no longer than their errors"] * bool((certainty_of(matches) < 1).any())
-    return captioned(canvas, one.verdict, "; ".join(words))
+    return captioned(canvas, one.verdict, f"{fit_line(one)} (COLMAP: {one.config}). {_legend(estimate)}")
+
+
+def _legend(estimate: Estimate) -> str:
+    """Return what the lines of an overlay are, of those that it has."""
+    geometry, F, sure = estimate.geometry, lines_of(estimate.geometry), certainty_of(estimate.matches) >= 1
+    explained = geometry.F is not None or geometry.H is not None
+    fits, drawn = geometry.inlier_mask, sure | explained
+    words = ["coloured by direction: smears that fit"] * bool((fits & drawn).any())
+    words += ["grey: smears that do not fit" if explained else "grey: smears"] * bool((~fits & drawn).any())
+    words += ["thin: no longer than their errors"] * bool((~sure & drawn).any())
+    words += ["white: epipolar lines"] * (F is not None and bool(fits.any()))
+    words += ["rings: epipoles"] * (F is not None and bool(epipoles_within(F, estimate.grid.size)))
+    return "; ".join(words).capitalize()
 
 
 def draw_smears(image: AnyArray, estimate: Estimate, longest: int | None = None) -> Picture:
@@ -249,20 +259,21 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
 
 
 def mask_verdict(mask: MotionMask) -> str:
-    """Return how much moves and how much is unobservable; if that is most, it comes first."""
+    """Return how much moves and how much is unobservable, as a sentence; if that is most, it comes first."""
     moving, unseen = (
         float((mask.labels == k).mean()) for k in (MotionLabel.MOVING, MotionLabel.UNOBSERVABLE)
     )
     if unseen == 1:
-        return "motion is unobservable everywhere"
+        return "Motion is unobservable everywhere"
     count = len(mask.regions)
     share = f"{moving:.1%}" if moving >= 0.001 else "under 0.1%"
     parts = f"{count} moving part{'s' if count > 1 else ''}, {share} of the photograph"
     moves = parts if count else "no mover found"
     if unseen < LEAST_SHARE:
-        return moves
+        return moves[0].upper() + moves[1:]
     hidden = f"motion is unobservable in {min(round(100 * unseen), 99)}%"  # all is another line
-    return f"{moves}; {hidden}" if unseen <= 0.5 else f"{hidden}; elsewhere {moves}"
+    line = f"{moves}; {hidden}" if unseen <= 0.5 else f"{hidden}; elsewhere {moves}"
+    return line[0].upper() + line[1:]
 
 
 def captioned(canvas: Picture, head: str, text: str) -> Picture:
@@ -271,13 +282,13 @@ def captioned(canvas: Picture, head: str, text: str) -> Picture:
     A narrow canvas leaves the picture narrower than its words, and gets room on both sides.
     """
     top, width = canvas.shape[0], max(canvas.shape[1], MIN_SIDE_PX)
-    verdict, small = wrap(head, width - 20, HEAD_SIZE), wrap(text, width - 20, TEXT_SIZE)
+    verdict, small = wrap(head, width - 20, HEAD_SIZE_PX), wrap(text, width - 20, TEXT_SIZE_PX)
     below = 20 + HEAD_LEADING_PX * len(verdict) + LEADING_PX * len(small)
     left = (width - canvas.shape[1]) // 2
     right = width - canvas.shape[1] - left
     padded = cv2.copyMakeBorder(canvas, 0, below, left, right, cv2.BORDER_CONSTANT, value=PAPER)
     picture = np.asarray(padded, np.uint8)
-    write(picture, verdict, (10, top + 24), size=HEAD_SIZE, leading_px=HEAD_LEADING_PX)
+    write(picture, verdict, (10, top + 24), size_px=HEAD_SIZE_PX, leading_px=HEAD_LEADING_PX)
     write(picture, small, (10, top + 24 + HEAD_LEADING_PX * len(verdict)))
     return picture
 
@@ -309,22 +320,32 @@ def write(
     text: str | Sequence[str],
     at: tuple[int, int],
     *,
-    size: float = TEXT_SIZE,
+    size_px: int = TEXT_SIZE_PX,
     leading_px: int = LEADING_PX,
 ) -> None:
-    """Write a line, or several below each other; OpenCV's font has ASCII only."""
+    """Write a line, or several below each other, with the left end of the first one's base at ``at``."""
+    page = Image.fromarray(canvas)
+    pen = ImageDraw.Draw(page)
     for index, line in enumerate([text] if isinstance(text, str) else text):
-        printable = line.encode("ascii", "replace").decode()
-        place = at[0], at[1] + leading_px * index
-        cv2.putText(canvas, printable, place, _FONT, size, INK, 1, cv2.LINE_AA)
+        printable = line.encode("utf-8", "replace").decode()  # a file name may hold bytes that are no text
+        pen.text((at[0], at[1] + leading_px * index), printable, INK, _font(size_px), anchor="ls")
+    canvas[:] = np.asarray(page)
 
 
-def wrap(text: str, width: int, size: float) -> list[str]:
+@cache
+def _font(size_px: int) -> ImageFont.FreeTypeFont:
+    """Return Pillow's own font: OpenCV 4 and 5 have different ones, whose brackets look like braces."""
+    font = ImageFont.load_default(size_px)
+    assert isinstance(font, ImageFont.FreeTypeFont)
+    return font.font_variant(layout_engine=ImageFont.Layout.BASIC)  # Raqm is not everywhere
+
+
+def wrap(text: str, width: int, size_px: int) -> list[str]:
     """Return a sentence broken into lines that are at most ``width`` pixels wide in this font size."""
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()
-        if lines[-1] and cv2.getTextSize(longer, _FONT, size, 1)[0][0] > width:
+        if lines[-1] and _font(size_px).getlength(longer) > width:
             lines.append(word)
         else:
             lines[-1] = longer

@@ -88,14 +88,13 @@ def verdict(one: Record) -> str:
         case "out of focus":
             return f"Out of focus ({_radius(one)})"
         case "camera at rest":
-            percent = f"{round(100 * (one.moving_share or 0.0)) or 'less than 1'} %"
             soft = f"; out of focus ({_radius(one)})" * ((one.defocus_px or 0.0) > MAX_DEFOCUS_PX)
-            return f"The camera stood still; {percent} of the picture moves by itself{soft}"
+            return f"The camera stood still; {_moving(one)}{soft}"
         case "cannot tell":
             return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
         case "out of focus and moved":
-            return f"{_motion(one)}; out of focus, too ({_radius(one)})"
-    return _motion(one)
+            return f"{_motion(one)}; out of focus, too ({_radius(one)}){_beside(one)}"
+    return _motion(one) + _beside(one)
 
 
 def use_line(one: Record) -> str:
@@ -141,6 +140,15 @@ def _rounded(value: float) -> str:
 
 def _radius(one: Record) -> str:
     return f"radius {one.defocus_px or 0.0:.1f} px"
+
+
+def _moving(one: Record) -> str:
+    return f"{round(100 * (one.moving_share or 0.0)) or 'less than 1'} % of the picture moves by itself"
+
+
+def _beside(one: Record) -> str:
+    """Return what moves before a camera that moved, too, where that was asked."""
+    return f"; {_moving(one)}" * bool(one.moving_share)
 
 
 def _motion(one: Record) -> str:

@@ -34,6 +34,9 @@ CASES = {
     "The camera stood still; 14 % of the picture moves by itself": replace(
         MOVED, blur="camera at rest", moving_share=0.14
     ),
+    f"Camera turned sideways{SMEARS}; 15 % of the picture moves by itself": moved(
+        "PANORAMIC", H=PAN, moving_share=0.151
+    ),
     "Too dark: cannot tell": replace(MOVED, blur="cannot tell", nothing_seen="too dark"),
     "Smooth: cannot tell": replace(MOVED, blur="cannot tell"),
     f"Camera turned or moved, with the same blur everywhere{SMEARS}": moved("DEGENERATE"),
