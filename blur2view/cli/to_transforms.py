@@ -21,6 +21,7 @@ from blur2view.colmap.transforms import (
     MODEL,
     PHOTOGRAPHS,
     PLY_KEY,
+    Show,
     keep_photographs,
     point_cloud,
     transforms,
@@ -64,8 +65,8 @@ class ToTransformsOptions:
         velocities shows in a photograph (default: %(default)g, velocities per exposure)
     --masks-from DIR: results of blur2view segment of these photographs, whose masks are put where the
         trainer reads them
-    --max-smear PX: leave out photographs whose median smear is longer, in pixels, or unknown (default: keep
-        all)
+    --max-smear PX: leave out photographs whose smear is longer, in pixels, or unknown (default: keep all); a
+        sharp one has none
     -o, --output JSON: the file, for gsplat a folder (default: %(default)s); one of an earlier call is
         replaced
     --dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)
@@ -95,14 +96,15 @@ class ToTransformsOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
-        with waiting("writing the model"):
-            line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
+        with waiting(f"writing {self.output}") as show:
+            write = _write_model if self.dialect == GSPLAT else _write_transforms
+            line = write(self, show)
         if not self.printing.quiet:
             print(line)
         return 0
 
 
-def _write_transforms(options: ToTransformsOptions) -> str:
+def _write_transforms(options: ToTransformsOptions, show: Show) -> str:
     """Write the file, masks, and the points beside it where it names them; return what was written."""
     target = options.output
     check_file(target, "file")
@@ -115,11 +117,12 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         images=os.path.relpath(images, target.parent),
         exposure_s=options.exposure,
         max_smear_px=options.max_smear or float("inf"),
+        show=show,
     )
     frames = {Path(os.path.normpath(target.parent / one["file_path"])): one for one in content["frames"]}
     left, frames = len(frames), _present(frames)
     left, content = left - len(frames), content | {"frames": list(frames.values())}
-    files = {} if options.masks is None else _masks(options, options.masks, content, frames, images)
+    files = {} if options.masks is None else _masks(options, options.masks, content, frames, images, show)
     signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
@@ -166,12 +169,19 @@ def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
 
 
 def _masks(
-    options: ToTransformsOptions, folder: Path, content: dict[str, Any], frames: dict[Path, Any], images: Path
+    options: ToTransformsOptions,
+    folder: Path,
+    content: dict[str, Any],
+    frames: dict[Path, Any],
+    images: Path,
+    show: Show,
 ) -> dict[Path, bytes]:
     """Return the masks that the trainer reads by their paths, and name them in the frames where it asks."""
     names = [PurePath(os.path.relpath(path, images)) for path in frames]
     program, files, found = MaskFormat(options.dialect), dict[Path, bytes](), _found_masks(folder, names)
-    for (photograph, frame), name, mask in zip(frames.items(), names, found, strict=True):
+    for number, (photograph, frame) in enumerate(frames.items()):
+        show(number, len(frames))
+        name, mask = names[number], found[number]
         labels = as_stored(stored_labels(mask), photograph)
         size = tuple(frame.get(key, content.get(key)) for key in ("w", "h"))
         if labels.shape[::-1] != size:
@@ -211,7 +221,7 @@ def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
     return [path for path in found if path is not None]
 
 
-def _write_model(options: ToTransformsOptions) -> str:
+def _write_model(options: ToTransformsOptions, show: Show) -> str:
     """Write the folder that gsplat reads: the model of the photographs, and a link to them."""
     if options.masks is not None:
         raise OutputError("gsplat's reader takes no masks of photographs; leave --masks-from out")
@@ -222,7 +232,7 @@ def _write_model(options: ToTransformsOptions) -> str:
     if images is None and not link.is_dir():
         raise OutputError(f"{options.model}: does not say where its photographs are; name them with --images")
     model = read_model(options.model)
-    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
+    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"), show)]
     names = set(_present({(images or link) / name: name for name in kept}).values())
     lacking = _of_linked(options.model, model)
     keep_photographs(model, options.model, names)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera, colmap_camera, to_colmap
-from blur2view.colmap.project import KILLED, LOGS, MAX_IMAGES, VIEWS_TABLE, open_read_only, storable
+from blur2view.colmap.project import KILLED, LOGS, MAX_IMAGES, ensure_table, open_read_only, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
@@ -29,7 +29,7 @@ UNION ALL SELECT 1 FROM descriptors
 UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
 UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
 LIMIT 1"""
-PUT_VIEW = "INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?)"
+PUT_VIEW = "INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 
 Pair = tuple[int, int]
 
@@ -82,7 +82,8 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
                 write_rows(opened, views, ids[-1], {ids[-1]: _alone(views)})
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
-            database.executescript(f"BEGIN; {VIEWS_TABLE}")
+            database.execute("BEGIN")
+            ensure_table(database)
             for views, pair in zip(photographs, ids, strict=True):
                 put_views(database, views, pair)
             database.execute("COMMIT")
@@ -121,7 +122,7 @@ def put_views(
     database: sqlite3.Connection, views: ExposureViews, ids: Pair, source: bytes | None = None
 ) -> None:
     """List both images of a photograph in the table `blur2view_views`, with what they were made from."""
-    known = views.geometry.config.name, int(views.time.known), views.time.confidence, source
+    known = views.geometry.config.name, int(views.time.known), views.time.confidence, source, views.smear_px
     for image_id, role in zip(ids, ("open", "close"), strict=True):
         database.execute(PUT_VIEW, (image_id, views.name, role, *known))
 

@@ -22,9 +22,9 @@ from blur2view.camera.camera import from_colmap
 from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (
     CAMERA_SENSOR,
-    VIEWS_TABLE,
     check_schema,
     connect,
+    ensure_table,
     has_frames,
     image_names,
     longest_suffix,
@@ -151,7 +151,7 @@ def write_links(
             copy = back_up(path) if backup else None
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
-            database.execute(VIEWS_TABLE)
+            ensure_table(database)
             _put_all(database, links)
         undo.pop_all()
     return copy

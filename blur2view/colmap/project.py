@@ -40,9 +40,10 @@ UNION ALL SELECT rig_id FROM rig_sensors WHERE sensor_id = ? AND sensor_type = {
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
   photograph TEXT NOT NULL, role TEXT NOT NULL CHECK(role IN ('open', 'close')), config TEXT NOT NULL,
-  time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB,
+  time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB, smear_px REAL,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
+ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of 0.3.0 and before
 LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database
 LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
 BESIDE = (*LOGS, "-shm")
@@ -193,6 +194,26 @@ def rig_of(database: Connection, camera_id: int) -> int | None:
     """Return the id of the rig that a camera belongs to, or None."""
     row = database.execute(RIG_OF_CAMERA, (camera_id, camera_id)).fetchone()
     return None if row is None else int(row[0])
+
+
+def ensure_table(database: Connection) -> None:
+    """Make the table of views, or give one of an earlier version the column that it lacks."""
+    database.execute(VIEWS_TABLE)
+    if "smear_px" not in {row[1] for row in database.execute("PRAGMA table_info(blur2view_views)")}:
+        database.execute(ADD_SMEAR)
+
+
+def smear_lengths(path: Path) -> dict[str, float]:
+    """Return the length of the smear of each photograph with views in a database, pixels, where it is known.
+
+    Nothing of a database that cannot be read, or was written by an earlier version.
+    """
+    sql = "SELECT DISTINCT photograph, smear_px FROM blur2view_views WHERE smear_px IS NOT NULL"
+    try:
+        with open_read_only(path) as database:
+            return {str(name): float(length) for name, length in database.execute(sql)}
+    except DatabaseError:
+        return {}
 
 
 def own_views(database: Connection, name: str) -> dict[str, tuple[int, bytes | None]]:

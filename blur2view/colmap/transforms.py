@@ -15,9 +15,9 @@ instant-ngp (``src/nerf_loader.cu``, ``include/neural-graphics-primitives/nerf_l
 from ``transform_matrix_start`` to ``transform_matrix_end``; its other tools look from ``transform_matrix``.
 ``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as a + b u + c v +
 d r, r random in [0, 1]. ``sharpness`` is relative: a frame goes if its own is not above
-``sharpness_discard_threshold`` (0 unless written) times its neighbours' mean. Ours is 1 / (1 + median smear
-in pixels). A position p becomes ``scale`` p + ``offset`` and should lie near the unit cube; here the
-cameras are put as far from the median of the points as by ``colmap2nerf.py``, in its box (``aabb_scale``).
+``sharpness_discard_threshold`` (0 unless written) times its neighbours' mean. Ours is 1 / (1 + smear in
+pixels). A position p becomes ``scale`` p + ``offset`` and should lie near the unit cube; here the cameras
+are put as far from the median of the points as by ``colmap2nerf.py``, in its box (``aabb_scale``).
 
 nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur,
 ``process_synthetic_inputs.py`` and ``combine.py``): ``camera_linear_velocity`` is (centre at the close -
@@ -40,7 +40,7 @@ no file has, end it; of cameras it knows `KNOWN`, of masks none, and of blur not
 """
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -50,11 +50,14 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
+from blur2view.colmap.models import database_of
+from blur2view.colmap.project import smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.output_files import SIGNED_BY
 
+Show = Callable[[int, int], None]  # how many photographs are done, and of how many
 LAST_ROW = [0, 0, 0, 1]  # of a pose (4, 4)
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
 PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
@@ -75,29 +78,38 @@ class ExposedPhotograph:
     camera_id: int
     middle: Array  # (4, 4), at mid exposure
     ends: tuple[Array, Array] | None = None  # (4, 4) at shutter-open and shutter-close, None without views
-    smear_px: float | None = None  # median length of the smears of what it observes, None without points
+    smear_px: float | None = None  # length of its smear; None where it is unknown
 
 
-def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
+def with_views(
+    model: Any, folder: Path, max_smear_px: float = np.inf, show: Show = lambda done, count: None
+) -> list[ExposedPhotograph]:
     """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer smears.
 
-    A bound leaves out those whose smears are unknown, for want of views or points. DatabaseError if none is
+    The length is that which the results of the photograph state, where the model names the database that has
+    it, else the median of what the photograph observes. A bound leaves out those whose smears are unknown,
+    for want of views or points. DatabaseError if none is
     left, none of the model has both views, or a name leads out of the folder of photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
     for path in map(PurePosixPath, images):
         if path.is_absolute() or ".." in path.parts:  # masks and links are written by it
             raise DatabaseError(f"{folder}: image {path} lies outside of the folder of images; rename it")
-    photographs = []
-    for name in sorted(name for name in images if not name.endswith((OPEN, CLOSE))):
+    photographs, lengths = [], smear_lengths(database_of(folder) or folder)
+    names = sorted(name for name in images if not name.endswith((OPEN, CLOSE)))
+    for number, name in enumerate(names):
+        show(number, len(names))
         views = [images[name + end] for end in (OPEN, CLOSE) if name + end in images]
         both = len(views) == 2
+        smear_px = lengths.get(name) if both else None
+        if both and smear_px is None:
+            smear_px = _smear_px(images[name], views)
         one = ExposedPhotograph(
             name=name,
             camera_id=images[name].camera_id,
             middle=_world_from_camera(images[name]),
             ends=(_world_from_camera(views[0]), _world_from_camera(views[1])) if both else None,
-            smear_px=_smear_px(images[name], views) if both else None,
+            smear_px=smear_px,
         )
         photographs.append(one)
     if all(one.ends is None for one in photographs):
@@ -126,18 +138,20 @@ def transforms(
     images: str = "images",
     exposure_s: float = 1.0,
     max_smear_px: float = np.inf,
+    show: Show = lambda done, count: None,
 ) -> dict[str, Any]:
     """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
     Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
     of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect;
     photographs with a longer median smear are left out, and, where there is a bound, unknown ones.
+    ``show`` is called with how many are read, and of how many.
     DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
     ValueError if the dialect is unknown or the exposure time not positive and finite.
     """
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
-    photographs = with_views(model, folder, max_smear_px)
+    photographs = with_views(model, folder, max_smear_px, show)
     cameras = {one.camera_id: intrinsics(folder, model.cameras[one.camera_id]) for one in photographs}
     kinds = sorted({one["camera_model"] for one in cameras.values()})
     if len(kinds) > 1:

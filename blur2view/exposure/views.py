@@ -49,6 +49,8 @@ class ExposureViews:
         Unknown, and so arbitrary, by default.
     usable : ndarray of bool, shape (N,), or None
         Points that are matched; None: all, where F or H is known.
+    smear_px : float or None
+        Length of the photograph's smear, pixels, 0 where the camera did not move; None where it is unknown.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class ExposureViews:
     camera: Camera | None
     time: TimeDirection = field(default_factory=TimeDirection)
     usable: NDArray[np.bool_] | None = None
+    smear_px: float | None = None
 
     def __post_init__(self) -> None:
         of_each = (self.sampson_px,) if self.usable is None else (self.sampson_px, self.usable)
@@ -128,6 +131,7 @@ def ordered_views(name: str, estimate: Estimate) -> ExposureViews:
         geometry=geometry,
         camera=estimate.camera,
         time=estimate.time,
+        smear_px=_smear_px(estimate),
     )
 
 
@@ -181,7 +185,14 @@ def keypoint_views(
         camera=estimate.camera,
         time=estimate.time,
         usable=usable,
+        smear_px=_smear_px(estimate),
     )
+
+
+def _smear_px(estimate: Estimate) -> float | None:
+    """Return the length of a photograph's smear as results state it, 0 where the camera did not move."""
+    length = estimate.blur.smear_px
+    return length if length is None or estimate.blur.kind.of_camera else 0.0
 
 
 def share_in_front(views: ExposureViews) -> float:
