@@ -21,7 +21,8 @@ def program() -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
         here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
         sys.path[:] = [one for one in sys.path if one == here or one not in ("", _folder())]
-        from blur2view.cli.commands import INTERRUPTED, main
+        from blur2view.cli.commands import main
+        from blur2view.cli.terminal import INTERRUPTED
 
         code = main()
         if code == INTERRUPTED:  # a network may run on in its thread, which nobody waits for

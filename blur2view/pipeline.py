@@ -11,7 +11,7 @@ from blur2view.arrays import AnyArray, require
 from blur2view.camera.camera import Camera
 from blur2view.camera.intrinsics import Intrinsics, read_exif
 from blur2view.geometry.pose import AngularVelocity
-from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_pixels
 from blur2view.images.source import read_content
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from PIL import Image
 
 CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
-LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

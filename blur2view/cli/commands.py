@@ -15,10 +15,9 @@ from typing import Any
 
 from blur2view import __version__
 from blur2view.cli.adapter import CommandParser, Layout, PrintingParser, add_table
-from blur2view.cli.terminal import EXIT_CODES, complain, printable
+from blur2view.cli.terminal import EXIT_CODES, FAILED, INTERRUPTED, UNREAD, complain, printable
 from blur2view.errors import Blur2ViewError
 
-FAILED, INTERRUPTED, UNREAD = 1, 130, 141
 NO_MEMORY = "failed to map", "start new thread", "allocate memory"  # in errors of Python's
 COMMANDS = {
     "estimate": "say what the camera did while the shutter was open: F, with intrinsics E and the pose",

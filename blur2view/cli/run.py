@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.cli.options import Folder
-from blur2view.cli.terminal import Say, complain, plural, printable, progress
+from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, Say, complain, plural, printable, progress
 from blur2view.cli.work import Setup
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.exposure.gyroflow import gyroflow_log
@@ -26,7 +26,6 @@ from blur2view.results.photograph import Photograph, table_text
 from blur2view.runs.executors import Cluster, executor
 from blur2view.runs.jobs import Executor, Job, Outcome, Work, identified, neighbours_of, outcomes
 
-DONE, FAILED, INTERRUPTED = 0, 1, 130
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 Files = tuple[Path, ...]
 Targets = Mapping[str, tuple[Path | None, str]]

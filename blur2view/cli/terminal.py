@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from blur2view.results.photograph import Photograph
 
 Say = Callable[..., None]
+DONE, FAILED, INTERRUPTED, UNREAD = 0, 1, 130, 141  # exit codes
 EXIT_CODES = """
 0: done; a photograph without F is a result, with its reason
 1: something failed: one line on stderr each, other photographs are done all the same

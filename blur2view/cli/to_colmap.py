@@ -32,7 +32,6 @@ from blur2view.images.source import Source
 from blur2view.movers.mask import MotionLabel, segment
 from blur2view.runs.jobs import Job, Outcome
 
-NO_GEOMETRY = ("DEGENERATE", "UNDEFINED")  # configurations with neither F nor H
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
@@ -297,7 +296,7 @@ def named_jobs(
 def views_record(job: LinkJob, views: ExposureViews) -> dict[str, Any]:
     """Return what is said of a photograph's views, in JSON's types."""
     geometry, plan, count = views.geometry, job.plan, len(matched(views))
-    unsure = plan is not None and not count and geometry.config.name not in NO_GEOMETRY
+    unsure = plan is not None and not count and not (geometry.F is None and geometry.H is None)
     return {
         "image": str(job.source),
         "name": views.name,

@@ -6,7 +6,9 @@ from argparse import ArgumentTypeError
 from collections.abc import Callable
 from pathlib import Path
 
-LONG_S, SHORT_PX = 2.0, 100.0  # an exposure beyond, a focal length below needs its unit
+from blur2view.geometry.rolling_shutter import LONG_S
+
+SHORT_PX = 100.0  # a focal length below, as an exposure beyond LONG_S, needs its unit
 SHORTEST_S = 1e-9  # no shutter and no flash is as short
 Allowed = Callable[[float, str], object]
 

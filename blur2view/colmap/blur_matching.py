@@ -18,7 +18,7 @@ from blur2view.arrays import TINY, Array
 
 GAMMA = 2.2  # of stored pixels
 HALF_PATCH = 14  # pixels; patches of 29 px
-APART = 2  # pixels from one sample of a patch to the next where two are compared
+SAMPLE_STEP = 2  # pixels from one sample of a patch to the next where two are compared
 SAMPLE_PX, MOST_SAMPLES = 1.5, 24  # of a smear's length to each sample of it; and at most so many
 LEAST_PX = 0.5  # of a smear that blurs
 LONGEST_SHARE = 0.97  # of a picture's smears; what is longer is shortened to that
@@ -102,7 +102,7 @@ def sampled(image: Any, points: Array) -> Array:
 
 def patches(image: Any, points: Array) -> Any:
     """Return patches (N, M, ...) of an image about points (N, 2), less their mean, float32."""
-    steps = np.arange(-HALF_PATCH, HALF_PATCH + 1, APART, dtype=np.float32)
+    steps = np.arange(-HALF_PATCH, HALF_PATCH + 1, SAMPLE_STEP, dtype=np.float32)
     offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     values = resampled(image, np.asarray(points, np.float32)[:, None] + offsets)
     return values - values.mean(axis=1, keepdims=True)
@@ -148,7 +148,7 @@ def match_patches(first: Any, second: Any, points: Array, levels: int) -> PatchM
     correlation = (here * there).sum(axis=1) / np.sqrt(energy * other_energy + 1.0)
     variance = np.maximum(energy * (1 - correlation**2) / here.shape[1], 1.0)
     slope = patches(gradients(one), points)
-    information = np.einsum("npi,npj->nij", slope, slope) * APART**2 + 1e-3 * np.eye(2)
+    information = np.einsum("npi,npj->nij", slope, slope) * SAMPLE_STEP**2 + 1e-3 * np.eye(2)
     # what differs is smooth over about half a patch, so that its pixels do not err independently
     covariance = np.linalg.inv(information) * (variance * HALF_PATCH)[:, None, None]
     return PatchMatches(moved=moved, correlation=correlation, covariance=covariance, found=found)

@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import to_colmap
 from blur2view.colmap.blur_matching import (
-    APART,
     HALF_PATCH,
+    SAMPLE_STEP,
     blurred_along,
     gradients,
     match_patches,
@@ -177,7 +177,7 @@ class Kernel:
         change = change - basis @ (across @ change)
         missed = there - (basis @ (across @ there[..., None]))[..., 0]
         variance = (0.1 * here.std(axis=1)) ** 2 + (missed**2).mean(axis=1) + 1e-6
-        weighted = change / (variance * HALF_PATCH / APART)[:, None, None]
+        weighted = change / (variance * HALF_PATCH / SAMPLE_STEP)[:, None, None]
         self.normal += np.tensordot(weighted, change, ((0, 1), (0, 1)))
         self.right += np.tensordot(weighted, missed, ((0, 1), (0, 1)))
 

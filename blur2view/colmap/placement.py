@@ -21,7 +21,7 @@ from blur2view.colmap.project import image_names, open_read_only, read_keypoints
 from blur2view.errors import DatabaseError
 from blur2view.exposure.camera_path import CameraPath, changed
 from blur2view.exposure.time_direction import frame_times, place_of
-from blur2view.exposure.trajectory import REACH, ExposedFrame, exposures
+from blur2view.exposure.trajectory import PATH_REACH, ExposedFrame, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 
 UNREGISTERED = "COLMAP did not register them"
@@ -123,7 +123,7 @@ def place_views(
         raise DatabaseError(f"{database}: {_nothing_to_place(Path(model), registered, names, refused)}")
     known = [name for name in names if name in registered]
     poses = np.stack([registered[name].cam_from_world().matrix() for name in known])
-    path = CameraPath(np.array([times[name] for name in known]), poses, REACH)
+    path = CameraPath(np.array([times[name] for name in known]), poses, PATH_REACH)
     frames = [_frame(reconstruction, one, times[one.photograph.name]) for one in linked]
     ends, used, measured = exposures(frames, path, fraction)
     placed = np.isfinite(ends[:, 0, 0])

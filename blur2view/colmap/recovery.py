@@ -32,9 +32,9 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.grid import SmearGrid
 
 WORK_SIDE = 960  # pixels: larger photographs are worked on in this size
-KEPT = 16  # pictures in memory
+PICTURES_KEPT = 16  # pictures in memory
 NEIGHBOURS = 4  # registered frames, the nearest, in which patches are taken
-REACH = 12  # frames to the nearest registered one
+NEAR_FRAMES = 12  # frames to the nearest registered one
 LEAST_POINTS = 30  # that a frame must see
 LEAST_FOUND = 0.1  # share of those looked for
 MOST_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
@@ -199,13 +199,13 @@ class FrameSequence:
     def expected(self, name: str) -> Expected | None:
         """Return where the other frames' path expects a frame; None where fewer than two are near."""
         times = np.array([self.times[one] for one in self.poses], float)
-        return CameraPath(times, np.stack(list(self.poses.values())), REACH).expected(self.times[name])
+        return CameraPath(times, np.stack(list(self.poses.values())), NEAR_FRAMES).expected(self.times[name])
 
     def view(self, name: str, pose: Array) -> View:
         """Return a frame at a pose, in the working size."""
         known = self._pictures.pop(name) if name in self._pictures else self._read(name)
         self._pictures[name] = known  # the latest last
-        while len(self._pictures) > KEPT:
+        while len(self._pictures) > PICTURES_KEPT:
             del self._pictures[next(iter(self._pictures))]
         light, grid, camera = known
         return View(image=light, grid=grid, camera=camera, pose=pose)
@@ -233,7 +233,7 @@ class FrameSequence:
         """Return a frame with its pose, or why there is none."""
         expected, near = self.expected(name), self.near(name)[:NEIGHBOURS]
         if expected is None:
-            return f"fewer than two registered frames are within {REACH} frames"
+            return f"fewer than two registered frames are within {NEAR_FRAMES} frames"
         view = self.view(name, expected.pose)
         neighbours = [self.view(one, self.poses[one]) for one in near]
         seen = [self.points_of(one) for one in near]

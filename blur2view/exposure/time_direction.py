@@ -38,7 +38,7 @@ MAX_EXPOSURES_APART = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6)
 ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
 CHEIRALITY_WEIGHT = 0.1  # of the share of points in front of both cameras: decides where orders are equal
 MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
-APART = 100  # frames; of those so far apart nothing is concluded
+FAR_APART = 100  # frames; of those so far apart nothing is concluded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -185,7 +185,7 @@ def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[
 
 
 def frame_times(names: Sequence[str]) -> list[int]:
-    """Return when frames in order were taken, `APART` where numbers step otherwise than most do.
+    """Return when frames in order were taken, `FAR_APART` where numbers step otherwise than most do.
 
     Nor are frames of two folders neighbours. Names that differ in more than their number follow one another.
     """
@@ -195,7 +195,7 @@ def frame_times(names: Sequence[str]) -> list[int]:
         own = [second - first for (_, first), (_, second) in pairwise(numbered)]
         usual = max(sorted(set(own)), key=own.count, default=0)
         alike = len({frame for frame, _ in numbered}) == 1
-        steps += [APART, *(APART if alike and step != usual else 1 for step in own)]
+        steps += [FAR_APART, *(FAR_APART if alike and step != usual else 1 for step in own)]
     return list(accumulate(steps))
 
 

@@ -19,10 +19,10 @@ from blur2view.exposure.camera_path import CameraPath, change_of, changed
 from blur2view.geometry.rotation import rotation_flow
 from blur2view.two_view.least_squares import reweighted_motion
 
-INDEPENDENT_SMEARS = 4  # at most: with more, smears are called surer than tools.evaluation.placed shows them
+MOST_INDEPENDENT = 4  # at most: with more, smears are called surer than tools.evaluation.placed shows them
 MIN_SMEARS = 8  # smears; with fewer a frame's own rotation is not estimated
 STEPS = 15  # of reweighting: from a trajectory that is far off it takes ten
-REACH = 3.5  # frames to the knots of the path
+PATH_REACH = 3.5  # frames to the knots of the path
 BEYOND = 3.0  # times less sure where one side has no frame
 FACTORS: Array = np.geomspace(0.03, 64, 29)  # standard deviation of a trajectory's rotations, of their size
 FREEDOM = 4  # degrees, of Student's t: some frames are outliers
@@ -153,7 +153,7 @@ def _turn(frame: ExposedFrame, motion: Array, precision: float) -> tuple[Array, 
     if len(frame.rays) < MIN_SMEARS or not np.isfinite(motion).all():
         return motion[:3], np.zeros((3, 3)), sense
     length = np.linalg.norm(frame.displacement, axis=1) + TINY
-    share = min(1.0, INDEPENDENT_SMEARS / len(length))
+    share = min(1.0, MOST_INDEPENDENT / len(length))
     rows = rotation_flow(frame.rays).transpose(1, 0, 2) / length
     moved = frame.displacement - frame.flow(np.append(np.zeros(3), motion[3:]))
 

@@ -13,7 +13,7 @@ from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.smears.grid import smear_ends
-from blur2view.smears.matches import LEAST_SIGMA_PX
+from blur2view.smears.matches import TINY_SIGMA_PX
 from blur2view.smears.noise import across_px, sampson_px
 from blur2view.two_view.consensus import EstimatorOptions
 from blur2view.two_view.order import end_order, open_and_close
@@ -156,7 +156,7 @@ def keypoint_views(
     inside: NDArray[np.bool_] = np.all(within, axis=1)
     points = np.where(inside[:, None], keypoints, 0.0)
     smears = grid.at(points)
-    length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), LEAST_SIGMA_PX)
+    length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), TINY_SIGMA_PX)
     moves = estimate.blur.kind.of_camera  # else a smear is its error
     ends = smear_ends(points, smears.displacement * moves)
     across = across_px(length, smears.sigma_rad.astype(float))

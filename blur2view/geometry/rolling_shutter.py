@@ -17,6 +17,7 @@ from blur2view.arrays import Array
 from blur2view.smears.matches import SmearMatches
 
 LONGEST_S = 1.0  # no electronic shutter is as slow
+LONG_S = 2.0  # an exposure beyond is taken for milliseconds
 LEAST = 0.1  # of an exposure; points that keep up with the rows would be seen for less
 AROUND = 16  # smears that decide the order of one: without parallax the order of some is open
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
@@ -68,6 +69,12 @@ FAMILIES = {
 """What a camera may have done, each with its models: a shutter of either kind."""
 
 
+def likeliest_of(probability: Callable[..., float | None]) -> tuple[MotionModel, float]:
+    """Return the likeliest of `FAMILIES` by what returns the probability of some models, and its own."""
+    odds = {name: probability(*models) or 0.0 for name, models in FAMILIES.items()}
+    return max(odds.items(), key=lambda one: one[1])
+
+
 @dataclass(frozen=True, kw_only=True)
 class ModelRow:
     """One model: its free parameters, its log-likelihood and its probability.
@@ -102,8 +109,7 @@ class ModelTable:
 
     def likeliest(self) -> tuple[MotionModel, float]:
         """Return the likeliest of `FAMILIES` and its probability, which is 0 where none were compared."""
-        odds = {name: self.probability(*models) or 0.0 for name, models in FAMILIES.items()}
-        return max(odds.items(), key=lambda one: one[1])
+        return likeliest_of(self.probability)
 
 
 @dataclass(frozen=True, kw_only=True)

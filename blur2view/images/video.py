@@ -16,7 +16,7 @@ from blur2view.errors import ImageError
 # Of what OpenCV's FFmpeg reads.
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
-KEPT = 3  # frames: one and both beside it
+FRAMES_KEPT = 3  # frames: one and both beside it
 # Containers round the number of frames: what is missing of the last second, or of the last quarter of less
 # than four, was never there.
 TAIL_S, TAIL_SHARE = 1.0, 0.25
@@ -143,7 +143,7 @@ class _Reader:
         if not read:
             raise ImageError(f"{self.video}: frame {number} is damaged; copy the video again")
         self.recent[number] = np.asarray(pixels, np.uint8), self._time_s(number)
-        for oldest in list(self.recent)[:-KEPT]:
+        for oldest in list(self.recent)[:-FRAMES_KEPT]:
             del self.recent[oldest]
         return self.recent[number][0]
 

@@ -78,7 +78,7 @@ class MotionMask:
     reason: str
 
 
-class Estimated(Protocol):
+class EstimateLike(Protocol):
     """What is asked of a `blur2view.Estimate`."""
 
     @property
@@ -96,7 +96,7 @@ class Estimated(Protocol):
 
 @one_thread
 def segment(
-    estimate: Estimated,
+    estimate: EstimateLike,
     image: AnyArray,
     rng: np.random.Generator | None = None,
     *,

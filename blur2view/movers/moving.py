@@ -19,7 +19,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.movers.camera_motion import camera_field
 from blur2view.movers.evidence import PLACE_PX, Cells, Picture, cell_values, of_cells, of_places
 from blur2view.networks.model_file import BLUR, UNET, Execution, shipped
-from blur2view.networks.octave_reader import LENGTHS
+from blur2view.networks.octave_reader import LARGE_PX, LENGTHS
 from blur2view.networks.protocol import Detail
 from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
 from blur2view.networks.spectra import STEP
@@ -36,7 +36,7 @@ ALIKE = 2 / 3
 """Weight of the mean over places nearby of a like colour; the place itself has the rest."""
 LEFT = 0.05
 """Weight, in the fit of the camera's motion, of what looks most like moving."""
-REACH, SURE = 0.5, 0.8
+EDGE_HEIGHT, TOP_HEIGHT = 0.5, 0.8
 """Heights between the median and the highest log-odds of a photograph: of a part's edge, and what each part
 must reach. Chosen, as NEAR, on every second photograph; tools/results/segmentation.md has the others."""
 AT_REST = 1.0
@@ -47,8 +47,6 @@ THRESHOLD = 0.5
 PLAIN_PX = 4.0
 """Length of the camera's motion that speaks neither for nor against it: of half of the rendered and real
 photographs of tools/results/segmentation.md it errs in the fewest."""
-MOST_PX = 2_500_000
-"""Pixels of a photograph; larger ones are halved until they have no more."""
 LUMA, COLOUR, NEAR = 0.07, 0.025, 0.13
 """Standard deviations of the weights: luma, differences of colours, and position as a share of the width."""
 BIN = 1.5
@@ -95,9 +93,11 @@ class Moving:
             return np.zeros(seen.shape, bool)
         low, high = np.median(self.log_odds[seen]), self.log_odds[seen].max()
         height = (self.log_odds - low) / max(high - low, 1e-6)
-        count, part = cv2.connectedComponents((seen & (height > REACH)).astype(np.uint8), connectivity=4)
+        count, part = cv2.connectedComponents(
+            (seen & (height > EDGE_HEIGHT)).astype(np.uint8), connectivity=4
+        )
         moves = np.zeros(count, bool)
-        moves[part[seen & (height > SURE) & (sigmoid(self.log_odds) >= threshold)]] = True
+        moves[part[seen & (height > TOP_HEIGHT) & (sigmoid(self.log_odds) >= threshold)]] = True
         moves[0] = False
         return np.asarray(moves[part])
 
@@ -211,9 +211,9 @@ def sigmoid(log_odds: AnyArray | float) -> Array:
 
 
 def factor_of(grid: SmearGrid) -> int:
-    """Return by how much a photograph is reduced: to no more than `MOST_PX`, in cells of `STEP` pixels."""
+    """Return by how much a photograph is reduced: to no more than `LARGE_PX`, in cells of `STEP` pixels."""
     factor = 1
-    while grid.shape[0] * grid.shape[1] > MOST_PX * factor**2 or grid.stride > STEP * factor:
+    while grid.shape[0] * grid.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
         factor *= 2
     return factor
 

@@ -38,8 +38,9 @@ SMALLEST_PX = 90
 """Copies with a side below this are not made: a window of the network has 96 px."""
 LEAST_PX = 64
 """Least side of the smallest octave: two cells, more than its mirrored border."""
-LARGE_PIXELS = 2_500_000
-"""Of an octave's picture, from which on the network gives memory back: the next is four times as large."""
+LARGE_PX = 2_500_000
+"""Pixels of a photograph, 1920x1080 among them, of which every window is read; those with more are halved for
+what moves by itself, and after an octave of more a network gives its memory back."""
 LONG_PX = 12.0
 """Length, in an octave's pixels, from which on a finer one says no more."""
 SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
@@ -92,7 +93,7 @@ class OctaveReader:
         for k, picture in pictures:
             windows = windows_of(picture, max(STEP, apart >> k))
             spectra.insert(0, power_spectra(windows, self.threads))
-            shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PIXELS
+            shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
             del picture, windows  # a large photograph's
             read = self.read_octave(shown, spectra[0], read, frugal)
             if k and STEP << k <= apart and not_short(read):

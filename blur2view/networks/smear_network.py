@@ -14,7 +14,15 @@ from PIL import Image
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.networks.model_file import SMEAR, Execution, OnnxNetwork, model_path, usable_cores
-from blur2view.networks.octave_reader import LEAST_PX, LEVELS, VALUES, OctaveReader, octave_count, octaves
+from blur2view.networks.octave_reader import (
+    LARGE_PX,
+    LEAST_PX,
+    LEVELS,
+    VALUES,
+    OctaveReader,
+    octave_count,
+    octaves,
+)
 from blur2view.networks.protocol import Detail
 from blur2view.networks.spectra import STEP
 from blur2view.networks.threads import one_thread
@@ -25,8 +33,6 @@ from blur2view.smears.noise import WINDOW_PX
 Floats = NDArray[np.float32]
 
 
-MOST_PX = 2_500_000
-"""Pixels of a photograph of which every window is read, 1920x1080 among them."""
 LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
 # Where at most one grey level of 255 is seen within this many pixels nothing can be measured and the network
@@ -127,7 +133,7 @@ class SmearNetwork:
     def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
         """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
         pixels = shape[0] * shape[1]
-        if detail is Detail.GEOMETRY and pixels <= MOST_PX:
+        if detail is Detail.GEOMETRY and pixels <= LARGE_PX:
             return 0
         return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 

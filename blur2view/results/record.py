@@ -6,7 +6,7 @@ import math
 from dataclasses import MISSING, dataclass, field
 from typing import Any
 
-from blur2view.geometry.two_view_geometry import FAMILIES, MotionModel
+from blur2view.geometry.two_view_geometry import FAMILIES, MotionModel, likeliest_of
 
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)
@@ -169,17 +169,12 @@ class Record:
     @derived
     def model(self) -> str:
         """The likeliest of no motion, rotation, plane and parallax; empty where none were compared."""
-        return str(self._likeliest[0]) if self.models else ""
+        return str(likeliest_of(self.probability)[0]) if self.models else ""
 
     @derived
     def model_probability(self) -> float | None:
         """The probability of the likeliest, with a shutter of either kind."""
-        return self._likeliest[1] if self.models else None
-
-    @property
-    def _likeliest(self) -> tuple[str, float]:
-        odds = {str(name): self.probability(*models) or 0.0 for name, models in FAMILIES.items()}
-        return max(odds.items(), key=lambda one: one[1])
+        return likeliest_of(self.probability)[1] if self.models else None
 
     @derived
     def parallax_probability(self) -> float | None:

@@ -25,9 +25,9 @@ STILL_PX = 0.4
 """Length that stands for bin 0, anything shorter: most of it is no smear at all."""
 LABEL_SPREAD = 0.6
 """Standard deviation, in bins, of what the likelihood was fitted to."""
-REACH = 2
+PEAK_BINS = 2
 """Bins on each side of the peak whose mean is the smear."""
-SURE = 0.6
+SURE_PEAK = 0.6
 """Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
 (tools/results/training_log.md, 20 test photographs)."""
 ANY_PX = 16.0
@@ -124,7 +124,7 @@ def _smears(likelihood: Floats) -> tuple[Floats, Floats]:
     # of both, for the mean length is too long where nothing moves, the mean displacement too short where
     # directions are open (24 development scenes, Kodak: tools/results/training_log.md)
     mean_length = np.sqrt(weight.sum(-1) * np.hypot(x, y))
-    sure = mass >= SURE
+    sure = mass >= SURE_PEAK
     return np.where(sure, direction, mean), np.where(sure, length, mean_length)
 
 
@@ -135,7 +135,7 @@ def _peak(likelihood: Floats) -> tuple[Floats, Floats, Floats]:
     wide = np.pad(wide, [(0, 0)] * 3 + [(1, 1)])
     smooth = wide[..., :-2] + wide[..., 1:-1] + wide[..., 2:]  # of 3 x 3 bins: steadier than single ones
     row, column = np.divmod(smooth.reshape(*smooth.shape[:2], -1).argmax(-1), bins)
-    steps = np.arange(-REACH, REACH + 1)
+    steps = np.arange(-PEAK_BINS, PEAK_BINS + 1)
     rows = (row[..., None, None] + steps[:, None]) % DIRECTIONS
     columns = column[..., None, None] + steps
     inside = (columns >= 0) & (columns < bins)

@@ -15,7 +15,8 @@ from blur2view.smears.noise import INDEPENDENT, NoiseModel, across_px, inlier_si
 
 SHORTEST_PX = 1.5
 """Shorter smears have no direction worth the name."""
-LEAST_SIGMA_PX = 1e-3
+TINY_SIGMA_PX = 1e-3
+"""What smaller standard deviations count as, so that none is 0."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,7 +155,7 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     inside = (points < grid.size).all(axis=-1)
     points, smears = points[inside], grid.at(points[inside])
     length = smears.length_px.astype(np.float64)
-    sigma = np.maximum(smears.sigma_px.astype(np.float64), LEAST_SIGMA_PX)
+    sigma = np.maximum(smears.sigma_px.astype(np.float64), TINY_SIGMA_PX)
     long = length >= SHORTEST_PX
     order = np.argsort(sigma, kind="stable")
     most = min(int(np.ceil(options.beta * len(length))), options.max_matches)

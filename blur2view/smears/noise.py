@@ -34,7 +34,7 @@ WINDOW_PX = 96
 """Side of the window that a cell is read from, pixels."""
 CORRELATED_CELLS = 46.0 / 9.0
 """How many times fewer cells are independent than their overlap says: the correlation reaches beyond it."""
-SURE = 0.68
+SURE_STILL = 0.68
 """Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear."""
 SAMPSON_SHARE = 0.5**0.5
 """Of the error across a smear, that of the Sampson distance of its two ends, which share it."""
@@ -124,7 +124,7 @@ def of_kinds(length_px: Floats, sigma_px: Floats, still: Floats) -> Floats:
     of 46 sharp photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears
     of 6 to 16 px does not change.
     """
-    short = (still >= SURE) & (length_px < SHORTEST_PX)
+    short = (still >= SURE_STILL) & (length_px < SHORTEST_PX)
     return np.where(short, np.minimum(sigma_px, np.hypot(length_px, np.float32(STILL_PX))), sigma_px)
 
 

@@ -13,7 +13,7 @@ from blur2view.colmap.blur_matching import blurred_along, match_patches
 from blur2view.colmap.blurred_tracks import track_frames
 from blur2view.colmap.exposure_motion import fit_smears, image_flow
 from blur2view.colmap.models import photographs_of
-from blur2view.colmap.recovery import REACH, Recovery, recover_frames
+from blur2view.colmap.recovery import NEAR_FRAMES, Recovery, recover_frames
 from blur2view.errors import DatabaseError
 from blur2view.exposure.camera_path import CameraPath, change_of
 from tests.support.blurred_plane import BlurredPlane, ExactSmears
@@ -59,7 +59,7 @@ def apart(pose: Array, truth: Array) -> tuple[float, float]:
 @pytest.mark.parametrize("k", MISSING)
 def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k: int) -> None:
     times = np.array(REGISTERED, float)
-    expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times]), REACH).expected(k)
+    expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times]), NEAR_FRAMES).expected(k)
     found = recovery.recovered[PLANE.names[k]]
     assert expected is not None
     inside, errors = PLANE.inside(PLANE.pixels(k)), []
@@ -189,7 +189,7 @@ def test_spline_of_a_cubic_path_is_exact_and_says_so() -> None:
         return np.column_stack([np.eye(3), [0.1 * time, 0.01 * time**2, 0.001 * time**3]])
 
     times = np.array([0.0, 1, 2, 3, 5, 6, 7, 8, 9])
-    expected = CameraPath(times, np.stack([pose(time) for time in times]), REACH).expected(4.0)
+    expected = CameraPath(times, np.stack([pose(time) for time in times]), NEAR_FRAMES).expected(4.0)
     assert expected is not None
     assert apart(expected.pose, pose(4.0)) == pytest.approx((0, 0), abs=1e-6)
     assert expected.rotation_rad < 1e-6 and expected.position < 1e-6

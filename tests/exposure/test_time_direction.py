@@ -11,7 +11,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.time_direction import (
-    APART,
+    FAR_APART,
     NeighbourMotion,
     agreement_of,
     consecutive_runs,
@@ -197,6 +197,6 @@ def test_frames_that_are_left_out_leave_a_gap() -> None:
         (["b.jpg", "a.jpg", "f_1.jpg"], [3]),
     ):
         times = frame_times(names)
-        assert [len(list(part)) for _, part in groupby(times, lambda time: (time + 50) // APART)] == parts
-        assert all(later - time in (1, APART) for time, later in pairwise(times))
+        assert [len(list(part)) for _, part in groupby(times, lambda time: (time + 50) // FAR_APART)] == parts
+        assert all(later - time in (1, FAR_APART) for time, later in pairwise(times))
     assert frame_times([]) == []

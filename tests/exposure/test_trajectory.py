@@ -9,7 +9,14 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.exposure.camera_path import CameraPath, change_of
-from blur2view.exposure.trajectory import REACH, ExposedFrame, _placed, ends_on, exposures, motions_between
+from blur2view.exposure.trajectory import (
+    PATH_REACH,
+    ExposedFrame,
+    _placed,
+    ends_on,
+    exposures,
+    motions_between,
+)
 from blur2view.geometry.rotation import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
@@ -26,7 +33,9 @@ def frame(
 
 
 def path_of(poses: list[Array], times: Array | None = None) -> CameraPath:
-    return CameraPath(np.arange(len(poses), dtype=float) if times is None else times, np.stack(poses), REACH)
+    return CameraPath(
+        np.arange(len(poses), dtype=float) if times is None else times, np.stack(poses), PATH_REACH
+    )
 
 
 def steady(count: int) -> list[Array]:

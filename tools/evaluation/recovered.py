@@ -28,7 +28,7 @@ from scipy.stats import chi2
 from blur2view.arrays import Array
 from blur2view.camera.camera import from_colmap
 from blur2view.colmap.blur_matching import GAMMA, blurred_along, linear_light
-from blur2view.colmap.recovery import REACH, recover_frames
+from blur2view.colmap.recovery import NEAR_FRAMES, recover_frames
 from blur2view.exposure.camera_path import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
@@ -147,7 +147,7 @@ def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
     step = float(np.median(np.linalg.norm(np.diff(centres, axis=0), axis=1)))
     known = [name for name in names if name not in case.missing]
     path = CameraPath(
-        np.array([times[name] for name in known]), np.stack([case.true[name] for name in known]), REACH
+        np.array([times[name] for name in known]), np.stack([case.true[name] for name in known]), NEAR_FRAMES
     )
     frames = case.folder / "frames"
     found = recover_frames(case.folder / "model", frames, names, network=network)
