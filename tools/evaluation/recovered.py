@@ -3,13 +3,8 @@
 ``python -m tools.evaluation.recovered WORK --out tools/results/recovered.md`` renders videos of a hand's
 shake (`VideoOptions`) with short exposures and with long ones; runs of the latter are missing from a model
 that COLMAP triangulates of the former, from the true poses. With ``--sequence FOLDER``, of frames and their
-``model``, also that: runs of its frames are the mean of consecutive ones in linear light, and the model is
-that of the others, whose points are adjusted without them. Each missing frame is recovered and its pose
-compared with the true one, beside that of a spline through the others'. Positions are in steps, the median
-distance of consecutive frames. *holds* is the share of the accepted whose true pose is within the stated
-covariance at 90 %: its constants were chosen on the renderings in runs of 3, and nothing on the sequence.
-COLMAP at its best, on RedKitchen's 66 frames with runs of three missing, registers all:
-with smears of 37 px it is off by 0.49 degrees and 2.1 steps, with 52 px by 0.42 and 2.3.
+``model``, also that: the model is that of the other frames, whose points are adjusted without the missing
+ones. The page says what its columns mean.
 """
 
 import shutil
@@ -45,6 +40,19 @@ SHORT, LONG = 0.05, 0.9  # exposures over frame interval, of frames of the model
 FRAMES = 20
 PATCHES, TIMES, CONTRAST, POINT = 8, 2, 45.0, (60, 255, 90)  # of the picture
 Picture = NDArray[np.uint8]
+LEAD = """\
+Runs of frames are missing from a COLMAP model; `blur2view recover` registers them from its other frames.
+Renderings are of a hand's shake, sharp in the model and blurred where missing. The missing frames of a
+sequence are the mean of 1, 3, 5 and 7 consecutive ones in linear light. *Spline* is the pose interpolated
+between the model's frames, for all missing ones; *recovered* is that of the recovered ones. Errors of
+rotation are in degrees, of position in steps, the median distance of consecutive frames; they, the smears
+and the model's points that a recovered frame sees are medians over frames, the *worst* are rotations.
+*holds* is the share of recovered frames whose true pose lies within the stated covariance at 90 %, whose
+constants were chosen on the renderings in runs of 3.
+
+COLMAP at its best (`blur2view.blurred_options()`, exhaustive matching), once, on the same frames of
+RedKitchen, 66 with runs of three missing: all registered; at 38 px off by 0.49 degrees and 2.1 steps, at
+53 px by 0.42 and 2.3."""
 HEAD = (
     "frames | run | smear, px | recovered | spline: degrees | steps | recovered: degrees | steps | worst "
     "| spline's worst | points | holds"
@@ -254,7 +262,7 @@ def main(
         for run_length, wider in product(run_lengths, WIDER):
             case = from_sequence(sequence, work / f"sequence_{run_length}_{wider}", run_length, wider)
             rows.append(row(sequence.name, run_length, [measured(case, network)]))
-    publish(out, "# Frames that a model lacks, recovered", table(HEAD, rows))
+    publish(out, "# Frames that a model lacks, recovered", LEAD, table(HEAD, rows))
 
 
 if __name__ == "__main__":
