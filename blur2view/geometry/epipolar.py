@@ -104,7 +104,8 @@ def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
     Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
     """
     lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
-    along = lines / np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), TINY)
+    length = np.sqrt(lines[:, 0] ** 2 + lines[:, 1] ** 2)
+    along = lines / np.maximum(length, TINY)[:, None]
     return along, np.stack([-along[:, 1], along[:, 0]], axis=1)
 
 

@@ -100,6 +100,7 @@ GRID, GRID_STEP_DEG = 400, 4.5  # directions of translation over half a sphere, 
 # Smears looked at, or up to twice as many: with 200 of them 2 of 92 exact scenes (`test_estimate`) end
 # in another minimum of F, with 300 none; steps of reweighting: bound
 GRID_SMEARS, GRID_STEPS = 300, 6
+GRID_PARTS = 4  # so many directions at once that a cache holds them; all at once take a third longer: bound
 GRID_ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears: bound
 KNOWN_DEG = 30.0  # deviation of its direction below which a translation is given
 # Squared distances of the truth, among many independent smears, over those that the curvature states. With 3

@@ -53,8 +53,8 @@ class DirectionLikelihood:
         flow = rotation_flow(middle) / length
         rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
         unit = displacement.T / length
-        outwards = np.where((along * unit).sum(axis=1) >= 0, 1.0, -1.0)
-        wanted = outwards * (across * unit).sum(axis=1)  # (G, N)
+        outwards = np.where(along[:, 0] * unit[0] + along[:, 1] * unit[1] >= 0, 1.0, -1.0)
+        wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
         rotations, missed = reweighted_motion(
             rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: self.across
         )
@@ -66,7 +66,9 @@ class DirectionLikelihood:
     def grid(self) -> tuple[Array, Array, Array, Array]:
         """Directions (G, 3), their rotations (G, 3), costs (G,) and orders of smears (G, N)."""
         directions = half_sphere(c.GRID)
-        return (directions, *self.at(directions))
+        parts = [self.at(some) for some in np.array_split(directions, c.GRID_PARTS)]
+        rotations, costs, orders = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return directions, rotations, costs, orders
 
     @cached_property
     def best(self) -> tuple[Array, Array]:
