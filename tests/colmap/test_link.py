@@ -8,7 +8,7 @@ import pycolmap
 import pytest
 
 from blur2view.colmap.link import ProjectImage, Step, plan_links, write_links
-from blur2view.colmap.project import image_names, open_for_writing
+from blur2view.colmap.project import image_names, open_for_writing, smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
@@ -41,6 +41,14 @@ def only_plan(path: Path, name: str = "a_001.jpg", replace: bool = False) -> Pro
 def is_kept(path: Path, name: str = "a_001.jpg") -> bool:
     plan = only_plan(path, name)
     return isinstance(plan, ProjectImage) and plan.step is Step.KEEP
+
+
+def test_views_of_an_earlier_version_stay_beside_new_ones(path: Path) -> None:
+    link(path, "a_000.jpg")
+    run_sql(path, "ALTER TABLE blur2view_views DROP COLUMN smear_px")  # as of 0.3.0
+    plan, views = link_of(only_plan(path))
+    write_links(path, [(plan, replace(views, smear_px=7.5))], backup=False)
+    assert smear_lengths(path) == {"a_001.jpg": 7.5} and is_kept(path, "a_000.jpg")
 
 
 ROLLBACK = pytest.mark.parametrize("path", [ProjectOptions(wal=False)], indirect=True, ids=["journal"])
