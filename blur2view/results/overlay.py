@@ -118,7 +118,7 @@ def _legend(estimate: Estimate) -> str:
     """Return what the lines of an overlay are, of those that it has."""
     geometry, F, sure = estimate.geometry, lines_of(estimate.geometry), certainty_of(estimate.matches) >= 1
     explained = geometry.F is not None or geometry.H is not None
-    fits, drawn = geometry.inlier_mask, sure | explained
+    fits, drawn = geometry.inlier_mask, drawn_smears(estimate)
     words = ["coloured by direction: smears that fit"] * bool((fits & drawn).any())
     words += ["grey: smears that do not fit" if explained else "grey: smears"] * bool((~fits & drawn).any())
     words += ["thin: no longer than their errors"] * bool((~sure & drawn).any())
@@ -138,9 +138,7 @@ def draw_smears(image: AnyArray, estimate: Estimate, longest: int | None = None)
     spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
     certainty = certainty_of(matches)
     shown = spread_subset(view.to_canvas(matches.midpoint), certainty, spacing)
-    sure = certainty >= 1
-    if geometry.F is None and geometry.H is None:
-        shown = shown[sure[shown]]
+    shown, sure = shown[drawn_smears(estimate)[shown]], certainty >= 1
     F = lines_of(geometry)
     if F is not None:
         _draw_epipolar_lines(canvas, view, F, geometry, matches)
@@ -172,6 +170,12 @@ def epipolar_lines(
     close_ends = matches.ends[index, 1 - order]
     away = (lines * homogeneous(close_ends)).sum(axis=1, keepdims=True)
     return close_ends - away * lines[:, :2], np.column_stack([-lines[:, 1], lines[:, 0]])
+
+
+def drawn_smears(estimate: Estimate) -> NDArray[np.bool_]:
+    """Return which smears (N,) are drawn: where nothing explains them, those longer than their deviation."""
+    explained = estimate.geometry.F is not None or estimate.geometry.H is not None
+    return np.asarray((certainty_of(estimate.matches) >= 1) | explained)
 
 
 def certainty_of(matches: SmearMatches) -> Array:

@@ -26,8 +26,8 @@ from blur2view.results.overlay import (
     PINK,
     SQUARES,
     View,
-    certainty_of,
     draw_smears,
+    drawn_smears,
     epipolar_lines,
     epipoles_within,
     lines_of,
@@ -36,11 +36,22 @@ from blur2view.results.overlay import (
     spread_subset,
 )
 from blur2view.results.photograph import Photograph, entries
+from blur2view.results.verdict import rounded
 
 PICTURE_SIDE_PX, THUMBNAIL_SIDE_PX, MASK_SIDE_PX = 2048, 160, 1024
 PICTURE_QUALITY, THUMBNAIL_QUALITY = 90, 80  # of JPEG; a 1280x720 street has 160 kB at 90
 MOVING_RGBA, UNSEEN_RGBA = (*PINK, 150), (0, 0, 0, 140)
-ELSEWHERE = ("name", "verdict", "config", "models", "model_ids", "input_sha256", "options_sha256")
+ELSEWHERE = (
+    "name",
+    "width",
+    "height",
+    "verdict",
+    "config",
+    "models",
+    "model_ids",
+    "input_sha256",
+    "options_sha256",
+)
 
 
 def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
@@ -50,7 +61,7 @@ def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMa
     """
     side = min(PICTURE_SIDE_PX, max(image.shape[:2]))
     picture = View.of(image.shape, side).picture(image)
-    layers = [_uncertainty(estimate), *([] if mask is None else [_mask(mask)])]
+    layers = [_uncertainty(estimate), *([] if mask is None else _mask(mask))]
     return Template(_part("photograph.html")).substitute(
         number="@NUMBER@",
         name=escape(one.name),
@@ -60,6 +71,7 @@ def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMa
         height=one.height,
         picture=_jpeg(picture, PICTURE_QUALITY),
         layers="\n".join([*layers, *_smears(estimate), *_epipoles(estimate)]),
+        legend="\n".join(_legend(estimate, mask)),
         facts="\n".join(_facts(one)),
         file=escape(one.name.replace("/", "_") + ".json"),
         json=_uri("application/json", one.to_json().encode("utf-8", "surrogateescape")),
@@ -114,14 +126,48 @@ def _facts(one: Photograph) -> Iterable[str]:
         shown = f"{value:.4g}" if isinstance(value, float) else str(value)
         if isinstance(value, list):  # a matrix
             shown = "\n".join(", ".join(f"{one:.4g}" for one in row) for row in value)
-        yield f'<tr title="{escape(text)}"><td>{name}</td><td>{escape(shown)}</td></tr>'
+        label = "width_px, of the blur" if name == "width_px" else name
+        yield f'<tr title="{escape(text)}"><td>{label}</td><td>{escape(shown)}</td></tr>'
+
+
+def _legend(estimate: Estimate, mask: MotionMask | None) -> Iterable[str]:
+    """Yield what the layers show, each sentence of the class of its layer, and how to move the picture."""
+    geometry, fits, drawn = estimate.geometry, estimate.geometry.inlier_mask, drawn_smears(estimate)
+    explained = geometry.F is not None or geometry.H is not None
+    coloured = "Coloured lines are smears that fit the geometry, each direction in its colour. "
+    grey = f"Grey ones {'do not' if explained else 'are smears that no geometry explains'}. "
+    words = coloured * bool((fits & drawn).any()) + grey * bool((~fits & drawn).any())
+    if words:
+        lines = " and its epipolar line" * _has_lines(estimate)
+        yield f'<p class="legend of-smears">{words}The pointer over one shows its figures{lines}.</p>'
+    if _has_lines(estimate):
+        yield '<p class="legend of-lines">White lines are epipolar lines, a ring is an epipole.</p>'
+    low, high = np.exp(_uncertainty_range(estimate))
+    scale = f"from {rounded(low)} px, violet, to {rounded(high)} px, yellow"
+    yield f'<p class="legend of-uncertainty">Uncertainty is the standard deviation of a smear, {scale}.</p>'
+    if mask is not None and (mask.labels == MotionLabel.STATIC).all():
+        yield '<p class="legend">No mover found.</p>'
+    elif mask is not None:
+        pink = "Pink moves by itself. " * bool((mask.labels == MotionLabel.MOVING).any())
+        dark = "Where the picture is dark motion cannot be seen." * bool(
+            (mask.labels == MotionLabel.UNOBSERVABLE).any()
+        )
+        yield f'<p class="legend of-mask">{pink}{dark}</p>'
+    yield '<p class="legend">Ctrl and the wheel zoom, a drag moves the picture.</p>'
+
+
+def _has_lines(estimate: Estimate) -> bool:
+    """Return whether smears have epipolar lines here: those of a lens with distortion would be curves."""
+    straight = estimate.camera is None or not estimate.camera.distorted
+    return straight and len(estimate.matches) > 0 and lines_of(estimate.geometry) is not None
 
 
 def _smears(estimate: Estimate) -> Iterable[str]:
     """Yield the smears that were used, outliers first, each with its epipolar line and its figures."""
     matches, geometry, F = estimate.matches, estimate.geometry, lines_of(estimate.geometry)
-    straight = estimate.camera is None or not estimate.camera.distorted  # else lines would be curves
-    lines = None if F is None or not straight else epipolar_lines(F, matches, geometry.second_end_is_open)
+    lines = None
+    if F is not None and _has_lines(estimate):
+        lines = epipolar_lines(F, matches, geometry.second_end_is_open)
     distance = None if lines is None or F is None else np.sqrt(serrmin(F, matches.ends))
     colours = orientation_colours(matches.displacement)
     reach = float(np.hypot(*estimate.grid.size))
@@ -130,9 +176,9 @@ def _smears(estimate: Estimate) -> Iterable[str]:
     some = set(
         inliers[spread_subset(matches.midpoint[inliers], matches.length_px[inliers], spacing)].tolist()
     )
-    certain = certainty_of(matches) >= 1
+    drawn = drawn_smears(estimate)
     for k in sorted(range(len(matches)), key=lambda k: bool(geometry.inlier_mask[k])):
-        if not certain[k] and geometry.F is None and geometry.H is None:
+        if not drawn[k]:
             continue
         ends, fits = matches.ends[k], bool(geometry.inlier_mask[k])
         colour = "" if not fits else f' stroke="rgb{tuple(colours[k].tolist())}"'
@@ -163,16 +209,28 @@ def _epipoles(estimate: Estimate) -> Iterable[str]:
 def _uncertainty(estimate: Estimate) -> str:
     """Return the map of the smears' deviations, on a logarithmic scale, as a picture of one pixel a cell."""
     grid = estimate.grid
-    logs = np.log(np.maximum(grid.smears().sigma_px, 1e-3))
-    low, high = np.percentile(logs, [2, 98])
-    levels = np.round(255 * np.clip((logs - low) / max(high - low, 0.1), 0, 1)).astype(np.uint8)
+    logs = _log_deviations(estimate)
+    low, high = _uncertainty_range(estimate)
+    levels = np.round(255 * np.clip((logs - low) / (high - low), 0, 1)).astype(np.uint8)
     colours = cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     height, width = grid.stride * np.array(levels.shape)
     return _image(_png(colours), "uncertainty", width, height)
 
 
-def _mask(mask: MotionMask) -> str:
-    """Return what moves, pink, and where nothing can be seen, dark."""
+def _log_deviations(estimate: Estimate) -> AnyArray:
+    return np.log(np.maximum(estimate.grid.smears().sigma_px, 1e-3))
+
+
+def _uncertainty_range(estimate: Estimate) -> tuple[float, float]:
+    """Return the logarithms of the deviations, pixels, that the lowest and highest colour stand for."""
+    low, high = np.percentile(_log_deviations(estimate), [2, 98]).tolist()
+    return low, max(high, low + 0.1)
+
+
+def _mask(mask: MotionMask) -> Iterable[str]:
+    """Yield what moves, pink, and where nothing can be seen, dark, if there is either."""
+    if (mask.labels == MotionLabel.STATIC).all():
+        return
     height, width = mask.labels.shape
     scale = min(1.0, MASK_SIDE_PX / max(height, width))
     size = max(round(width * scale), 1), max(round(height * scale), 1)
@@ -180,7 +238,7 @@ def _mask(mask: MotionMask) -> str:
     colours = np.zeros((*labels.shape, 4), np.uint8)
     colours[labels == MotionLabel.MOVING] = MOVING_RGBA
     colours[labels == MotionLabel.UNOBSERVABLE] = UNSEEN_RGBA
-    return _image(_png(colours), "mask", width, height)
+    yield _image(_png(colours), "mask", width, height)
 
 
 def _image(uri: str, kind: str, width: int, height: int) -> str:

@@ -129,10 +129,10 @@ def length_text(one: Record) -> str:
     """Return the length of the photograph's smear in pixels and as a share of the width."""
     if one.smear_px is None:
         return "no smears"
-    return f"smears of {_rounded(one.smear_px)} px, {_rounded(one.smear_percent or 0.0)} % of the width"
+    return f"smears of {rounded(one.smear_px)} px, {rounded(one.smear_percent or 0.0)} % of the width"
 
 
-def _rounded(value: float) -> str:
+def rounded(value: float) -> str:
     """Return a number with two significant digits, without an exponent."""
     decimals = max(1 - math.floor(math.log10(max(abs(value), 1e-3))), 0)
     return f"{value:.{decimals}f}"

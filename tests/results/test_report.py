@@ -55,6 +55,14 @@ def test_what_was_not_asked_is_no_layer() -> None:
     assert 'class="mask"' in page_of(mask=True)[1] and 'class="mask"' not in page_of()[1]
 
 
+def test_each_layer_that_shows_something_is_explained() -> None:
+    page = page_of(mask=True)[1]
+    for layer, words in (("smears", "Coloured lines"), ("lines", "White lines"), ("mask", "Pink")):
+        assert f'<p class="legend of-{layer}">{words}' in page
+    assert re.search(r"Uncertainty is .* from [0-9.]+ px, violet, to [0-9.]+ px, yellow", page)
+    assert "of-lines" not in re.sub("<style>.*</style>", "", page_of(F=False)[1], flags=re.DOTALL)
+
+
 def test_several_photographs_have_an_index_and_failed_ones_their_reason() -> None:
     one, page = page_of(again=2)
     assert 'id="photo-0"' in page and 'href="#photo-1"' in page

@@ -16,7 +16,8 @@ for (const article of document.querySelectorAll("article")) {
 function zoomable(svg, button) {
   const whole = svg.getAttribute("viewBox");
   const box = svg.viewBox.baseVal;
-  const set = (x, y, width, height) => svg.setAttribute("viewBox", [x, y, width, height].join(" "));
+  const show = (view) => { svg.setAttribute("viewBox", view); button.hidden = view === whole; };
+  const set = (x, y, width, height) => show([x, y, width, height].join(" "));
   const at = (event) => new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
   svg.addEventListener("wheel", (event) => {
     if (!event.ctrlKey) return;
@@ -32,7 +33,7 @@ function zoomable(svg, button) {
     const to = at(event);
     set(box.x + from.x - to.x, box.y + from.y - to.y, box.width, box.height);
   });
-  button.addEventListener("click", () => svg.setAttribute("viewBox", whole));
+  button.addEventListener("click", () => show(whole));
 }
 
 // A click on a head sorts the index by that column, a second one the other way round.
