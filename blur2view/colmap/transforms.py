@@ -88,8 +88,8 @@ def with_views(
 
     The length is that which the results of the photograph state, where the model names the database that has
     it, else the median of what the photograph observes. A bound leaves out those whose smears are unknown,
-    for want of views or points. DatabaseError if none is
-    left, none of the model has both views, or a name leads out of the folder of photographs.
+    for want of views or points. DatabaseError if none is left, none of the model has both views, or a name
+    leads out of the folder of photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
     for path in map(PurePosixPath, images):
@@ -144,7 +144,7 @@ def transforms(
 
     Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
     of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect;
-    photographs with a longer median smear are left out, and, where there is a bound, unknown ones.
+    photographs with a longer smear are left out, and, where there is a bound, unknown ones.
     ``show`` is called with how many are read, and of how many.
     DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
     ValueError if the dialect is unknown or the exposure time not positive and finite.
