@@ -18,7 +18,11 @@ import pytest
 from tests.support.calls import Call, Exit, call_program
 from tests.support.colour_code import colour_code, colour_code_network, forward_motion, write_picture
 
-NEEDS_TORCH = ("tools/training/test_*.py", "tools/paper/test_losses.py")
+NEEDS_TORCH = (
+    "tools/training/test_*.py",
+    "tools/paper/test_losses.py",
+    "tools/rendering/test_layer_scenes.py",
+)
 collect_ignore_glob = [] if find_spec("torch") else list(NEEDS_TORCH)
 
 
