@@ -150,9 +150,12 @@ def named(
         if first is not MotionModel.STILL:  # which is likelier than each, not than all others
             config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
     few = ", as few smears follow F" * (parallax >= c.PROVEN_FROM)
-    prefix = "there is no parallax" if absent else f"parallax is undecided{few}"
-    likeliest = f"{first}, probability {probability:.2f}"
-    sentence = f"{likeliest}; {prefix}: {figures_of(table)}; {comparison}"
+    sentence = f"{'there is no parallax' if absent else f'parallax is undecided{few}'}: {figures_of(table)}"
+    if first is MotionModel.PARALLAX and not few:
+        sentence += f", less than the {c.PROVEN_FROM:g} that would prove it"
+    elif first is not MotionModel.PARALLAX:
+        sentence = f"{first}, probability {probability:.2f}; {sentence}"
+    sentence += f"; {comparison}"
     return choice(config=config, sentence=sentence, reports_F=not absent, homography=fields[model])
 
 
