@@ -56,9 +56,10 @@ def overlap(mask: MotionMask, box: tuple[slice, slice]) -> float:
 @pytest.mark.parametrize("camera", [SIDEWAYS, STILL], ids=["moving camera", "still camera"])
 def test_mover_is_found_where_it_is_and_described(camera: tuple[float, float]) -> None:
     _, found, mask = before(camera)
-    assert overlap(mask, BOX) > 0.65
+    least, off_px = (0.7, 32) if camera == SIDEWAYS else (0.68, 41)
+    assert overlap(mask, BOX) > least
     region = mask.regions[0]
-    np.testing.assert_allclose(region.centroid, (447.5, 239.5), atol=48)
+    np.testing.assert_allclose(region.centroid, (447.5, 239.5), atol=off_px)
     assert region.area_px == pytest.approx((mask.labels == MotionLabel.MOVING).sum(), rel=0.1)
     assert region.probability > 3 * mask.probability[mask.labels != MotionLabel.MOVING].mean()
     assert found.blur.kind.of_camera == (camera == SIDEWAYS)
