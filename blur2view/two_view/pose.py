@@ -59,16 +59,17 @@ def covariance_of(
 ) -> PoseCovariance:
     """Return the covariance of the pose of E at a point, of that over all ``directions`` about it.
 
-    It is the inverse of Gauss and Newton's normal matrix and, where few smears are independent, the spread of
-    the likelihood over the directions; where many are that is narrower than its grid, and the curvature, that
-    leaves out that orders and outliers are uncertain, is corrected by a factor.
+    It is the inverse of Gauss and Newton's normal matrix, times a factor as that leaves out that orders and
+    outliers are uncertain, and, where few smears are independent, the spread of the likelihood over the
+    directions; where many are that is narrower than its grid.
     """
     correlated = likelihood.fully_correlated
     normal, _ = FundamentalFit.likelier(point, correlated).normal_equations()
-    matrix = np.asarray(np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), np.float64)
+    curvature = np.asarray(np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), np.float64)
+    matrix = c.MISSED * curvature
     tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
     if correlated.effective_count >= c.LEAST_INDEPENDENT:
-        return PoseCovariance(matrix=c.MISSED * matrix, tangents=tangents)
+        return PoseCovariance(matrix=matrix, tangents=tangents)
     step = np.eye(5)
     step[3:, 3:] = tangents @ directions.tangents.T
     return PoseCovariance(matrix=matrix + step @ directions.matrix @ step.T, tangents=tangents)
