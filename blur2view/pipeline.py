@@ -15,6 +15,7 @@ from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_pixels
 from blur2view.images.source import read_content
+from blur2view.movers.mask import mask_of
 from blur2view.movers.moving import Moving, moving_in
 from blur2view.networks.model_file import Execution
 from blur2view.networks.protocol import Detail, SmearReader
@@ -185,4 +186,5 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearG
     if not in_doubt(grid):
         return grid, blur_of(grid, image), None
     moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
-    return grid, blur_of(grid, image, moving.share_of(grid), moving.camera_moved), moving
+    share = mask_of(moving, image).shares["moving"]
+    return grid, blur_of(grid, image, moving.share_of(grid), moving.camera_moved, share), moving

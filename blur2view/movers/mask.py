@@ -77,6 +77,11 @@ class MotionMask:
     regions: tuple[MovingRegion, ...]
     reason: str
 
+    @property
+    def shares(self) -> dict[str, float]:
+        """Shares of the pixels that are static, moving and unobservable."""
+        return {label.name.lower(): float((self.labels == label).mean()) for label in MotionLabel}
+
 
 class EstimateLike(Protocol):
     """What is asked of a `blur2view.Estimate`."""
@@ -129,7 +134,11 @@ def segment(
     if not 0 < threshold < 1:
         raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
     rng = np.random.default_rng(0) if rng is None else rng
-    found = estimate.moving or moving_in(image, grid, rng, estimate.execution)
+    return mask_of(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
+
+
+def mask_of(found: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
+    """Return the mask of what moves by itself in an image (H, W, 3) or (H, W)."""
     side = found.place_px
     probability = to_pixels(found.probability, image.shape, side)
     parts = to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)

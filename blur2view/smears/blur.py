@@ -127,12 +127,13 @@ def blur_of(
     image: AnyArray | None = None,
     moving: AnyArray | None = None,
     camera_moved: float | None = None,
+    moving_share: float | None = None,
 ) -> Blur:
     """Return the blur of a photograph; the photograph itself says why nothing can be seen.
 
     Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
-    (h, w) is the share of each cell that moves by itself, by default 0, and ``camera_moved`` the probability
-    that the camera did, by default as the blur of the cells has it.
+    (h, w) is the share of each cell that moves by itself, by default 0; ``moving_share`` that of the picture,
+    by default the mean; ``camera_moved`` the probability that the camera did, by default that of the cells.
     """
     smeared = with_length(Blur(kind=BlurKind.CAMERA_MOVED), grid)
     if smeared.smear_px is None:
@@ -145,7 +146,7 @@ def blur_of(
     if known.mean() < LEAST_KNOWN:
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
-    moving_share = float(share.mean())
+    moving_share = float(share.mean()) if moving_share is None else moving_share
     kind = kind_of(kinds * (1 - share[..., None]), moving_share, camera_moved)
     if smeared.is_short and camera_moved is None:
         kind = replace(smeared, kind=kind, moving_share=moving_share).at_rest().kind
