@@ -41,8 +41,8 @@ def plural(count: int, noun: str) -> str:
 
 
 def verdict_line(name: str, one: "Photograph") -> str:
-    """Return the one sentence that matters of a photograph, then the configuration by COLMAP's name."""
-    return f"{printable(name)}: {one.verdict} [{one.config}]"
+    """Return the one sentence that matters, then, where the camera moved, the configuration's COLMAP name."""
+    return f"{printable(name)}: {one.verdict}" + f" [{one.config}]" * one.moved
 
 
 class Bar:

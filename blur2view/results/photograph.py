@@ -11,7 +11,7 @@ import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from blur2view.results.record import Record, derived
 from blur2view.results.verdict import Limits, use_of, verdict
@@ -21,13 +21,8 @@ if TYPE_CHECKING:
     from blur2view.movers.mask import MotionMask
     from blur2view.pipeline import Estimate
 
-JSON_TYPES = {"Matrix": "3x3", "dict": "object"}
-FLAT = "str", "int", "float", "bool"
 FIRST = "name", "error", "use", "verdict", "blur"
 """Columns of a table that come first."""
-DIGITS = 6
-"""Significant digits of a table; of times so many decimals, which are of years."""
-TIME = "timestamp_s"
 FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
 
@@ -40,7 +35,8 @@ class Photograph(Record):
 
         ``stated`` are fields that they do not know, or other values.
         """
-        blur, (height, width) = estimate.blur, estimate.grid.shape
+        blur, geometry, camera = estimate.blur, estimate.geometry, estimate.camera
+        height, width = estimate.grid.shape
         known = {
             "width": width,
             "height": height,
@@ -49,21 +45,32 @@ class Photograph(Record):
             "moving_share": None if estimate.moving is None else blur.moving_share,
             "timestamp_s": estimate.timestamp_s,
             "model_ids": [estimate.model_id],
-            **_camera_motion(estimate),
+            "K": None if camera is None else camera.K,
+            "camera": _part(camera, "model", "params", "source", "known"),
+            **_geometry(geometry),
+            "reason": geometry.reason,
+            "models": [_part(row, *_MODEL) for row in geometry.table.rows],
+            "independent_smears": geometry.table.effective_count,
+            "num_matches": len(estimate.matches),
+            "num_inliers": int(geometry.inlier_mask.sum()),
+            "support_by_chance": geometry.support_by_chance,
+            "backward": None if geometry.backward is None else _geometry(geometry.backward),
+            "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
+            "time_known": estimate.time.known,
+            "time_confidence": estimate.time.confidence,
+            **({} if mask is None else _mask(mask)),
         }
-        if mask is not None:
-            known |= _mask(mask)
         return cls(**{key: _plain(value) for key, value in {"name": name, **known, **stated}.items()})
 
     def of_use(self, limits: Limits | None = None) -> Self:
         """Return the record with what the photograph is of use for within limits of blur."""
-        use, reason = use_of(self, limits or Limits())
-        return replace(self, use=use, use_reason=reason)
+        return replace(self, use=use_of(self, limits or Limits()))
 
     def of_blur_alone(self) -> Self:
         """Return what the record says but for geometry, as of a photograph looked at less closely."""
-        fresh = Photograph(name=self.name)
-        return replace(self, **{key: getattr(fresh, key) for key in _GEOMETRY})
+        fresh, names = Photograph(name=self.name), [one.name for one in fields(self)]
+        geometry = names[names.index("config") : names.index("backward") + 1]
+        return replace(self, **{name: getattr(fresh, name) for name in geometry})
 
     @derived
     def verdict(self) -> str:
@@ -82,25 +89,57 @@ class Photograph(Record):
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
-        """Return the record that JSON text holds; what is derived is computed anew.
+        """Return the record that JSON text of `to_json` holds; what is derived is computed anew.
 
-        ValueError if it holds no record. Types are not checked: the text is from `to_json`.
+        ValueError if it holds no record.
         """
-        try:
-            stored = json.loads(text, parse_constant=_refuse)
-        except RecursionError:
-            raise ValueError("is nested too deeply") from None
+        stored = json.loads(text)
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is no JSON document of a photograph")
         return cls(**{one.name: stored[one.name] for one in fields(cls) if one.name in stored})
 
 
 _BLUR = ("nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px")
+_MODEL = ("model", "parameters", "log_likelihood", "probability")
+_COVARIANCE = ("matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg")
 
 
-_GEOMETRY = ("config", "reason", "parallax", "models", "independent_smears", "F", "H",
-             "num_matches", "num_inliers", "support_by_chance", "E", "cam2_from_cam1", "pose_covariance",
-             "backward")  # fmt: skip
+def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
+    """Return the fields of a geometry that has a reverse in time."""
+    pose = geometry.cam2_from_cam1
+    values = {
+        "F": geometry.F,
+        "H": geometry.H,
+        "E": None if pose is None else geometry.E,
+        "cam2_from_cam1": _part(pose, "rotation", "translation"),
+        "pose_covariance": _part(geometry.covariance, *_COVARIANCE),
+        "config": geometry.config,
+        "parallax": geometry.parallax,
+    }
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _mask(mask: MotionMask) -> dict[str, Any]:
+    """Return the fields of a motion mask."""
+    regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
+    return {
+        "moving_share": mask.shares["moving"],
+        "mask": {"reason": mask.reason, "shares": mask.shares, "regions": regions},
+    }
+
+
+def _part(source: Any, *names: str) -> dict[str, Any] | None:
+    """Return what a record holds of an object, its attributes of these names; None of None."""
+    return None if source is None else {name: _plain(getattr(source, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    """Return an array or tuple as a list, an enum as its text."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, str):
+        return str(value)
+    return [_plain(one) for one in value] if isinstance(value, Sequence) else value
 
 
 def entries() -> Iterator[tuple[str, str, str]]:
@@ -109,24 +148,21 @@ def entries() -> Iterator[tuple[str, str, str]]:
         yield one.name, str(one.type), one.metadata["help"]
     for name, value in (vars(Photograph) | vars(Record)).items():
         if isinstance(value, derived):
-            assert value.fget is not None
-            text = " ".join((value.fget.__doc__ or "").split())
-            yield name, value.fget.__annotations__["return"], text
+            yield name, value.kind, value.text
 
 
 def explanations(*, flat: bool = False) -> dict[str, str]:
     """Return what explains the keys of JSON or, if ``flat``, the columns of a table."""
-    return {name: f"({_json_type(kind, flat)}) {text}" for name, kind, text in entries()
-            if not flat or _is_flat(kind)}  # fmt: skip
+    return {
+        name: f"({kind}) {text}" if not flat else text
+        for name, kind, text in ((name, _json_type(kind), text) for name, kind, text in entries())
+        if not flat or kind.split()[0] in ("str", "int", "float", "bool")
+    }
 
 
-def _is_flat(kind: str) -> bool:
-    return kind.removesuffix(" | None") in FLAT
-
-
-def _json_type(kind: str, flat: bool) -> str:
+def _json_type(kind: str) -> str:
     name = kind.removesuffix(" | None").partition("[")[0]
-    return JSON_TYPES.get(name, name) + (" or null" if kind.endswith("None") and not flat else "")
+    return {"Matrix": "3x3", "dict": "object"}.get(name, name) + " or null" * kind.endswith("None")
 
 
 def table_text(rows: Iterable[Photograph]) -> bytes:
@@ -149,75 +185,4 @@ def _cell(column: str, value: object) -> object:
         return f"./{value}"
     if not isinstance(value, float):
         return value
-    return round(value, DIGITS) if column == TIME else f"{value:.{DIGITS}g}"
-
-
-def _camera_motion(estimate: Estimate) -> dict[str, Any]:
-    """Return the fields that say what the camera did, and from what that is known."""
-    geometry, camera = estimate.geometry, estimate.camera
-    models = [
-        _part(row, "model", "parameters", "log_likelihood", "probability") for row in geometry.table.rows
-    ]
-    return {
-        **_geometry(geometry),
-        "reason": geometry.reason,
-        "models": models,
-        "independent_smears": geometry.table.effective_count,
-        "num_matches": len(estimate.matches),
-        "num_inliers": int(geometry.inlier_mask.sum()),
-        "support_by_chance": geometry.support_by_chance,
-        "K": None if camera is None else camera.K,
-        "camera": _part(camera, "model", "params", "source", "known"),
-        "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
-        "backward": None if geometry.backward is None else _geometry(geometry.backward),
-        "time_known": estimate.time.known,
-        "time_confidence": estimate.time.confidence,
-    }
-
-
-def _refuse(constant: str) -> NoReturn:
-    """Refuse NaN and infinity, which JSON does not have."""
-    raise ValueError(f"{constant} is no number")
-
-
-def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
-    """Return the fields of a geometry that has a reverse in time."""
-    pose, covariance = geometry.cam2_from_cam1, geometry.covariance
-    values = {
-        "F": geometry.F,
-        "H": geometry.H,
-        "E": None if pose is None else geometry.E,
-        "cam2_from_cam1": _part(pose, "rotation", "translation"),
-        "pose_covariance": _part(
-            covariance, "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
-        ),
-        "config": geometry.config,
-        "parallax": geometry.parallax,
-    }
-    return {name: _plain(value) for name, value in values.items()}
-
-
-def _mask(mask: MotionMask) -> dict[str, Any]:
-    """Return the fields of a motion mask."""
-    from blur2view.movers.mask import MotionLabel
-
-    shares = {label.name.lower(): float((mask.labels == label).mean()) for label in MotionLabel}
-    regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
-    return {
-        "moving_share": shares["moving"],
-        "mask": {"reason": mask.reason, "shares": shares, "regions": regions},
-    }
-
-
-def _part(source: Any, *names: str) -> dict[str, Any] | None:
-    """Return what a record holds of an object, its attributes of these names; None of None."""
-    return None if source is None else {name: _plain(getattr(source, name)) for name in names}
-
-
-def _plain(value: Any) -> Any:
-    """Return an array or tuple as a list, an enum as its text."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, str):
-        return str(value)
-    return [_plain(one) for one in value] if isinstance(value, Sequence) else value
+    return round(value, 6) if column == "timestamp_s" else f"{value:.6g}"  # times are of years

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
 from typing import Any
 
@@ -14,7 +15,7 @@ ALONG_SMEAR = math.sqrt(3)
 
 
 def explained(text: str, default: Any = None, *, factory: Any = MISSING) -> Any:
-    """Return the field of a record, optional unless ``default`` is `MISSING`, with what explains it."""
+    """Return the field of a record with what explains it, optional unless ``default`` is `MISSING`."""
     metadata = {"help": " ".join(text.split())}
     if factory is not MISSING:
         return field(default_factory=factory, metadata=metadata)
@@ -23,6 +24,26 @@ def explained(text: str, default: Any = None, *, factory: Any = MISSING) -> Any:
 
 class derived(property):  # noqa: N801
     """A value of a record that follows from others: written, explained, and never read back."""
+
+    def __init__(self, value: Callable[[Any], Any], text: str = "", kind: str = "float | None") -> None:
+        super().__init__(value)
+        self.text = " ".join((text or value.__doc__ or "").split())
+        self.kind = value.__annotations__.get("return", kind)
+
+
+def probability_of(text: str, *models: MotionModel) -> derived:
+    """Return the probability that it is one of some models, explained."""
+    return derived(lambda one: one.probability(*models), text)
+
+
+def rate_about(axis: int, text: str) -> derived:
+    """Return the angular velocity about an axis of the camera, explained."""
+    return derived(lambda one: None if one.rates is None else one.rates[axis], text)
+
+
+def rate_sigma_about(axis: int, text: str) -> derived:
+    """Return the standard deviation of the angular velocity about an axis of the camera, explained."""
+    return derived(lambda one: None if one.rate_sigmas is None else one.rate_sigmas[axis], text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,16 +54,12 @@ class Record:
     centre of the top-left one; only the ``params`` of a camera follow COLMAP: that centre is (0.5, 0.5).
     """
 
-    name: str = explained(
-        "The photograph, as COLMAP names it: below the folder that was given, or that all share.", MISSING
-    )
+    name: str = explained("As COLMAP names it: below the folder that was given, or that all share.", MISSING)
     error: str = explained("Why it failed; then all else is empty.", "")
     width: int | None = explained("Width in pixels, upright.")
     height: int | None = explained("Height in pixels, upright.")
     frame: int | None = explained("Number of the frame in its video, from 0.")
-    timestamp_s: float | None = explained(
-        "Its time in the video, of --timestamps, or the one that its file name states, seconds."
-    )
+    timestamp_s: float | None = explained("Its time in the video, of --timestamps or its file name, seconds.")
 
     blur: str = explained(
         """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of
@@ -54,97 +71,74 @@ class Record:
         """Length of the photograph's smear: the median over the picture, each place weighed by how well it
         shows its smear, pixels; null where nothing shows texture."""
     )
-    smear_sigma_px: float | None = explained(
-        "Standard deviation of that length, pixels. A length below it does not say that the camera moved."
-    )
+    smear_sigma_px: float | None = explained("Its standard deviation: a smear below it may be none.")
     direction_deg: float | None = explained(
-        """Direction of the smears, 0 to 180 degrees, from the x axis towards y, which points down; null where
-        they run in many."""
+        "Direction of the smears, 0 to 180 degrees, from x (right) towards y (down); null where in many."
     )
     defocus_px: float | None = explained(
-        """Radius of the disc that spreads as widely as the lens does, pixels: about 1 in focus. Of what is in
-        focus, if anything is."""
+        "Radius of the disc that spreads as widely as the lens, of what is in focus, pixels; 1 if sharp."
     )
     defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
-    moving_share: float | None = explained(
-        "Share of the picture that moves by itself; null where that was not asked."
-    )
-    use: str = explained(
-        """sharp, blurred (geometry can use it), out of focus, unclear or unusable: see uses of triage, whose
-        limits hold elsewhere as they are by default.""",
-        "",
-    )
-    use_reason: str = explained("Why it is of that use.", "")
+    moving_share: float | None = explained("Share of the picture that moves by itself; null if not asked.")
+    use: str = explained("sharp, blurred (geometry can use it), out of focus, unclear or unusable.", "")
 
+    K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
+    camera: dict[str, Any] | None = explained(
+        "The intrinsics as COLMAP has them: model, params (in COLMAP's pixels), source, known."
+    )
     config: str = explained(
-        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration, see configurations. It and
-        all that follows from geometry is not of triage, which looks less closely.""",
+        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all that follows from
+        geometry is empty of triage, which looks less closely.""",
         "",
     )
     reason: str = explained("One sentence with the figures that decided on the configuration.", "")
     parallax: str = explained(
-        """Whether the smears show things at different depths: proven (UNCALIBRATED, CALIBRATED), undecided (F
-        may be of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
+        """Whether things at different depths are seen: proven (UNCALIBRATED, CALIBRATED), undecided (F may be
+        of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
         "",
     )
     models: list[dict[str, Any]] = explained(
-        """Every model that was compared, likeliest first: model, parameters, log_likelihood, probability.""",
-        factory=list,
+        "The models, likeliest first: model, parameters, log_likelihood, probability.", factory=list
     )
-    independent_smears: float = explained(
-        "As many as if each erred for itself: the log-likelihoods are of so many.", 0.0
-    )
+    independent_smears: float = explained("How many smears of independent errors weigh as much.", 0.0)
     F: Matrix | None = explained(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
-        shutter-close, or the reverse: one photograph does not show the direction of time, so F and its
-        transpose are one answer. With lens distortion F, H and E hold for undistorted pixels."""
+        shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
+        hold for undistorted pixels."""
     )
     H: Matrix | None = explained(
-        """Homography of the same points, points2 ~ H points1, where one explains the smears; beside F
-        parallax is undecided."""
+        "Homography, points2 ~ H points1, where one explains the smears; beside F parallax is undecided."
     )
     num_matches: int | None = explained("Smears that were used.")
     num_inliers: int | None = explained("Smears that fit, see --max-error.")
-    support_by_chance: float | None = explained(
-        "Share of the smears that would fit if their directions were random."
-    )
-
-    K: Matrix | None = explained(
-        """Calibration matrix of the intrinsics that were used, in pixels with (0, 0) at the centre of the
-        top-left one."""
-    )
-    camera: dict[str, Any] | None = explained(
-        "These intrinsics as COLMAP has them: model, params (in COLMAP's pixels), source, known."
-    )
+    support_by_chance: float | None = explained("Share that would fit if directions were random.")
     E: Matrix | None = explained("Essential matrix of known intrinsics.")
     cam2_from_cam1: dict[str, Any] | None = explained(
-        """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse.
-        Where neither parallax is proven nor the direction of the translation known to 30 degrees it is zero,
-        and the rotation the one that explains the smears alone, or the mean over all directions."""
+        """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
+        is zero where neither parallax is proven nor its direction known to 30 degrees; the rotation is then
+        the one that explains the smears alone, or the mean over all directions."""
     )
     pose_covariance: dict[str, Any] | None = explained(
         """Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
         tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
+    backward: dict[str, Any] | None = explained(
+        """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
+        config, parallax; null where the rows leave no such smears."""
+    )
+
     exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
     readout_s: float | None = explained("From --readout: all is then of an exposure of all rows at once.")
-    backward: dict[str, Any] | None = explained(
-        """With --readout the geometry of the other order in time, which is another motion than the inverse:
-        F, H, E, cam2_from_cam1, pose_covariance, config, parallax; null where the rows leave no such smears
-        in that order."""
-    )
     gyroscope: bool = explained("Whether wx, wy and wz have the sign of a gyroscope, see --gyroscope.", False)
     time_known: bool = explained(
-        """Whether neighbouring frames, of a video or with --sequence, decided which end of the exposure came
-        first: else F, H, E, the pose, wx, wy, wz and the order of every smear may all be of the reverse.""",
+        """Whether neighbouring frames decided which end of the exposure came first: else F, H, E, the pose,
+        wx, wy, wz and the order of every smear may all be of the reverse.""",
         False,
     )
     time_confidence: float = explained("How sure that decision is, 0 to 1.", 0.0)
-
     mask: dict[str, Any] | None = explained(
-        """Of segment: reason (what the motion of a pixel was measured against), shares (of the pixels that
-        are static, moving, unobservable), regions (connected moving parts, largest first: area_px, box (x, y,
-        width, height), centroid, probability)."""
+        """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
+        unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid, probability)."""
     )
     beta: float | None = explained("The option of this name.")
     max_error_px: float | None = explained("The option --max-error.")
@@ -176,59 +170,33 @@ class Record:
         """The probability of the likeliest, with a shutter of either kind."""
         return likeliest_of(self.probability)[1] if self.models else None
 
-    @derived
-    def parallax_probability(self) -> float | None:
-        """Probability that things at different depths are seen; null where no models were compared."""
-        return self.probability(MotionModel.PARALLAX)
-
-    @derived
-    def rotation_probability(self) -> float | None:
-        """Probability that the camera turned alone, also with a rolling shutter."""
-        return self.probability(*FAMILIES[MotionModel.ROTATION])
-
-    @derived
-    def plane_probability(self) -> float | None:
-        """Probability that all lies in one plane, also with a rolling shutter."""
-        return self.probability(*FAMILIES[MotionModel.PLANE])
+    parallax_probability = probability_of(
+        "Probability that things at different depths are seen; null where no models were compared.",
+        MotionModel.PARALLAX,
+    )
+    rotation_probability = probability_of(
+        "Probability that the camera turned alone, also with a rolling shutter.",
+        *FAMILIES[MotionModel.ROTATION],
+    )
+    plane_probability = probability_of(
+        "Probability that all lies in one plane, also with a rolling shutter.", *FAMILIES[MotionModel.PLANE]
+    )
 
     @derived
     def rotation_deg(self) -> float | None:
         """Angle of the rotation during the exposure, degrees, with known intrinsics."""
-        vector = rotation_vector(self.cam2_from_cam1)
-        return None if vector is None else math.degrees(math.hypot(*vector))
+        return None if self.rates is None else math.degrees(math.hypot(*self.rates) * self.rated_s)
 
-    @derived
-    def wx(self) -> float | None:
+    wx = rate_about(
+        0,
         """Rotation vector of cam2_from_cam1 over the exposure time, about the camera's x (right), rate_unit.
-
-        A gyroscope, which turns with the camera, shows the negative. The sign is of time: see time_known.
-        """
-        return self._rate(0)
-
-    @derived
-    def wy(self) -> float | None:
-        """The same about y (down)."""
-        return self._rate(1)
-
-    @derived
-    def wz(self) -> float | None:
-        """The same about z (forwards)."""
-        return self._rate(2)
-
-    @derived
-    def sigma_wx(self) -> float | None:
-        """Standard deviation of wx."""
-        return self._rate_sigma(0)
-
-    @derived
-    def sigma_wy(self) -> float | None:
-        """Standard deviation of wy."""
-        return self._rate_sigma(1)
-
-    @derived
-    def sigma_wz(self) -> float | None:
-        """Standard deviation of wz."""
-        return self._rate_sigma(2)
+        A gyroscope, which turns with the camera, shows the negative. The sign is of time: see time_known.""",
+    )
+    wy = rate_about(1, "The same about y (down).")
+    wz = rate_about(2, "The same about z (forwards).")
+    sigma_wx = rate_sigma_about(0, "Standard deviation of wx.")
+    sigma_wy = rate_sigma_about(1, "Standard deviation of wy.")
+    sigma_wz = rate_sigma_about(2, "Standard deviation of wz.")
 
     @derived
     def rate_unit(self) -> str:
@@ -236,36 +204,42 @@ class Record:
         return "" if self.cam2_from_cam1 is None else "rad/s" if self.exposure_s else "rad"
 
     @property
+    def moved(self) -> bool:
+        """Whether the camera moved, so that a geometry was looked for."""
+        return self.blur in ("camera moved", "out of focus and moved")
+
+    @property
     def has_geometry(self) -> bool:
         """Whether F or H explains the smears, so that the views of the exposure are of use."""
         return self.F is not None or self.H is not None
+
+    @property
+    def rated_s(self) -> float:
+        """Time that rates are over: without an exposure time they are rotations, in radians."""
+        return self.exposure_s or 1.0
+
+    @property
+    def rates(self) -> list[float] | None:
+        """The angular velocity about x, y and z; None without a pose."""
+        if self.cam2_from_cam1 is None:
+            return None
+        import numpy as np
+
+        from blur2view.geometry.rotation import rotation_vector
+
+        vector = rotation_vector(np.array(self.cam2_from_cam1["rotation"])).tolist()
+        return [(-1 if self.gyroscope else 1) * angle / self.rated_s for angle in vector]
+
+    @property
+    def rate_sigmas(self) -> list[float] | None:
+        """Its standard deviations; None without a pose."""
+        if self.pose_covariance is None:
+            return None
+        variances = [self.pose_covariance["matrix"][axis][axis] for axis in range(3)]
+        return [math.sqrt(max(one, 0.0)) / self.rated_s for one in variances]
 
     def probability(self, *models: str) -> float | None:
         """Return the probability that it is one of these models; None where none were compared."""
         if not self.models:
             return None
         return float(sum(one["probability"] for one in self.models if one["model"] in models))
-
-    def _rate(self, axis: int) -> float | None:
-        vector = rotation_vector(self.cam2_from_cam1)
-        if vector is None:
-            return None
-        return (-1 if self.gyroscope else 1) * vector[axis] / (self.exposure_s or 1.0)
-
-    def _rate_sigma(self, axis: int) -> float | None:
-        if self.pose_covariance is None:
-            return None
-        variance = self.pose_covariance["matrix"][axis][axis]
-        return math.sqrt(max(variance, 0.0)) / (self.exposure_s or 1.0)
-
-
-def rotation_vector(pose: dict[str, Any] | None) -> list[float] | None:
-    """Return axis times angle, (3,), radians, of the rotation of a record's pose; None without one."""
-    if pose is None:
-        return None
-    import numpy as np
-
-    from blur2view.geometry import rotation
-
-    vector: list[float] = rotation.rotation_vector(np.array(pose["rotation"])).tolist()
-    return vector

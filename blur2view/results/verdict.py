@@ -37,49 +37,41 @@ class Use(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Up to where a photograph is called sharp.
-
-    Parameters
-    ----------
-    max_smear_px : float
-        Longest smear.
-    max_defocus_px : float
-        Largest radius out of focus.
-    """
+    """Up to where a photograph is called sharp: its longest smear and its largest radius out of focus."""
 
     max_smear_px: float = MAX_SMEAR_PX
     max_defocus_px: float = MAX_DEFOCUS_PX
 
 
-def use_of(one: Record, limits: Limits) -> tuple[str, str]:
-    """Return the use of a photograph, and why; both are empty if it failed.
+def use_of(one: Record, limits: Limits) -> str:
+    """Return the use of a photograph, empty if it failed.
 
     The kind of blur decides first: only where the camera moved the length of the smear is compared with the
     limit.
     """
     if one.error:
-        return "", ""
-    length, radius = one.smear_px, one.defocus_px or 0.0
-    if one.blur == "cannot tell" or length is None:
-        return Use.UNCLEAR, f"{one.nothing_seen or 'smooth or too dark'}: its blur is unknown"
-    still = one.blur in STILL
-    short = still or length <= limits.max_smear_px
-    soft = radius > limits.max_defocus_px
-    why = f"smear {length:.3g} px, {'at most' if short else 'above'} {limits.max_smear_px:g} px"
-    why = f"{one.blur}: no motion of the camera" if still else why
-    about_focus = f"radius out of focus {radius:.1f} px" + f", above {limits.max_defocus_px:g} px" * soft
-    if short and (one.blur == "out of focus" or soft):
-        return Use.OUT_OF_FOCUS, about_focus
-    if short:
-        return Use.SHARP, why
-    why += f"; {about_focus}" * soft
-    if not one.has_geometry:
-        return Use.UNUSABLE, f"{why}; no one motion of the camera explains it"
-    return Use.BLURRED, f"{why}; the camera's motion explains it, so that its views are of use"
+        return ""
+    if one.blur == "cannot tell" or one.smear_px is None:
+        return Use.UNCLEAR
+    if one.blur not in STILL and one.smear_px > limits.max_smear_px:
+        return Use.BLURRED if one.has_geometry else Use.UNUSABLE
+    soft = one.blur == "out of focus" or (one.defocus_px or 0.0) > limits.max_defocus_px
+    return Use.OUT_OF_FOCUS if soft else Use.SHARP
+
+
+def use_line(one: Record) -> str:
+    """Return what a photograph is of use for, and by how much it is blurred."""
+    if one.use == Use.UNCLEAR:
+        return f"{one.use} (no texture)"
+    if one.use == Use.OUT_OF_FOCUS:
+        return f"{one.use} ({_radius(one)})"
+    still = one.use == Use.SHARP and one.blur in STILL
+    return f"{one.use} ({'no motion of the camera' if still else length_text(one)})"
 
 
 def verdict(one: Record) -> str:
     """Return the sentence that matters: why there is no result, what blurred the photograph, what moved."""
+    soft = (one.defocus_px or 0.0) > MAX_DEFOCUS_PX
     match one.blur:
         case "":
             return one.error
@@ -88,41 +80,26 @@ def verdict(one: Record) -> str:
         case "out of focus":
             return f"Out of focus ({_radius(one)})"
         case "camera at rest":
-            soft = f"; out of focus ({_radius(one)})" * ((one.defocus_px or 0.0) > MAX_DEFOCUS_PX)
-            return f"The camera stood still; {_moving(one)}{soft}"
+            return f"The camera stood still; {_moving(one)}" + f"; out of focus ({_radius(one)})" * soft
         case "cannot tell":
             return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
-        case "out of focus and moved":
-            return f"{_motion(one)}; out of focus, too ({_radius(one)}){_beside(one)}"
-    return _motion(one) + _beside(one)
-
-
-def use_line(one: Record) -> str:
-    """Return what a photograph is of use for, and how long its blur is."""
-    if one.use == Use.UNCLEAR:
-        return f"{one.use} (no texture)"
-    if one.use == Use.OUT_OF_FOCUS:
-        return f"{one.use} ({_radius(one)})"
-    if one.use == Use.SHARP and one.blur in STILL:
-        return f"{one.use} (no motion of the camera)"
-    length = one.smear_px or 0.0
-    return f"{one.use} (smears of {length:.{1 if length < 10 else 0}f} px)"
+    both = f"; out of focus, too ({_radius(one)})" * (one.blur == "out of focus and moved")
+    return _motion(one) + both + f"; {_moving(one)}" * bool(one.moving_share)
 
 
 def fit_line(one: Record) -> str:
     """Return how many smears fit; the camera if it was scaled."""
     count = one.num_matches or 0
-    if one.F is None and one.H is None:
+    if not one.has_geometry:
         return f"{count} smears used"
-    fit = f"{one.num_inliers} of {count} smears fit"
-    share = 100 * (one.num_inliers or 0) // max(count, 1)  # rounded down: not all are 100%
-    by_chance = f"{share}%, {100 * (one.support_by_chance or 0.0):.0f}% would by chance"
-    # beside H a share of F would read as certainty
-    both = one.F is not None and one.H is not None
-    parts = [f"{fit} F, and a homography explains them as well" if both else f"{fit} ({by_chance})"]
-    if one.camera is not None and "scaled" in one.camera["source"]:
-        parts.append(one.camera["source"])
-    return "; ".join(parts)
+    line = f"{one.num_inliers} of {count} smears fit"
+    if one.F is not None and one.H is not None:  # beside H a share of F would read as certainty
+        line += " F, and a homography explains them as well"
+    else:
+        share = (one.num_inliers or 0) / max(count, 1)
+        line += f" ({percent(share)}, {percent(one.support_by_chance or 0.0)} would by chance)"
+    scaled = one.camera is not None and "scaled" in one.camera["source"]
+    return f"{line}; {one.camera['source']}" if one.camera is not None and scaled else line
 
 
 def length_text(one: Record) -> str:
@@ -138,44 +115,49 @@ def rounded(value: float) -> str:
     return f"{value:.{decimals}f}"
 
 
+def percent(share: float) -> str:
+    """Return a share in whole per cent, of which none and all are only what they are."""
+    whole = min(round(100 * share), 100 if share >= 1 else 99)
+    return f"{whole} %" if whole or not share else "less than 1 %"
+
+
 def _radius(one: Record) -> str:
     return f"radius {one.defocus_px or 0.0:.1f} px"
 
 
 def _moving(one: Record) -> str:
-    return f"{round(100 * (one.moving_share or 0.0)) or 'less than 1'} % of the picture moves by itself"
-
-
-def _beside(one: Record) -> str:
-    """Return what moves before a camera that moved, too, where that was asked."""
-    return f"; {_moving(one)}" * bool(one.moving_share)
+    return f"{percent(one.moving_share or 0.0)} of the picture moves by itself"
 
 
 def _motion(one: Record) -> str:
-    """Return what a camera that moved did, as far as the smears show it."""
-    undecided = ", parallax undecided" * (one.parallax == "undecided")
-    posed = one.cam2_from_cam1 is not None
-    if not one.config:  # of triage
-        return f"Camera moved; {length_text(one)}"
-    by = f" {_turned_by(one)}" if posed else f"; {length_text(one)}"
+    """Return what a camera that moved did, as far as the smears show it; no turn within its error."""
+    undecided, length = ", parallax undecided" * (one.parallax == "undecided"), f"; {length_text(one)}"
+    by, length = (f" {turn}", "") if (turn := _turned_by(one)) else ("", length)
     match one.config:
+        case "":  # of triage
+            return f"Camera moved{length}"
         case "UNDEFINED":
-            return f"Camera moved, and no one motion explains the blur; {length_text(one)}"
-        case "PANORAMIC":
-            return f"Camera {_turned(one)}{by if posed else ''}{undecided}{'' if posed else by}"
-        case "PLANAR_OR_PANORAMIC":
-            return f"Camera turned{by if posed else ''} or moved past something flat{'' if posed else by}"
-        case "DEGENERATE" if one.parallax == "undecided":
-            return f"Camera moved, and too little of the picture shows how; {length_text(one)}"
+            return f"Camera moved, and no one motion explains the blur{length}"
+        case "DEGENERATE" if undecided:
+            return f"Camera moved, and too little of the picture shows how{length}"
         case "DEGENERATE":
-            return f"Camera turned or moved, with the same blur everywhere; {length_text(one)}"
-    if posed:
-        return f"Camera moved {_towards(one)}, turned{by}{undecided * (one.config == 'PLANAR')}"
-    if one.config == "PLANAR":
-        may_turn = (one.rotation_probability or 0.0) > MAY_HAVE_TURNED and undecided
-        flat = "" if undecided else " past something flat"
-        return f"Camera moved{' or turned' if may_turn else flat}{undecided}{by}"
-    return f"Camera moved past near and far things{by}"
+            return f"Camera turned or moved, with the same blur everywhere{length}"
+        case "PANORAMIC":
+            return f"Camera {_turned(one)}{by}{undecided}{length}"
+        case "PLANAR_OR_PANORAMIC":
+            return f"Camera turned{by} or moved past something flat{length}"
+    if one.cam2_from_cam1 is not None:
+        turned = f", turned{by}" * bool(by)
+        return f"Camera moved {_towards(one)}{turned}{undecided * (one.config == 'PLANAR')}{length}"
+    if one.config != "PLANAR":
+        return f"Camera moved past near and far things{length}"
+    if not undecided:
+        return f"Camera moved past something flat{length}"
+    return f"Camera moved{' or turned' * _may_have_turned(one)}{undecided}{length}"
+
+
+def _may_have_turned(one: Record) -> bool:
+    return (one.rotation_probability or 0.0) > MAY_HAVE_TURNED
 
 
 def _turned(one: Record) -> str:
@@ -190,23 +172,23 @@ def _turned(one: Record) -> str:
     to_middle = np.eye(3)
     to_middle[:2, 2] = (1 - one.width) / 2, (1 - one.height) / 2
     centred = to_middle @ np.array(one.H) @ np.linalg.inv(to_middle)
-    centred /= centred[2, 2]
-    (a, b), (c, d) = centred[:2, :2]
-    pan, roll = centred[:2, 2], abs(math.atan2(c - b, a + d))
-    if roll * math.hypot(one.width, one.height) / 2 > math.hypot(*pan):
+    (a, b, x), (c, d, y) = (centred / centred[2, 2])[:2]
+    roll = abs(math.atan2(c - b, a + d))
+    if roll * math.hypot(one.width, one.height) / 2 > math.hypot(x, y):
         return "rolled"
-    return f"turned {_way(*pan)}"
+    return f"turned {_way(x, y)}"
 
 
 def _turned_by(one: Record) -> str:
-    """Return by how much, or how fast, a pose turns, with its standard deviation: that along its axis."""
-    rate = [one.wx or 0.0, one.wy or 0.0, one.wz or 0.0]
-    sigmas = [one.sigma_wx or 0.0, one.sigma_wy or 0.0, one.sigma_wz or 0.0]
-    angle = math.hypot(*rate)
-    sigma = math.sqrt(sum((r / max(angle, 1e-30) * s) ** 2 for r, s in zip(rate, sigmas, strict=True)))
-    if one.rate_unit == "rad":
-        return f"by {_with_deviation(math.degrees(angle), math.degrees(sigma))} degrees"
-    return f"at {_with_deviation(angle, sigma)} rad/s"
+    """Return by how much, or how fast, a pose turns, with its error along the axis; empty if within it."""
+    rates, sigmas = one.rates or [0.0] * 3, one.rate_sigmas or [0.0] * 3
+    angle = math.hypot(*rates)
+    sigma = math.hypot(*(r / max(angle, 1e-30) * s for r, s in zip(rates, sigmas, strict=True)))
+    if angle <= sigma:
+        return ""
+    word, unit, scale = ("at", "rad/s", 1.0) if one.exposure_s else ("by", "degrees", math.degrees(1))
+    digits = min(max(-math.floor(math.log10(max(scale * sigma, 1e-3))), 1), 3)
+    return f"{word} {scale * angle:.{digits}f} +/- {scale * sigma:.{digits}f} {unit}"
 
 
 def _towards(one: Record) -> str:
@@ -225,9 +207,3 @@ def _way(x: float, y: float) -> str:
     if short > DIAGONAL * long:
         return "diagonally"
     return "sideways" if abs(x) > abs(y) else "up or down"
-
-
-def _with_deviation(value: float, sigma: float) -> str:
-    """Return a value with its standard deviation, both with the decimals that the latter admits."""
-    digits = min(max(-math.floor(math.log10(max(sigma, 1e-3))), 1), 3)
-    return f"{value:.{digits}f} +/- {sigma:.{digits}f}"

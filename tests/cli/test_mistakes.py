@@ -9,7 +9,6 @@ import pytest
 from blur2view.cli import commands as cli
 
 MISTAKES = [
-    ("report a.png -o report.pdf", "a report is HTML; name it report.html"),
     ("estimate a.png --timestamps no.csv", "no.csv: cannot be read"),
     ("", "name a command"),
     ("estimat a.png", "estimat is no command; did you mean estimate?"),

@@ -27,7 +27,7 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.15)
     assert moving["config"] == moving["parallax"] == moving["wx"] == ""  # it was looked at less closely
     assert done == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in done.out
-    assert f"left/moving.png: blurred (smears of {float(moving['smear_px']):.0f} px)" in done.out
+    assert f"left/moving.png: blurred (smears of {float(moving['smear_px']):.0f} px, " in done.out
     for more, names in (
         (["--blurred"], "left/moving.png\nstill.png\n"),
         (["--max-smear", 100], "chaos.png\nleft/moving.png\nstill.png\n"),

@@ -35,10 +35,11 @@ DID = {"PANORAMIC": ("Camera turned", "Camera rolled")}
 
 def contradictions(one: Photograph) -> Iterator[str]:
     """Yield a line for every two fields of a record that say different things."""
-    use, why = use_of(one, Limits())
-    moved, radius = one.blur in MOVED, one.defocus_px or 0.0
+    use, moved, radius = use_of(one, Limits()), one.blur in MOVED, one.defocus_px or 0.0
+    if moved != one.moved:
+        yield f"blur is {one.blur}, moved {one.moved}"
     if use not in USES[one.blur]:
-        yield f"blur is {one.blur}, use {use} ({why})"
+        yield f"blur is {one.blur}, use {use}"
     if not one.verdict.startswith(WORDS[one.blur]):
         yield f"blur is {one.blur}, verdict {one.verdict}"
     if use == "sharp" and (radius > MAX_DEFOCUS_PX or (moved and (one.smear_px or 0) > MAX_SMEAR_PX)):

@@ -21,9 +21,9 @@ def moved(config: str, parallax: str = "absent", **more: Any) -> Photograph:
     return replace(MOVED, config=config, parallax=parallax, **more)
 
 
-def posed(config: str, translation: list[float], **more: Any) -> Photograph:
+def posed(config: str, translation: list[float], sigma_deg: float = 0.3, **more: Any) -> Photograph:
     pose = {"rotation": rotation_matrix(np.array([0.0, 0.0837758, 0.0])).tolist(), "translation": translation}
-    matrix = [[(0.3 / 57.2958) ** 2 * (i == j) for j in range(5)] for i in range(5)]
+    matrix = [[(sigma_deg / 57.2958) ** 2 * (i == j) for j in range(5)] for i in range(5)]
     covariance = {"matrix": matrix, "translation_sigma_deg": 12.0}
     return moved(config, cam2_from_cam1=pose, pose_covariance=covariance, **more)
 
@@ -45,6 +45,9 @@ CASES = {
     f"Camera turned sideways{SMEARS}": moved("PANORAMIC", H=PAN),
     f"Camera rolled, parallax undecided{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=ROLL),
     "Camera turned sideways by 4.8 +/- 0.3 degrees": posed("PANORAMIC", [0.0, 0, 0], H=PAN),
+    f"Camera moved sideways (+/- 12 degrees){SMEARS}": posed(
+        "CALIBRATED", [1.0, 0.0, 0.0], F=F, sigma_deg=5.0
+    ),
     "Camera turned sideways at 2.1 +/- 0.1 rad/s": posed("PANORAMIC", [0.0, 0, 0], H=PAN, exposure_s=0.04),
     f"Camera moved past something flat{SMEARS}": moved("PLANAR", H=H),
     f"Camera turned or moved past something flat{SMEARS}": moved("PLANAR_OR_PANORAMIC", H=H),
@@ -83,7 +86,7 @@ USES = {
 @pytest.mark.parametrize("use", USES)
 def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> None:
     for one in USES[use]:
-        assert use_of(one, Limits())[0] == use
+        assert use_of(one, Limits()) == use
 
 
 def test_use_is_within_the_limits_that_are_asked_for() -> None:
