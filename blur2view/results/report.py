@@ -23,7 +23,7 @@ LAYERS = {
     "smears": ("smears", "Smears: coloured by direction those that fit the geometry, grey others."),
     "lines": ("epipolar lines", "White lines are epipolar lines, rings epipoles."),
     "moves": ("what moves", "Pink moves by itself; where it is dark motion cannot be seen."),
-    "errors": ("uncertainty", "Uncertainty is the standard deviation of a smear, violet small, yellow large."),
+    "errors": ("uncertainty", "Uncertainty: standard deviations of smears, violet small, yellow large."),
 }
 STYLE = """
 :root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif; }

@@ -52,7 +52,7 @@ def test_layers_are_pictures_of_one_size_that_checkboxes_show_and_words_explain(
     assert opacity["moves"][110, 150] and not opacity["moves"][300, 50] and (opacity["errors"] > 0).all()
     for name in opacity:
         assert f'type="checkbox" class="{name}"' in page and f"input.{name}:not(:checked)" in page
-    for words in ("Smears: coloured", "White lines", "Pink moves", "Uncertainty is"):
+    for words in ("Smears: coloured", "White lines", "Pink moves", "Uncertainty: "):
         assert f" {words}" in page.replace("<small>", " ")
     without = page_of(F=False)[1]
     assert 'class="lines"' not in without and 'class="moves"' not in without
