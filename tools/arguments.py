@@ -1,4 +1,4 @@
-"""Command lines of tools, read off the signatures of their `main`: an option is written once.
+"""Command lines of tools, read off the signatures of their `main`.
 
 Paths are looked at before any work, so that a wrong one costs one line.
 """
@@ -13,15 +13,14 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 
 def existing(text: str) -> Path:
-    """Return the path of a file or folder that is there; anything else is wrong usage."""
-    path = Path(text)
-    if not path.exists():
+    """Return the path of a file or folder that is there."""
+    if not (path := Path(text)).exists():
         raise argparse.ArgumentTypeError(f"{text}: no such file or folder")
     return path
 
 
 def target(text: str) -> Path:
-    """Return the path of a result, after making its folder; where none can be made that is wrong usage."""
+    """Return the path of a result, after making its folder."""
     path = Path(text)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -37,9 +36,7 @@ Target = Annotated[Path, target]
 def run(main: Callable[..., object]) -> None:
     """Call a tool's ``main`` with what the command line gives; the help is the docstring of its module.
 
-    A parameter is an argument or, if it is keyword-only, an option, required without a default. ``list[T]``
-    takes one or more, ``tuple[T, T]`` two, ``Literal`` one of its values, a bool is a switch; of
-    ``Annotated[T, read]`` the function reads the text.
+    A parameter is an argument or, if it is keyword-only, an option, required without a default.
     """
     text, raw = sys.modules[main.__module__].__doc__, argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=text, formatter_class=raw)
@@ -48,15 +45,13 @@ def run(main: Callable[..., object]) -> None:
         words, default = _words(hints[name]), parameter.default
         if parameter.kind is not parameter.KEYWORD_ONLY:
             parser.add_argument(name, **words)
-        elif default is parameter.empty:
-            parser.add_argument(f"--{name.replace('_', '-')}", required=True, **words)
         else:
-            shown = "" if default is None or default is False else "(default: %(default)s)"
-            parser.add_argument(f"--{name.replace('_', '-')}", default=default, help=shown, **words)
+            words |= {"required": True} if default is parameter.empty else {"default": default}
+            shown = "" if default in (None, False, parameter.empty) else f"(default: {default})"
+            parser.add_argument(f"--{name.replace('_', '-')}", help=shown, **words)
     given = vars(parser.parse_args())
-    pairs = {name for name, hint in hints.items() if get_origin(hint) is tuple}
     try:
-        main(**{name: tuple(value) if name in pairs else value for name, value in given.items()})
+        main(**{k: tuple(v) if get_origin(hints[k]) is tuple else v for k, v in given.items()})
     except ModuleNotFoundError as error:
         raise SystemExit(f"{error.name} is not installed; pip install '.[train,test]'") from None
 

@@ -18,27 +18,21 @@ PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an 
 def epe_s(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
     """EPE-S = min(|d - d*|, |d + d*|): end-point error of smears (..., 2) of unknown sign, pixels."""
     d, truth = np.asarray(displacement, float), np.asarray(true_displacement, float)
-    error: Array = np.minimum(np.linalg.norm(d - truth, axis=-1), np.linalg.norm(d + truth, axis=-1))
-    return error
+    return np.asarray(np.minimum(np.linalg.norm(d - truth, axis=-1), np.linalg.norm(d + truth, axis=-1)))
 
 
 def direction_error_deg(displacement: ArrayLike, true_displacement: ArrayLike) -> Array:
     """Angle between undirected smears (..., 2), degrees in [0, 90]; 0 where one of them is zero."""
     d, truth = np.asarray(displacement, float), np.asarray(true_displacement, float)
     cross = np.abs(d[..., 0] * truth[..., 1] - d[..., 1] * truth[..., 0])
-    angle: Array = np.degrees(np.arctan2(cross, np.abs((d * truth).sum(-1))))
-    return angle
+    return np.asarray(np.degrees(np.arctan2(cross, np.abs((d * truth).sum(-1)))))
 
 
 def sparsification_area(error: ArrayLike, sigma: ArrayLike, steps: int = 100) -> float:
     """Return the area between the sparsification curves by sigma and by the error itself (AUSE).
 
-    A curve is the mean error of what is left after removing the least certain shares, ``steps`` of them, over
-    that of all; 0 for a sigma (N,) that ranks like the error (N,). ValueError without errors.
-
-    References
-    ----------
-    Ilg et al., Uncertainty estimates and multi-hypotheses networks for optical flow, ECCV 2018.
+    A curve is the mean error of what is left after removing the least certain shares, over that of all; 0 for
+    a sigma (N,) that ranks like the error (N,). ValueError without errors. Ilg et al., ECCV 2018.
     """
     error, sigma = np.asarray(error, float), np.asarray(sigma, float)
     if error.shape != sigma.shape or error.ndim != 1 or not len(error):
@@ -56,30 +50,20 @@ def rho(F: Array, ends: Array) -> Array:
     On true smears the true F gives 0; a smear of no length counts as 1e-6 px long.
     """
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
-    relative: Array = np.sqrt(serrmin(F, ends)) / np.maximum(length, 1e-6)
-    return relative
+    return np.asarray(np.sqrt(serrmin(F, ends)) / np.maximum(length, 1e-6))
 
 
 def epipole_angle_deg(F: Array, F_true: Array, K: Array) -> float:
-    """Angle between the epipoles' viewing rays, degrees in [0, 90]; the better of F and its transpose.
-
-    ``K`` (3, 3) turns epipoles into rays; the mean over both views.
-    """
+    """Mean angle between the epipoles' rays by ``K``, degrees in [0, 90]; the better of F and F^T."""
     inverse = np.linalg.inv(K)
     found, true = (np.stack([inverse @ e for e in epipoles(f)]) for f in (F, F_true))
     found, true = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (found, true))
-    angles = [
-        np.degrees(np.arccos(np.clip(np.abs((rays * true).sum(1)), 0, 1))).mean()
-        for rays in (found, found[::-1])
-    ]
-    return float(min(angles))
+    cosines = [np.clip(np.abs((rays * true).sum(1)), 0, 1) for rays in (found, found[::-1])]
+    return float(min(np.degrees(np.arccos(one)).mean() for one in cosines))
 
 
 def rotation_error(R: Array, R_true: Array) -> tuple[float, float]:
-    """Rotation error in degrees, and relative to the true rotation's angle; the better of R and R^T.
-
-    The relative error is infinite if only the true rotation is the identity.
-    """
+    """Rotation error in degrees, and over the true rotation's angle; the better of R and R^T."""
     one, other, true = (
         float(np.degrees(np.linalg.norm(rotation_vector(turn))))
         for turn in (R @ R_true.T, R.T @ R_true.T, R_true)
@@ -91,7 +75,7 @@ def rotation_error(R: Array, R_true: Array) -> tuple[float, float]:
 
 
 def translation_direction_error_deg(t: Array, t_true: Array) -> float:
-    """Angle between undirected translations (3,), degrees in [0, 90]; 90 if the first says nothing, is zero.
+    """Angle between undirected translations (3,), degrees in [0, 90]; 90 if the first is zero.
 
     ValueError if the true one is zero.
     """
@@ -106,10 +90,8 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
     """Return the larger error of rotation and directed translation that F implies, degrees in [0, 180].
 
     Both flips of time are tried, F with the order it gives the matches and its transpose with the opposite;
-    each gets its pose by cheirality; the smaller error counts.
-
-    ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``, ``ends`` (N, 2, 2) observed matches for
-    the test of cheirality; their order is not used.
+    each gets its pose by cheirality of the observed matches ``ends`` (N, 2, 2), whose order is not used; the
+    smaller error counts. ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``.
     """
     back = sampson(F, ends[:, 1], ends[:, 0]) < sampson(F, ends[:, 0], ends[:, 1])
     ordered = np.where(back[:, None, None], ends[:, ::-1], ends)
@@ -123,10 +105,7 @@ def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float
 
 
 def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:
-    """Return the decomposition of K^T F K that has most points before both cameras.
-
-    ``ordered`` (N, 2, 2) holds the points in view 1 and in view 2, pixels.
-    """
+    """Return the decomposition of K^T F K that has most points (N, 2, 2), pixels, before both cameras."""
     rays = (homogeneous(ordered) @ np.linalg.inv(K).T)[..., :2]  # (N, 2, 2)
     poses = decompose_essential(K.T @ F @ K)
     return max(poses, key=lambda pose: int(before_both(pose, rays[:, 0], rays[:, 1]).sum()))
@@ -134,8 +113,7 @@ def pose_of(F: Array, K: Array, ordered: Array) -> RigidTransform:
 
 def pose_auc(errors_deg: Array, bound_deg: float) -> float:
     """Return the area under the recall curve of the pose error up to a bound, over the bound."""
-    gain = np.clip(1 - np.asarray(errors_deg, float) / bound_deg, 0, None)
-    return float(gain.mean()) if len(gain) else 0.0
+    return float(np.clip(1 - np.asarray(errors_deg, float) / bound_deg, 0, None).mean())
 
 
 def squared_distance(
@@ -157,24 +135,10 @@ def squared_distance(
 
 
 def average_precision(score: AnyArray, moving: NDArray[np.bool_]) -> float:
-    """Return the mean precision at every moving pixel, ranked by score: 1 if all of them come first.
-
-    Equal scores share the precision at their end.
-    """
+    """Return the mean precision at every moving pixel, ranked by score; equal scores share one."""
     if not moving.any():
         return float("nan")
     order = np.argsort(-score, kind="stable")
     ranked, truth = score[order], moving[order]
     last = np.searchsorted(-ranked, -ranked, side="right")  # of those that are equal
     return float((np.cumsum(truth)[last - 1] / last)[truth].mean())
-
-
-def auc(sharp: ArrayLike, blurred: ArrayLike) -> float:
-    """Return the area under the ROC curve: how often a blurred picture has the larger value; ties count half.
-
-    ValueError without a value of each.
-    """
-    low, high = (np.sort(np.asarray(values, float).ravel()) for values in (sharp, blurred))
-    if not len(low) or not len(high):
-        raise ValueError(f"expected values of both classes, got {len(low)} and {len(high)}")
-    return float(np.mean([np.searchsorted(low, high, side).mean() / len(low) for side in ("left", "right")]))

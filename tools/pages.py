@@ -1,17 +1,18 @@
-"""What tools write: tables in Markdown, pages that say how they were made, pictures."""
+"""What tools write: tables in Markdown, pages that say how they were made, pictures.
+
+``python -m tools.pages PICTURE --out tools/results/NAME.webp`` reduces a picture that a command drew.
+"""
 
 import shlex
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-Record = dict[str, Any]
-"""The figures of one row."""
+from tools.arguments import Existing, Target, run
 
 
 def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:
@@ -20,15 +21,9 @@ def table(head: str, rows: Iterable[Sequence[object]]) -> list[str]:
     return [f"| {head} |", "|---" * (head.count("|") + 1) + "|", *lines]
 
 
-def record_table(head: str, row: str, records: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Return a table with a row for each record; ``row`` has formats of its items, ``{n} | {rho:.3f}``."""
-    return table(head, ([row.format_map(record)] for record in records))
-
-
 def joined(*blocks: str | Iterable[str]) -> str:
     """Return blocks of Markdown, each a text or lines, with an empty line between them."""
-    texts = (block if isinstance(block, str) else "\n".join(block) for block in blocks)
-    return "\n\n".join(text for text in texts if text) + "\n"
+    return "\n\n".join(one if isinstance(one, str) else "\n".join(one) for one in blocks) + "\n"
 
 
 def publish(out: Path | None, *blocks: str | Iterable[str]) -> None:
@@ -40,20 +35,31 @@ def publish(out: Path | None, *blocks: str | Iterable[str]) -> None:
         out.write_text(text)
 
 
-def fill(page: Path, parts: Mapping[str, Iterable[str]], out: Path) -> None:
-    """Write a page whose words are by hand, with new lines from each ``<!-- NAME -->`` to ``<!-- end -->``.
+def fill(page: Path, parts: Mapping[str, str], out: Path) -> None:
+    """Write a page whose words are by hand, with new text from each ``<!-- NAME -->`` to ``<!-- end -->``.
 
     ValueError if a mark is missing.
     """
     text = page.read_text()
-    for name, lines in parts.items():
+    for name, new in parts.items():
         before, mark, rest = text.partition(f"<!-- {name} -->\n")
         if not mark or "<!-- end -->" not in rest:
             raise ValueError(f"{page}: has no mark {name}")
-        text = before + mark + "\n".join(lines) + "\n" + rest[rest.index("<!-- end -->") :]
+        text = before + mark + new + rest[rest.index("<!-- end -->") :]
     out.write_text(text)
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8]) -> None:
     """Write a picture (H, W, 3) RGB that holds photographs as WebP, which has a tenth of a PNG's bytes."""
     Image.fromarray(picture).save(path, "WEBP", quality=85, method=6)
+
+
+def main(picture: Existing, *, out: Target, width: int = 960) -> None:
+    """Write a picture so many pixels wide, or as it is where it is narrower."""
+    with Image.open(picture) as shown:
+        shown.thumbnail((width, shown.height), Image.Resampling.LANCZOS)
+        write_picture(out, np.asarray(shown.convert("RGB")))
+
+
+if __name__ == "__main__":
+    run(main)

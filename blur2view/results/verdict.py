@@ -16,7 +16,7 @@ MAX_DEFOCUS_PX = 2.0
 """Radius above which it is named: `smears.blur.DEFOCUSED_PX`, which takes too long to import for a help."""
 MAX_SMEAR_PX = 3.0
 """Longest smear of a photograph that is called sharp: up to this, half of the SIFT features that it shares
-with itself under fresh noise are still matched (``python -m tools.evaluation.triage``; chosen on the
+with itself under fresh noise are still matched (``git show ad575bde:tools/results/triage.md``; chosen on the
 photographs of Kodak's suite that train networks, shown on the others)."""
 DIAGONAL = 0.5
 """Of a direction, its smaller part over its larger one."""

@@ -17,7 +17,7 @@ from blur2view.two_view.consensus import EstimatorOptions, inliers_of
 from blur2view.two_view.estimate import estimate_two_view
 from blur2view.two_view.likelihood import Likelihood
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
-from tools.estimators.baselines import two_parameter_fundamental
+from tools.evaluation.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho
 
 SEEDS = range(8)

@@ -16,7 +16,7 @@ from tools.datasets.synthetic_matches import (
     scaled_motion,
     tilted_plane,
 )
-from tools.estimators import baselines
+from tools.evaluation import baselines
 from tools.metrics import epipole_angle_deg
 
 

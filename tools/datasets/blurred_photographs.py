@@ -24,8 +24,7 @@ LEAST_PX = 224  # of the shorter side
 RADII_PX = (2, 3, 4, 5, 6, 7, 8)
 SMEARS_PX = (4, 6, 8, 12, 18, 25, 40)
 BOTH_PX = ((4, 12), (3, 20))  # radius and smear
-DIMMED_PX = 12  # the smear that is also tried dim
-GAINS, BITS = (2, 4, 8, 16), (10, 12)  # divisors of 8-bit values; depths inside 16 bits
+DIMMED_PX, GAIN = 12, 8  # the smear that is also tried dim; the divisor of 8-bit values
 QUALITY = (85, 95)  # of JPEG, both drawn
 CAMERA = SensorOptions(read_noise=(1e-4, 1e-3), shot_noise=(1e-5, 3e-4))  # 0.4 to 2 levels at mid-grey
 MOVER_SHARE, MOVER_PX, MOST_MOVERS = (0.03, 0.25), (10.0, 40.0), 3
@@ -38,8 +37,8 @@ FINE = 16  # samples of a pixel along each side, of the edge of an aperture
 class Picture:
     """A picture's file and what it shows.
 
-    ``coding`` is "" or how dim it is, as "1/4" or "10 bits"; ``moving`` is the share of the picture that
-    moves before a camera at rest.
+    ``coding`` is "" or how dim it is, as "1/8"; ``moving`` is the share of the picture that moves before a
+    camera at rest.
     """
 
     file: bytes
@@ -109,31 +108,16 @@ def blurred(light: AnyArray, weights: AnyArray) -> AnyArray:
     return np.asarray(cv2.filter2D(light, -1, weights, borderType=cv2.BORDER_REFLECT))
 
 
-def smeared(rng: np.random.Generator, light: AnyArray, length_px: float) -> tuple[AnyArray, float]:
-    """Return linear light under an even smear of random direction, and the direction's angle, radians."""
-    angle = float(rng.uniform(0, np.pi))
-    return blurred(light, kernel(length_px, angle)), angle
-
-
 def taken(rng: np.random.Generator, light: AnyArray, dim: bool = False, **truth: Any) -> Iterator[Picture]:
-    """Yield the JPEG of linear light with a camera's noise.
-
-    With ``dim`` also its 8-bit values divided, and the same recording of more bits, as PNG.
-    """
+    """Yield the JPEG of linear light with a camera's noise; with ``dim`` also its values divided, as PNG."""
     coded = np.asarray(add_noise(rng, light, CAMERA) ** np.float32(1 / GAMMA))[..., ::-1]
-    quality = int(rng.integers(QUALITY[0], QUALITY[1] + 1))
-    jpeg = cv2.imencode(".jpg", (coded * 255).round().astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])[
-        1
-    ]
+    quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(QUALITY[0], QUALITY[1] + 1))]
+    jpeg = cv2.imencode(".jpg", (coded * 255).round().astype(np.uint8), quality)[1]
     yield Picture(file=jpeg.tobytes(), suffix=".jpg", **truth)
     if dim:
-        levels = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR))
-        codings = {f"1/{gain}": np.round(levels / gain).astype(np.uint8) for gain in GAINS}
-        codings |= {f"{bits} bits": (coded * (2**bits - 1)).round().astype(np.uint16) for bits in BITS}
-        for coding, pixels in codings.items():
-            yield Picture(
-                file=cv2.imencode(".png", pixels)[1].tobytes(), suffix=".png", coding=coding, **truth
-            )
+        pixels = np.round(np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR)) / GAIN).astype(np.uint8)
+        file = cv2.imencode(".png", pixels)[1].tobytes()
+        yield Picture(file=file, suffix=".png", coding=f"1/{GAIN}", **truth)
 
 
 def outline(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
@@ -191,13 +175,13 @@ def pictures_of(
     for radius_px in RADII_PX:
         soft = blurred(light, disc(radius_px))
         yield from taken(rng, soft, kind=BlurKind.OUT_OF_FOCUS, radius_px=radius_px)
-    for smear_px in SMEARS_PX:
-        (moved, angle), dim = smeared(rng, light, smear_px), smear_px == DIMMED_PX
-        yield from taken(rng, moved, dim, kind=BlurKind.CAMERA_MOVED, smear_px=smear_px, angle=angle)
-    for radius_px, smear_px in BOTH_PX:
-        both, angle = smeared(rng, blurred(light, disc(radius_px)), smear_px)
-        sizes: dict[str, Any] = {"radius_px": radius_px, "smear_px": smear_px, "angle": angle}
-        yield from taken(rng, both, kind=BlurKind.OUT_OF_FOCUS_AND_MOVED, **sizes)
+    for radius_px, smear_px in (*((0, px) for px in SMEARS_PX), *BOTH_PX):
+        angle = float(rng.uniform(0, np.pi))
+        soft = blurred(light, disc(radius_px)) if radius_px else light
+        kind = BlurKind.OUT_OF_FOCUS_AND_MOVED if radius_px else BlurKind.CAMERA_MOVED
+        truth = {"kind": kind, "radius_px": radius_px, "smear_px": smear_px, "angle": angle}
+        moved, dim = blurred(soft, kernel(smear_px, angle)), not radius_px and smear_px == DIMMED_PX
+        yield from taken(rng, moved, dim, **truth)
     for _ in range(composites):
         scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))
         yield from taken(rng, scene, kind=BlurKind.CAMERA_AT_REST, moving=float((moving > 0).mean()))

@@ -45,8 +45,7 @@ class SyntheticOptions:
 
     ``motion``: "mixed", any direction and axis, the rotation's smears 0.2 to 1 times as long as the
     translation's; "forward", within about 10 degrees of the optical axis, 0 to 0.5 times; "sideways", across
-    it, 0.2 to 1 times; "rotating", any direction, 3 times; "near-planar", as "mixed", one tilted plane with
-    relief of RELIEF.
+    it; "rotating", any direction, 3 times; "near-planar", one tilted plane with relief of RELIEF.
 
     ``report`` says how the noise varies and what ``sigma_px`` states: "equal", the same for all, truly;
     "constant", stated as 1 px a coordinate whatever it is; "varied", log-normal (NOISE_SPREAD), truly;
@@ -113,11 +112,8 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Know
     depth = depths(scene, points, options)
     R, t = motion(scene, K, points, depth, options)
     true_ends = project_smears(K, R, t, points, depth)
-    observed = true_ends.copy()
-    apart, moving = (
-        np.linalg.norm(points - points[wrong.integers(len(points))], axis=1),
-        np.zeros(len(points), bool),
-    )
+    observed, moving = true_ends.copy(), np.zeros(len(points), bool)
+    apart = np.linalg.norm(points - points[wrong.integers(len(points))], axis=1)
     moving[np.argsort(apart, kind="stable")[: round(options.second_motion * len(points))]] = True
     other = motion(wrong, K, points, depth, options)
     observed[moving] = project_smears(K, *other, points, depth)[moving]
@@ -126,8 +122,7 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Know
     own_px, sigma_px = noise_levels(noise, options)
     observed += own_px[:, None, None] * noise.normal(size=observed.shape)
     swapped = noise.random(options.count) < 0.5
-    ends = with_swaps(observed, swapped)
-    matches = SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
     return KnownMatches(
         K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped, outlier=moving | random
     )
@@ -245,8 +240,7 @@ def draw_scene(kind: Scene, seed: int) -> KnownMatches:
     count, length_px = int(rng.integers(*COUNT)), float(np.exp(rng.uniform(*np.log(LENGTH_PX))))
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     depth = tilted_plane(rng, points) if kind == "plane" else layered_depth(rng, points)
-    fixed = {"pure rotation": np.inf, "pure translation": 0.0}
-    share = fixed.get(kind, rng.uniform(*TURNING))
+    share = {"pure rotation": np.inf, "pure translation": 0.0}.get(kind, rng.uniform(*TURNING))
     R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
     ends = project_smears(K, R, t, points, depth)
     if kind == "no motion":
@@ -258,8 +252,7 @@ def draw_scene(kind: Scene, seed: int) -> KnownMatches:
     outlier = rng.random(count) < rng.uniform(*OUTLIERS)
     noise_px = rng.uniform(*NOISE_PX)
     observed = np.where(outlier[:, None, None], like, ends) + noise_px * rng.normal(size=ends.shape)
-    swapped = rng.random(count) < 0.5
-    sigma_px = np.full(count, 2 * noise_px)
+    swapped, sigma_px = rng.random(count) < 0.5, np.full(count, 2 * noise_px)
     matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
     return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=ends, swapped=swapped, outlier=outlier)
 

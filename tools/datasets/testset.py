@@ -1,13 +1,18 @@
-"""The rendered test split: photographs with exact truth and texture photographs that training never saw.
+"""Rendered photographs with exact truth, of texture photographs that training never saw.
 
 ``python -m tools.datasets.testset render/test --scenes 60`` writes, per scene, ``NNNN.png`` (the blurred
-photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_open.png``, ``NNNN_close.png``
-(the sharp first and last instants, for classical baselines). The same seeds give the same bytes.
+photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_open.png``, ``NNNN_close.png``,
+the sharp first and last instants. With ``--kinds`` it writes so many scenes of each of four kinds of motion,
+``KIND/NNNNN.png`` and ``.npz`` of seed NNNNN: a camera that only turns, or holds still, sees any scene; a
+plane fills the picture; of general motion those scenes are kept whose parallax is at least a fifth of the
+smears (`off_plane`). The same seeds give the same bytes; what is there already is kept.
 """
 
 import multiprocessing
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +24,36 @@ from blur2view.arrays import AnyArray
 from blur2view.smears.grid import Floats, smear_ends
 from tools.arguments import Existing, run
 from tools.processes import mapped
-from tools.rendering.exposure import GRID, grid_points
-from tools.rendering.render import Rendering, RenderOptions, render
-from tools.rendering.sensor import SensorOptions, compress, photograph, tone
+from tools.rendering.exposure import GRID, Exposure, grid_points
+from tools.rendering.motion import sample_camera_path
+from tools.rendering.render import Rendering, RenderOptions, expose, render, scaled_exposure
+from tools.rendering.scene import (
+    Layer,
+    sample_illumination,
+    sample_intrinsics,
+    sample_layers,
+    sample_plane,
+    tilted_normal,
+)
+from tools.rendering.sensor import SensorOptions, compress, log_uniform, photograph, tone
+from tools.rendering.textures import photographs
 from tools.rendering.truth import SceneTruth
 
-FIRST_SEED = 1_000_000
+FIRST_SEED = 1_000_000  # of the test split
 SERIES = 100_000  # distance of the seeds that are tried for one scene
 ARRAYS = ("displacement", "valid", "static", "K", "R", "t")  # what is stored of a scene as it is
+TRANSLATING = ("translation", "forward", "orbit", "mixed")
+KINDS = {
+    "rotation": ("rotation",),
+    "plane": TRANSLATING,
+    "still": ("rotation", *TRANSLATING),
+    "general": TRANSLATING,
+}
+"""The kinds of motion, and the paths that the camera may take."""
+SMEARS_PX = (4.0, 60.0)  # median smears, log-uniform; those of a camera that holds still are below one pixel
+LEAST_PARALLAX = 0.2
+LEAST_SEEN = 0.05  # share of the image in which both ends of a smear are seen
+TILT = 0.6  # largest tilt of a plane, radians
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,14 +85,13 @@ class TestScene(SceneTruth):
 
 def test_options(photos: Path | None, size: tuple[int, int] = (640, 480)) -> RenderOptions:
     """Return the options of the split: median smears of 4 to 60 px, no sharp scenes."""
-    return RenderOptions(size=size, smear_px=(4.0, 60.0), sharp_share=0.0, split="test", photos=photos)
+    return RenderOptions(size=size, smear_px=SMEARS_PX, sharp_share=0.0, split="test", photos=photos)
 
 
 def sharp_photograph(rng: np.random.Generator, linear: AnyArray, like: AnyArray) -> AnyArray:
-    """Return an instant as a good camera would photograph it (uint8 RGB).
+    """Return an instant (uint8 RGB) as a good camera shows it, exposed as the blurred picture `like`.
 
-    Exposure follows the blurred picture `like`, tone curve and compression are fixed: both ends of one
-    exposure come out alike, as two frames of one camera do. `rng` draws the noise.
+    `rng` draws the noise; tone curve and compression are fixed, so that both ends come out alike.
     """
     signal = linear * np.float32(0.3 / max(float(like.mean()), 1e-3))
     noisy = signal + 0.003 * rng.standard_normal(signal.shape, dtype=np.float32)
@@ -73,32 +99,77 @@ def sharp_photograph(rng: np.random.Generator, linear: AnyArray, like: AnyArray)
     return compress(np.random.default_rng(1), (np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8))
 
 
-def scene_in_range(seed: int, options: RenderOptions, attempts: int = 20) -> tuple[Rendering, int]:
-    """Return the rendering and number of the first seed whose median visible smear is in range.
+def first_wanted(
+    draw: Callable[[int], Rendering], seed: int, wanted: Callable[[Rendering], bool]
+) -> tuple[Rendering, int]:
+    """Return the first wanted rendering of the seeds ``seed`` + SERIES k, and its seed."""
+    return next((scene, one) for one in count(seed, SERIES) if wanted(scene := draw(one)))
 
-    The renderer scales the median over all surfaces, hidden ones too, and bounds the longest smears, so that
-    one scene in seven has a visible median outside.
-    """
-    for attempt in range(attempts):
-        scene = render(seed + SERIES * attempt, options)
-        if scene.valid.any() and options.smear_px[0] <= scene.median_px <= options.smear_px[1]:
-            return scene, seed + SERIES * attempt
-    raise RuntimeError(
-        f"no seed of the series {seed} + {SERIES} k has a median smear in {options.smear_px} px"
-    )
+
+def in_range(scene: Rendering, smear_px: tuple[float, float]) -> bool:
+    """Whether the visible median is in a range: the renderer scales that of all surfaces, hidden ones too."""
+    return bool(scene.valid.any()) and smear_px[0] <= scene.median_px <= smear_px[1]
 
 
 def write_scene(index: int, out: Path, options: RenderOptions) -> None:
-    """Render, photograph and store one scene; finished ones are kept."""
-    truth_path = out / f"{index:04d}.npz"
-    if truth_path.exists():
+    """Render, photograph and store one scene of the split."""
+    if (path := out / f"{index:04d}.npz").exists():
         return
-    scene, seed = scene_in_range(FIRST_SEED + index, options)
+    wanted = partial(in_range, smear_px=options.smear_px)
+    scene, seed = first_wanted(partial(render, options=options), FIRST_SEED + index, wanted)
     rng = np.random.default_rng([seed, 2])
-    write_photographed(truth_path, scene, rng)
+    write_photographed(path, scene, rng)
     for suffix, instant in {"_open": scene.open_image, "_close": scene.close_image}.items():
         picture = sharp_photograph(rng, instant, scene.linear)
         cv2.imwrite(str(out / f"{index:04d}{suffix}.png"), picture[..., ::-1])
+
+
+def off_plane(scene: Rendering) -> float:
+    """Return how far true smears are from a homography of most of them, over their length; means."""
+    rows, columns = scene.valid.shape
+    points = grid_points((GRID * columns, GRID * rows))[scene.valid]
+    first, last = np.moveaxis(smear_ends(points, scene.displacement[scene.valid].astype(float)), 1, 0)
+    H, _ = cv2.findHomography(first, last, cv2.LMEDS)
+    if H is None:
+        return 1.0
+    missed = cv2.perspectiveTransform(first[None], H)[0] - last
+    return float(np.linalg.norm(missed, axis=1).mean() / np.linalg.norm(last - first, axis=1).mean())
+
+
+def of_kind(seed: int, kind: str, photos: Path | None, size: tuple[int, int]) -> Rendering:
+    """Return one rendered scene of a kind, whatever its parallax."""
+    rng = np.random.default_rng([seed, list(KINDS).index(kind), 16])
+    pool, K = photographs("test", photos), sample_intrinsics(rng, size)
+    if kind == "plane":
+        plane = sample_plane(rng, pool, K[0, 0], tilted_normal(rng, TILT), 1.0)
+        layers = [Layer(planes=(plane,), relief=np.zeros((2, 2)), illumination=sample_illumination(rng))]
+    else:
+        layers = sample_layers(rng, pool, K, size)
+    path = ""
+    while path not in KINDS[kind]:
+        camera, path = sample_camera_path(rng)
+    length_px = rng.random() ** 2 if kind == "still" else log_uniform(rng, SMEARS_PX)
+    exposure = scaled_exposure(Exposure(camera=camera, K=K, size=size), layers, float(length_px))
+    return expose(rng, layers, exposure, path, detail=1.5)
+
+
+def is_clear(scene: Rendering, kind: str) -> bool:
+    """Whether a scene shows what its kind says."""
+    seen = scene.valid.mean() > LEAST_SEEN and (kind == "still" or in_range(scene, SMEARS_PX))
+    return bool(seen and (kind != "general" or off_plane(scene) >= LEAST_PARALLAX))
+
+
+def motion_scene(kind: str, seed: int, photos: Path | None, size: tuple[int, int]) -> Rendering:
+    """Return the scene of a kind and a seed."""
+    draw = partial(of_kind, kind=kind, photos=photos, size=size)
+    return first_wanted(draw, seed, partial(is_clear, kind=kind))[0]
+
+
+def write_motion(task: tuple[str, int], out: Path, photos: Path | None, size: tuple[int, int]) -> None:
+    """Render, photograph and store the scene of a kind and a seed."""
+    kind, seed = task
+    if not (path := out / kind / f"{seed:05d}.npz").exists():
+        write_photographed(path, motion_scene(kind, seed, photos, size), np.random.default_rng([seed, 3]))
 
 
 def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -> None:
@@ -108,7 +179,8 @@ def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -
 
 
 def write_truth(path: Path, picture: AnyArray, **truth: Any) -> None:
-    """Write what :func:`read_test_set` reads: the truth, and a picture (uint8 RGB) beside it as PNG."""
+    """Write what `read_test_set` reads: the truth, and a picture (uint8 RGB) beside it as PNG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path.with_suffix(".png")), picture[..., ::-1])
     stored: dict[str, Any] = {k: np.zeros((0, 3)) if value is None else value for k, value in truth.items()}
     np.savez(path, **stored)
@@ -132,14 +204,18 @@ def main(
     out: Path,
     *,
     scenes: int = 60,
+    kinds: bool = False,
     photos: Existing | None = None,
     size: tuple[int, int] = (640, 480),
     jobs: int = multiprocessing.cpu_count(),
+    seed: int = 20_000,
 ) -> None:
-    """Write so many scenes, numbers from 0; a folder's photographs are further textures."""
-    out.mkdir(parents=True, exist_ok=True)
-    work = partial(write_scene, out=out, options=test_options(photos, size))
-    list(mapped(work, range(scenes), jobs))
+    """Write so many scenes, or of each kind of seeds from ``seed`` on; photographs are further textures."""
+    if kinds:
+        tasks = [(kind, seed + i) for i in range(scenes) for kind in KINDS]
+        list(mapped(partial(write_motion, out=out, photos=photos, size=size), tasks, jobs))
+    else:
+        list(mapped(partial(write_scene, out=out, options=test_options(photos, size)), range(scenes), jobs))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,12 @@
-"""Where the time of one estimate goes, beside the classical alternative; streams, whole processes, triage.
+"""Where the time of one estimate goes, beside the classical alternative, and that of whole processes.
 
-    python -m tools.evaluation.benchmark --out tools/results/benchmark.md
-
-renders one 1280x720 scene and times every step of an estimate of the blurred photograph, and SIFT, matching
-and pycolmap's F on the two SHARP ends of the same exposure; frames of a stream; whole processes, of 1280x720
-and of 24 megapixels, blurred and sharp; and ``blur2view triage`` of videos by one process. Speeds of machines
-differ: read the ratios.
+``python -m tools.evaluation.benchmark --out tools/results/benchmark.md`` renders one 1280x720 scene and times
+every step of an estimate of the blurred photograph, and SIFT, matching and pycolmap's F on the two SHARP ends
+of the same exposure; whole processes, of 1280x720 and of 24 megapixels; and ``blur2view triage`` of a video
+by one process. Speeds of machines differ: read the ratios.
 """
 
 import compileall
-import json
 import os
 import platform
 import subprocess
@@ -18,12 +15,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
 
 import blur2view
 from blur2view.arrays import AnyArray
@@ -32,20 +31,8 @@ from tools.datasets.testset import test_options, write_scene
 from tools.pages import publish, table
 
 SIZE, LARGE = (1280, 720), (6000, 4000)
-SCENE = 3  # index in the test split of the scene that is timed
+SCENE, FRAMES = 3, 20  # index in the test split of the scene that is timed; frames of the video
 ROOT = Path(__file__).resolve().parents[2]
-STREAMS, VIDEOS = ((640, 480), SIZE), (SIZE, (1920, 1080))
-FRAMES, WARM, DRIFT_PX = 20, 2, 3  # of a stream; frames that are not counted; from frame to frame
-LAUNCHER = """
-import json, os, subprocess, sys, time
-start = time.perf_counter()
-process = subprocess.Popen([sys.executable, *sys.argv[1:]], stdout=subprocess.DEVNULL)
-_, status, used = os.wait4(process.pid, 0)
-took = time.perf_counter() - start, used.ru_utime + used.ru_stime, used.ru_maxrss
-process.returncode = os.waitstatus_to_exitcode(status)
-print(json.dumps([process.returncode, *took]))
-"""
-"""Runs a process from a small one: the peak of a process's memory begins with that of what starts it."""
 
 
 def timed(work: Callable[[], Any], repeats: int) -> float:
@@ -60,8 +47,6 @@ def timed(work: Callable[[], Any], repeats: int) -> float:
 
 def classical(first: AnyArray, last: AnyArray) -> None:
     """Match SIFT features of two sharp photographs (H, W), uint8, and estimate F, as people do today."""
-    import pycolmap
-
     sift = cv2.SIFT.create(4000)
     (keys1, words1), (keys2, words2) = (sift.detectAndCompute(image, None) for image in (first, last))
     pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(words1, words2, k=2)
@@ -80,7 +65,6 @@ def step_rows(photo: Path, ends: list[Path], repeats: int) -> list[tuple[str, ..
     steps: dict[str, Callable[[], Any]] = {
         "decode": lambda: blur2view.read_image(photo),
         "network": lambda: network.predict(image),
-        "matches": lambda: blur2view.select_matches(found.grid),
         "F": lambda: blur2view.estimate_two_view(found.matches, rng=0),
         "decode to F": lambda: blur2view.estimate(blur2view.read_image(photo), network=network),
         "motion mask": lambda: blur2view.segment(found, image),
@@ -91,56 +75,25 @@ def step_rows(photo: Path, ends: list[Path], repeats: int) -> list[tuple[str, ..
     return [(name, f"{s:.3f}", f"{s / rival:.2f}") for name, s in seconds.items()]
 
 
-def stream_rows(picture: AnyArray) -> Iterator[tuple[str, str]]:
-    """Yield the milliseconds of a processor for a frame and its rate, of a picture that moves to the left."""
-    for size in STREAMS:
-        count = FRAMES + WARM
-        wide = cv2.resize(picture, (size[0] + DRIFT_PX * count, size[1]), interpolation=cv2.INTER_AREA)
-        frames = (np.ascontiguousarray(wide[:, DRIFT_PX * k :][:, : size[0]]) for k in range(count))
-        network, camera = blur2view.SmearNetwork(threads=1), blur2view.Camera.from_focal(0.9 * size[0], size)
-        found = blur2view.estimate_frames(frames, ordered=False, network=network, camera=camera)
-        ends = [time.process_time()]
-        for frame in found:
-            frame.angular_velocity(0.02)
-            ends.append(time.process_time())
-        yield f"{size[0]}x{size[1]}", f"{1000 * np.median(np.diff(ends)[WARM:]):.0f}"
+def called(*words: object) -> None:
+    """Run the program in a process of its own; SystemExit if it fails."""
+    command = [sys.executable, "-m", "blur2view", *map(str, words)]
+    if code := subprocess.run(command, stdout=subprocess.DEVNULL, cwd=ROOT).returncode:
+        raise SystemExit(f"{' '.join(map(str, words))} ends with {code}")
 
 
-def measured(arguments: list[str | Path], repeats: int) -> AnyArray:
-    """Return wall seconds, seconds of processors and the peak of memory, MiB, of a command: medians (3,)."""
-    words, taken = [sys.executable, "-c", LAUNCHER, "-m", "blur2view", *map(str, arguments)], []
-    for _ in range(repeats):
-        done = subprocess.run(words, stdout=subprocess.PIPE, cwd=ROOT, check=True)
-        code, wall_s, cpu_s, memory = json.loads(done.stdout)
-        if code:
-            raise SystemExit(f"{' '.join(map(str, arguments))} ends with {code}")
-        taken.append([wall_s, cpu_s, memory / (2**20 if sys.platform == "darwin" else 2**10)])
-    return np.asarray(np.median(taken, axis=0))
-
-
-def process_rows(folder: Path, blurred: AnyArray, sharp: AnyArray, repeats: int) -> Iterator[tuple[str, ...]]:
-    """Yield rows of whole processes of photographs and of videos, with their wall over the first one's."""
-    below, right = LARGE[1] - sharp.shape[0], LARGE[0] - sharp.shape[1]
-    pictures = {
-        "1280x720": blurred,
-        "24 megapixels, blurred": cv2.resize(blurred, LARGE, interpolation=cv2.INTER_CUBIC),
-        "24 megapixels, sharp": np.pad(sharp, ((0, below), (0, right), (0, 0)), mode="reflect"),
-    }
-    first = 0.0
-    for number, (name, picture) in enumerate(pictures.items()):
-        cv2.imwrite(str(path := folder / f"{number}.jpg"), picture)
-        wall_s, cpu_s, mib = measured(["estimate", path, "-o", folder / "out"], repeats)
-        first = first or wall_s
-        yield name, f"{wall_s:.2f}", f"{cpu_s:.2f}", f"{mib:.0f}", f"{wall_s / first:.2f}"
-    for size in VIDEOS:
-        path, both = folder / f"{size[0]}x{size[1]}.avi", [cv2.resize(one, size) for one in (blurred, sharp)]
-        video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, size)
-        for k in range(FRAMES):
-            video.write(np.roll(both[k % 2], 8 * k, axis=1))
-        video.release()
-        wall_s, cpu_s, mib = measured(["triage", path, "--jobs", "1"], repeats)
-        rate = f"{FRAMES / wall_s:.1f} frames a second"
-        yield f"triage of a video, {path.stem}", f"{wall_s:.2f}", f"{cpu_s:.2f}", f"{mib:.0f}", rate
+def process_rows(folder: Path, blurred: AnyArray, repeats: int) -> Iterator[tuple[str, ...]]:
+    """Yield rows of whole processes: seconds, and frames a second of a video."""
+    large = cv2.resize(blurred, LARGE, interpolation=cv2.INTER_CUBIC)
+    for name, picture in {"1280x720": blurred, "24 megapixels": large}.items():
+        cv2.imwrite(str(path := folder / f"{name[:2]}.jpg"), picture)
+        yield name, f"{timed(partial(called, 'estimate', path, '-o', folder), repeats):.2f}", ""
+    video = cv2.VideoWriter(str(path := folder / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, SIZE)
+    for k in range(FRAMES):
+        video.write(np.roll(blurred, 8 * k, axis=1))
+    video.release()
+    seconds = timed(lambda: called("triage", path, "--jobs", 1), repeats)
+    yield "triage of a video", f"{seconds:.2f}", f"{FRAMES / seconds:.1f} frames a second"
 
 
 def machine() -> str:
@@ -158,16 +111,13 @@ def main(*, repeats: int = 9, out: Target | None = None) -> None:
         folder = Path(name)
         write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
         photo, *ends = (folder / f"{SCENE:04d}{end}.png" for end in ("", "_open", "_close"))
-        blurred, sharp = (np.asarray(cv2.imread(str(path)), np.uint8) for path in (photo, ends[0]))
         steps = step_rows(photo, ends, repeats)
-        streams = list(stream_rows(blur2view.read_image(photo)))
-        processes = list(process_rows(folder, blurred, sharp, max(3, repeats // 3)))
+        processes = list(process_rows(folder, np.asarray(cv2.imread(str(photo))), max(3, repeats // 3)))
     publish(
         out,
         f"{machine()}; medians of {repeats} runs, of whole processes fewer.",
         table("step, 1280x720, warm | seconds | over the classical alternative", steps),
-        table("stream, one thread, not ordered in time | processor, ms a frame", streams),
-        table("process | seconds | of processors | MiB | over the first, or rate", processes),
+        table("process | seconds | rate", processes),
     )
 
 

@@ -2,38 +2,32 @@
 
 ``python -m tools.evaluation.blur_kinds PHOTOS... --out tools/results/blur_kinds.md`` blurs every sharp
 photograph of folders in all these ways (`tools.datasets.blurred_photographs`), estimates each, and writes the
-names by kind and size of blur, and of dim pictures; errors of smears and of radii; how well sharp is
-separated from blurred, beside the variance of the Laplacian. Everything follows from the photographs and
-``--seed``, whatever the number of ``--jobs``.
+names by kind and size of blur, and of dim pictures, and the errors of smears and of radii. Everything follows
+from the photographs and ``--seed``, whatever the number of ``--jobs``.
 """
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 import blur2view
 from blur2view import BlurKind
-from blur2view.arrays import AnyArray
-from blur2view.results.photograph import Photograph
 from tools.arguments import Existing, Target, run
 from tools.datasets.blurred_photographs import Picture, photographs_of, pictures_of, radiance_of
-from tools.metrics import auc, direction_error_deg
+from tools.metrics import direction_error_deg
 from tools.pages import publish, table
 from tools.processes import mapped
 
-UNUSABLE_RADIUS_PX, UNUSABLE_SMEAR_PX = 3, 6  # from which a picture counts as blurred; less is not judged
-BLURRED = (BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED)
+LEAST_RADIUS_PX, LEAST_SMEAR_PX = 3, 6  # from which a picture counts as blurred
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
-    """A picture (without its file) and what is read in it; measures of blur are larger if it is less sharp.
+class Seen(NamedTuple):
+    """A picture (without its file) and what is read in it.
 
     ``direction_deg`` and ``sure_deg`` are median errors of all smears and of the half of surer directions,
     ``length_px`` the median of this half; ``moving`` the share that is said to move.
@@ -42,23 +36,17 @@ class Seen:
     picture: Picture
     kind: BlurKind
     radius_px: float
-    width_px: float
-    laplacian: float
     direction_deg: float
     sure_deg: float
     length_px: float
     moving: float
 
     @property
-    def is_unusable(self) -> bool:
-        """Whether the blur counts as such, where only sharp or not is asked."""
-        return self.picture.radius_px >= UNUSABLE_RADIUS_PX or self.picture.smear_px >= UNUSABLE_SMEAR_PX
-
-
-def laplacian_variance(image: AnyArray) -> float:
-    """Return the variance of the Laplacian of the grey levels of a picture (H, W, 3), float32 in [0, 1]."""
-    grey = cv2.cvtColor((image * 255).round().astype(np.uint8), cv2.COLOR_RGB2GRAY)
-    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
+    def is_clear(self) -> bool:
+        """Whether the picture is blurred enough that its name counts."""
+        picture = self.picture
+        enough = picture.radius_px >= LEAST_RADIUS_PX or picture.smear_px >= LEAST_SMEAR_PX
+        return enough and not picture.coding
 
 
 @functools.cache
@@ -75,13 +63,10 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
     true = np.array([np.cos(picture.angle), np.sin(picture.angle)])
     error_deg = direction_error_deg(field.displacement, true)
     sure = field.sigma_rad <= np.median(field.sigma_rad)
-    record = Photograph(name="", smear_px=blur.smear_px, defocus_px=blur.defocus_px)
     return Seen(
         picture=replace(picture, file=b""),
         kind=blur.kind,
         radius_px=blur.defocus_px or 0.0,
-        width_px=record.width_px or 0.0,
-        laplacian=-laplacian_variance(image),
         direction_deg=float(np.median(error_deg)),
         sure_deg=float(np.median(error_deg[sure])),
         length_px=float(np.median(field.length_px[sure])),
@@ -99,17 +84,14 @@ def of_photograph(
     return [seen(picture, loaded(model)) for picture in pictures]
 
 
-def grouped(rows: Iterable[Seen], *names: Callable[[Seen], str]) -> dict[str, list[Seen]]:
-    """Return pictures by the first of their names, then by the next."""
-    groups: dict[str, list[Seen]] = {}
-    for name, one in product(names, rows):
-        groups.setdefault(name(one), []).append(one)
-    return groups
+def grouped(rows: list[Seen], name: Callable[[Seen], str]) -> dict[str, list[Seen]]:
+    """Return pictures by a name of theirs."""
+    return {key: [one for one in rows if name(one) == key] for key in dict.fromkeys(map(name, rows))}
 
 
 def named_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
     """Yield the names by kind and size of the blur, and of all that are clearly of a kind."""
-    clear = [one for one in rows if one.is_unusable and not one.picture.coding]
+    clear = [one for one in rows if one.is_clear]
     groups = grouped(rows, lambda one: one.picture.name)
     groups |= grouped(clear, lambda one: f"{one.picture.kind}, all that counts as blurred")
     for name, some in groups.items():
@@ -129,39 +111,24 @@ def radius_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
 def smear_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
     """Yield medians over pictures of the errors of smears, by length, and over all."""
     moved = [one for one in rows if one.picture.kind == BlurKind.CAMERA_MOVED and not one.picture.coding]
-    for name, some in grouped(moved, lambda one: f"{one.picture.smear_px:g} px", lambda _: "all").items():
+    for name, some in (grouped(moved, lambda one: f"{one.picture.smear_px:g} px") | {"all": moved}).items():
         ratio = np.array([one.length_px / one.picture.smear_px for one in some])
         degrees = (np.median([one.direction_deg for one in some]), np.median([one.sure_deg for one in some]))
         figures = (*degrees, np.median(ratio), (np.abs(ratio - 1) < 0.05).mean())
         yield name, len(some), *(f"{figure:.3f}" for figure in figures)
 
 
-def sharpness_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
-    """Yield how well every measure tells the sharp from the blurred, over all kinds and by kind."""
-    plain = [one for one in rows if not one.picture.coding]
-    sharp = [one for one in plain if one.picture.kind == BlurKind.SHARP]
-    far = [one for one in plain if one.is_unusable]
-    measures: dict[str, Callable[[Seen], float]] = {
-        "width of the blur": lambda one: one.width_px,
-        "variance of the Laplacian": lambda one: one.laplacian,
-    }
-    for name, measure in measures.items():
-        parts = [far, *([one for one in far if one.picture.kind == kind] for kind in BLURRED)]
-        yield name, *(f"{auc(list(map(measure, sharp)), list(map(measure, part))):.3f}" for part in parts)
-
-
 def page(rows: list[Seen]) -> Iterator[str | list[str]]:
     """Yield all tables as Markdown."""
     yield from ("# Kinds of blur", table(f"blur | pictures | {' | '.join(BlurKind)}", named_rows(rows)))
     rest = [(one.picture.moving, one.moving) for one in rows if one.picture.kind == BlurKind.CAMERA_AT_REST]
-    moves, found = np.mean(rest, axis=0) if rest else (0.0, 0.0)
-    yield f"Before a camera at rest {moves:.2f} of the pictures moves, and {found:.2f} are said to move."
+    if rest:
+        moves, found = np.mean(rest, axis=0)
+        yield f"Before a camera at rest {moves:.2f} of the pictures moves, and {found:.2f} are said to move."
     head = "smear | pictures | direction, deg | surer half | length over true | within 5 %"
     yield from ("## Even smears", table(head, smear_rows(rows)))
     head = "radius | pictures | found over true | relative error | within 15 %"
     yield from ("## Radii", table(head, radius_rows(rows)))
-    head = f"area under the ROC curve | all kinds | {' | '.join(BLURRED)}"
-    yield from ("## Sharp or not", table(head, sharpness_rows(rows)))
 
 
 def main(

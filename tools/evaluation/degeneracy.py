@@ -1,13 +1,12 @@
 """How often each of six kinds of scenes is named correctly, and what it is taken for otherwise.
 
-    python -m tools.evaluation.degeneracy --kinds render/kinds --out tools/results/degeneracy.md
+``python -m tools.evaluation.degeneracy --kinds render/kinds --out tools/results/degeneracy.md`` names
+synthetic scenes (`synthetic_matches.draw_scene`), the same with errors that neighbours share, as a network's,
+and, through the network, the photographs of ``tools.datasets.testset --kinds``.
 
-names synthetic scenes (`synthetic_matches.draw_scene`), the same with errors that neighbours share, as a
-network's, and, through the network, the photographs of `motion_kinds`.
-
-Rules: UNCALIBRATED is parallax. "open" is PLANAR_OR_PANORAMIC with F and H: parallax is neither proven nor
-excluded. That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and PLANAR count by name,
-whether an F stands beside them, which leaves parallax undecided, or not.
+UNCALIBRATED is parallax. "open" is PLANAR_OR_PANORAMIC with F and H: parallax is neither proven nor excluded.
+That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and PLANAR count by name, whether an F
+stands beside them, which leaves parallax undecided, or not.
 """
 
 from collections import Counter
@@ -35,22 +34,12 @@ NAMES = {
     Configuration.UNCALIBRATED: "parallax",
     Configuration.UNDEFINED: "undefined",
 }
-OUTCOMES = ("no motion", "rotation", "plane", "rotation or plane", "open", "parallax", "undefined")
-RIGHT: dict[Scene, str] = {
-    "no motion": "no motion",
-    "pure rotation": "rotation",
-    "plane": "plane",
-    "pure translation": "parallax",
-    "general": "parallax",
-    "no geometry": "undefined",
-}
-NAMED = {
-    "rotation": Configuration.PANORAMIC,
-    "plane": Configuration.PLANAR,
-    "still": Configuration.DEGENERATE,
-    "general": Configuration.UNCALIBRATED,
-}
-"""What the photographs of `motion_kinds` are."""
+OUTCOMES = (*NAMES.values(), "rotation or plane")
+RIGHT = dict(
+    zip(SCENES, ("no motion", "rotation", "plane", "parallax", "parallax", "undefined"), strict=True)
+)
+NAMED = {"rotation": "rotation", "plane": "plane", "still": "no motion", "general": "parallax"}
+"""What the rendered kinds are."""
 SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
 SHARED = NoiseModel(effective_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
@@ -63,8 +52,8 @@ CORRELATED = (
     f"{LENGTH_SHARE:.0%}, correlated over 40 px). Small parallax looks the same and is left open."
 )
 RENDERED = (
-    "Photographs of four kinds of motion (`datasets.motion_kinds`); general motion has a parallax of a fifth "
-    "of the smears or more. Beside an F parallax of rotations and planes is undecided."
+    "Photographs of four kinds of motion (`datasets.testset --kinds`); general motion has a parallax of a "
+    "fifth of the smears or more. Beside an F parallax of rotations and planes is undecided."
 )
 
 
@@ -83,7 +72,7 @@ def erring(matches: SmearMatches, seed: int, direction_deg: float) -> SmearMatch
     return replace(matches, ends=ends, sigma_px=sigma, across_px=across, shared=SHARED)
 
 
-def name_scene(task: tuple[Scene, int], direction_deg: float) -> tuple[Scene, str]:
+def name_scene(task: tuple[Scene, int], direction_deg: float) -> tuple[str, str]:
     """Return what one random scene is and what it is taken for."""
     kind, seed = task
     matches = draw_scene(kind, seed).matches
@@ -92,36 +81,24 @@ def name_scene(task: tuple[Scene, int], direction_deg: float) -> tuple[Scene, st
     return kind, outcome(estimate_two_view(matches))
 
 
-def confusions(rows: list[tuple[Scene, str]]) -> list[str]:
+def confusions(rows: list[tuple[str, str]], right: dict[str, str]) -> list[str]:
     """Return confusions as Markdown: one row per kind, one column per outcome, the share named correctly."""
-    lines = []
-    for kind in SCENES:
+    lines: list[list[object]] = []
+    for kind in dict.fromkeys(true for true, _ in rows):
         counts = Counter(found for true, found in rows if true == kind)
-        cells = [f"**{counts[n]}**" if n == RIGHT[kind] else str(counts[n] or "") for n in OUTCOMES]
-        lines.append([kind, *cells, f"{100 * counts[RIGHT[kind]] / counts.total():.1f}"])
-    right = np.mean([found == RIGHT[true] for true, found in rows])
-    return table(
-        f"scene | {' | '.join(OUTCOMES)} | correct %",
-        [*lines, ["all", *[""] * len(OUTCOMES), f"{100 * right:.1f}"]],
-    )
+        cells = [f"**{counts[n]}**" if n == right[kind] else counts[n] or "" for n in OUTCOMES]
+        lines.append([kind, counts.total(), *cells, f"{100 * counts[right[kind]] / counts.total():.1f}"])
+    correct = np.mean([found == right[true] for true, found in rows])
+    lines.append(["all", len(rows), *[""] * len(OUTCOMES), f"{100 * correct:.1f}"])
+    return table(f"scene | number | {' | '.join(OUTCOMES)} | correct %", lines)
 
 
-def photograph_rows(folder: Path) -> Iterator[list[object]]:
-    """Yield how often photographs of each kind of motion get each name, and are said to have parallax."""
+def rendered(folder: Path) -> Iterator[tuple[str, TwoViewGeometry]]:
+    """Yield what is found in photographs of each kind of motion."""
     network = blur2view.SmearNetwork()
-    for kind, config in NAMED.items():
-        found = [
-            blur2view.estimate(one.image, network=network).geometry for one in read_test_set(folder / kind)
-        ]
-        counts = Counter(geometry.config for geometry in found)
-        proven = sum(geometry.parallax is Parallax.PROVEN for geometry in found)
-        yield [
-            kind,
-            len(found),
-            *(counts[one] or "" for one in NAMES),
-            proven,
-            f"{100 * counts[config] / len(found):.0f}",
-        ]
+    for kind in NAMED:
+        for scene in read_test_set(folder / kind):
+            yield kind, blur2view.estimate(scene.image, network=network).geometry
 
 
 def main(
@@ -136,12 +113,16 @@ def main(
 
     def named(number: int, direction_deg: float) -> list[str]:
         tasks = [(kind, seed + i) for kind in SCENES for i in range(number)]
-        return confusions(list(mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4)))
+        found = mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4)
+        return confusions(list(found), {str(kind): name for kind, name in RIGHT.items()})
 
     blocks = [INDEPENDENT, named(count, 0.0), CORRELATED, named(max(count // 5, 1), SHARED_DEG)]
     if kinds:
-        head = f"photographs | images | {' | '.join(one.name for one in NAMES)} | parallax proven | correct %"
-        blocks += [RENDERED, table(head, photograph_rows(kinds))]
+        found = list(rendered(kinds))
+        proven = Counter(kind for kind, one in found if one.parallax is Parallax.PROVEN)
+        said = ", ".join(f"{proven[kind]} of {kind}" for kind in NAMED)
+        blocks += [RENDERED, confusions([(kind, outcome(one)) for kind, one in found], NAMED)]
+        blocks += [f"Parallax is proven in {said}."]
     publish(out, *blocks)
 
 

@@ -1,6 +1,6 @@
 """How often the 90 % regions of poses hold the truth, for independent and for correlated errors.
 
-    python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md
+``python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md``
 
 Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from smears
 without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and without
@@ -13,7 +13,7 @@ from typing import NamedTuple, get_args
 
 import numpy as np
 
-from blur2view import Camera, RigidTransform, SmearMatches, estimate_two_view
+from blur2view import RigidTransform, SmearMatches, estimate_two_view
 from blur2view.smears.noise import NoiseModel
 from tools.arguments import Target, run
 from tools.datasets.synthetic_matches import (
@@ -23,6 +23,7 @@ from tools.datasets.synthetic_matches import (
     synthetic_smears,
     with_shared_errors,
 )
+from tools.evaluation.baselines import camera_of
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
 from tools.pages import publish, table
 from tools.processes import mapped
@@ -68,20 +69,19 @@ def correlated(ends: np.ndarray, seed: int, case: Case) -> SmearMatches:
 def outcome(seed: int, case: Case) -> list[float] | None:
     """Return whether the regions of PARTS hold one seed's pose, and its errors; None without a pose."""
     noise_px = 0.0 if case.direction_deg else 1.0
-    options = SyntheticOptions(kind=case.kind, outliers=case.outliers, noise_px=noise_px)
-    scene = synthetic_smears(seed, options)
+    scene = synthetic_smears(
+        seed, SyntheticOptions(kind=case.kind, outliers=case.outliers, noise_px=noise_px)
+    )
     matches = correlated(scene.matches.ends, seed, case) if case.direction_deg else scene.matches
-    camera = Camera(K=scene.K, width=IMAGE_SIZE[0], height=IMAGE_SIZE[1])
-    geometry = estimate_two_view(matches, camera=camera)
+    geometry = estimate_two_view(matches, camera=camera_of(scene))
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None or covariance is None or not pose.translation.any():
         return None
     true = RigidTransform(rotation=scene.R, translation=scene.t / np.linalg.norm(scene.t))
     bounds = [CHI_SQUARED_90[part.stop - part.start] for part in PARTS]
-    squared = [squared_distance(covariance, pose, true, part) for part in PARTS]
-    held = [float(distance < bound) for distance, bound in zip(squared, bounds, strict=True)]
+    held = [squared_distance(covariance, pose, true, p) < b for p, b in zip(PARTS, bounds, strict=True)]
     turned = rotation_error(pose.rotation, scene.R)[1]
-    return [*held, turned, translation_direction_error_deg(pose.translation, scene.t)]
+    return [*map(float, held), turned, translation_direction_error_deg(pose.translation, scene.t)]
 
 
 def main(*, out: Target | None = None, seeds: int = 200, jobs: int = 2) -> None:

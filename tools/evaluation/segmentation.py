@@ -6,12 +6,10 @@ A folder holds ``NAME.jpg`` whose object is white in ``NAME.truth.png``; or scen
 or `tools.datasets.mover_scenes`; or photographs in which nothing moves. ``--standing`` names photographs by
 cameras that stood still, before something that moves, ``--sharp`` folders of sharp ones. Masks and truth are
 compared at the centres of 4 x 4 pixels. The numbers of the decision were chosen on every second photograph,
-the even ones; `AT_REST` was chosen on all. Run again, what is in ``--work`` is not judged again.
+the even ones; `AT_REST` was chosen on all.
 """
 
-import json
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,7 @@ import blur2view
 from blur2view import MotionLabel, MotionMask, SmearNetwork
 from tools.arguments import Existing, Target, run
 from tools.datasets.blurred_photographs import photographs_of
-from tools.datasets.testset import TestScene, read_test_set
+from tools.datasets.testset import read_test_set
 from tools.metrics import average_precision
 from tools.pages import publish, table
 from tools.rendering.exposure import GRID
@@ -30,14 +28,10 @@ from tools.rendering.exposure import GRID
 Mask = NDArray[np.bool_]
 Record = dict[str, Any]
 
-LEAST_SHARE = 0.01
-"""Of the picture that moves, for a photograph to count as one with movers."""
-FALSE_SHARE = 0.005
-"""Called moving where nothing moves: more is a miss."""
-BLURRED_PX = 4.0
-"""Median smear from which on photographs of a known object are a group of their own."""
-LEAST_SMEAR_PX = 2.0
-"""Median smear below which a camera that moved need not be called so."""
+LEAST_SHARE = 0.01  # of the picture that moves, for a photograph to count as one with movers
+FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
+BLURRED_PX = 4.0  # median smear from which on photographs of a known object are a group of their own
+LEAST_SMEAR_PX = 2.0  # median smear below which a camera that moved need not be called so
 WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were
 chosen; the second is of the odd ones, which were looked at then, but decided nothing, except
 whether a camera stood still (`AT_REST` was chosen on both). IoU of what is called moving with what moves,
@@ -76,54 +70,40 @@ def judge(static: Mask, valid: Mask, mask: MotionMask) -> Record:
     }
 
 
-def record_of(path: Path, network: SmearNetwork, static: Mask, valid: Mask, known: Record) -> Record:
+def photographs(
+    folder: Path, standing: list[str], sharp: list[str]
+) -> Iterator[tuple[Path, Mask, Mask, Record]]:
+    """Yield the photographs of a folder: what stands still, where that is known, and what else is."""
+    if next(folder.glob("[0-9]*.npz"), None) and not next(folder.glob("*.jpg"), None):
+        for scene in read_test_set(folder):
+            lengths = np.linalg.norm(scene.displacement, axis=-1)[scene.static & scene.valid]
+            true_px, stands = float(np.median([0.0, *lengths])), scene.kind in ("rest", "unmoved")
+            yield scene.image_path, scene.static, scene.valid, {"stands": stands, "true_px": true_px}
+        return
+    for path in photographs_of([folder]):
+        if path.name.endswith(".truth.png"):
+            continue
+        outlines = path.with_name(f"{path.stem}.truth.png")
+        picture = blur2view.read_image(outlines if outlines.exists() else path)[1::GRID, 1::GRID, 0]
+        static = picture == 0 if outlines.exists() else np.ones_like(picture, bool)
+        known = {"stands": path.stem in standing, "sharp": folder.name in sharp, "object": outlines.exists()}
+        yield path, static, np.ones_like(static), known
+
+
+def record_of(path: Path, static: Mask, valid: Mask, known: Record, network: SmearNetwork) -> Record:
     """Return what is found in a photograph, beside what is known of it."""
     image = blur2view.read_image(path)
     found = blur2view.estimate(image, network=network)
-    return known | {
+    smear_px = float(np.median(found.grid.smears().length_px))
+    return {
+        "true_px": smear_px,
+        "sharp": False,
+        **known,
         **judge(static, valid, blur2view.segment(found, image)),
-        "smear_px": float(np.median(found.grid.smears().length_px)),
-        "disc_px": 2 * (found.blur.defocus_px or 0.0),
+        "smear_px": smear_px,
+        "disc_px": 2 * (found.blur.defocus_px or 0.0) if "true_px" in known else 0.0,
         "kind": str(found.blur.kind),
     }
-
-
-def of_scene(scene: TestScene, network: SmearNetwork) -> Record:
-    """Return the record of a rendered scene."""
-    lengths = np.linalg.norm(scene.displacement, axis=-1)[scene.static & scene.valid]
-    known: Record = {
-        "stands": scene.kind in ("rest", "unmoved"),
-        "true_px": float(np.median([0.0, *lengths])),
-    }
-    return record_of(scene.image_path, network, scene.static, scene.valid, known)
-
-
-def of_photograph(path: Path, network: SmearNetwork, standing: list[str], sharp: list[str]) -> Record:
-    """Return the record of a photograph with its outlines, or one in which nothing moves."""
-    outlines = path.with_name(f"{path.stem}.truth.png")
-    rows, columns = (-(-side // GRID) for side in blur2view.read_image(path).shape[:2])
-    static = np.ones((rows, columns), bool)
-    if outlines.exists():
-        static = blur2view.read_image(outlines)[1::GRID, 1::GRID, 0] == 0
-    known: Record = {
-        "stands": path.stem in standing,
-        "sharp": path.parent.name in sharp,
-        "object": outlines.exists(),
-    }
-    return record_of(path, network, static, np.ones_like(static), known)
-
-
-def judged(
-    folder: Path, network: SmearNetwork, standing: list[str], sharp: list[str]
-) -> Iterator[tuple[str, Callable[[], Record]]]:
-    """Yield the names of the photographs of a folder, and what judges each."""
-    if next(folder.glob("[0-9]*.npz"), None) and not next(folder.glob("*.jpg"), None):
-        for scene in read_test_set(folder):
-            yield scene.name, partial(of_scene, scene, network)
-        return
-    for path in photographs_of([folder]):
-        if not path.name.endswith(".truth.png"):
-            yield path.stem, partial(of_photograph, path, network, standing, sharp)
 
 
 def groups_of(name: str, records: list[Record]) -> dict[str, list[Record]]:
@@ -135,22 +115,13 @@ def groups_of(name: str, records: list[Record]) -> dict[str, list[Record]]:
     return {f"{name}, 4 px and more": blurred, f"{name}, 2 to 4 px": between}
 
 
-def length(one: Record) -> float:
-    """Return the true median smear of a rendered scene, or what is read of a photograph, pixels."""
-    return float(one["true_px"] if "true_px" in one else one["smear_px"])
-
-
 def figures_of(records: list[Record]) -> list[str]:
     """Return the cells of a half of a row."""
     some = [one for one in records if one["share"] >= LEAST_SHARE]
     none = [one for one in records if not one["share"] and not one["stands"]]
-    stood = [
-        one for one in records if one["stands"] and (one["share"] >= LEAST_SHARE or "true_px" not in one)
-    ]
-    moved = [
-        one for one in records if not (one["stands"] or one.get("sharp")) and length(one) >= LEAST_SMEAR_PX
-    ]
-    moved = [one for one in moved if "true_px" not in one or one["true_px"] >= one["disc_px"]]
+    stood = [one for one in records if one["stands"] and (one["share"] >= LEAST_SHARE or "object" in one)]
+    moved = [one for one in records if not (one["stands"] or one["sharp"])]
+    moved = [one for one in moved if one["true_px"] >= max(LEAST_SMEAR_PX, one["disc_px"])]
 
     def mean(rows: list[Record], key: str) -> str:
         return f"{np.nanmean([one[key] for one in rows]):.3f}" if rows else "-"
@@ -171,40 +142,17 @@ def figures_of(records: list[Record]) -> list[str]:
 
 
 def main(
-    folders: list[Existing],
-    *,
-    standing: list[str] | None = None,
-    sharp: list[str] | None = None,
-    work: Path | None = None,
-    out: Target,
+    folders: list[Existing], *, standing: list[str] | None = None, sharp: list[str] | None = None, out: Target
 ) -> None:
     """Judge all photographs of folders."""
-    network, found = SmearNetwork(), dict[str, Record]()
-    if work is not None and work.exists():
-        found = dict(json.loads(line) for line in work.read_text().splitlines())
-    rows = []
+    network, rows = SmearNetwork(), []
     for folder in folders:
-        records = []
-        for name, record in judged(folder, network, standing or [], sharp or []):
-            key = f"{folder}/{name}"
-            if key not in found:
-                found[key] = record()
-                if work is not None:
-                    with work.open("a") as file:
-                        file.write(json.dumps([key, found[key]]) + "\n")
-            records.append(found[key])
+        records = [record_of(*one, network) for one in photographs(folder, standing or [], sharp or [])]
         for name, group in groups_of(folder.name, records).items():
-            halves = figures_of(group[::2]), figures_of(group[1::2])
-            rows.append(
-                [name, *("; ".join(pair) if set(pair) != {"-"} else "" for pair in zip(*halves, strict=True))]
-            )
-    publish(
-        out,
-        "# Motion masks",
-        f"Network `{network.model_id}` and those that find movers.",
-        WORDS,
-        table(HEAD, rows),
-    )
+            pairs = zip(figures_of(group[::2]), figures_of(group[1::2]), strict=True)
+            rows.append([name, *("; ".join(pair) if set(pair) != {"-"} else "" for pair in pairs)])
+    made = f"Network `{network.model_id}` and those that find movers."
+    publish(out, "# Motion masks", made, WORDS, table(HEAD, rows))
 
 
 if __name__ == "__main__":

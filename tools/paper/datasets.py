@@ -31,7 +31,7 @@ from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.arguments import Existing, run
 from tools.datasets.testset import write_truth
-from tools.estimators import baselines
+from tools.evaluation import baselines
 from tools.rendering.exposure import GRID, grid_points, pixel_grid
 
 CROSS_CHECK_PX, SOLVED_PX, STEPS = 1.0, 0.25, 12  # the paper's eps; of fixed-point iterations
@@ -48,7 +48,6 @@ PERIOD, OPEN_FOR = 20, 9  # RBI's sharp frames from a blurred frame to the next,
 class Exposure:
     """Sharp frames (H, W, 3) uint8 of an exposure, with the flow from each to the next, and back."""
 
-    name: str
     frames: list[AnyArray]
     flows: list[tuple[AnyArray, AnyArray]]  # (H, W, 2) float32
     blurred: AnyArray | None = None  # (H, W, 3) uint8, where the set has it
@@ -95,16 +94,14 @@ def scene_flow(root: Path, steps: int) -> Iterator[Exposure]:
         lens = re.search(r"(\d+)mm_focallength", str(scene))
         for first in list(paths)[::steps]:
             numbers = range(first, first + steps + 1)
-            if not set(numbers) <= paths.keys() & cameras.keys():
-                continue
-            moved = np.linalg.inv(cameras[numbers[-1]]) @ cameras[first]
-            yield Exposure(
-                name="_".join((*scene.parts, f"{first:04d}")),
-                frames=[read(paths[number]) for number in numbers],
-                flows=[(flow("Future", a), flow("Past", b)) for a, b in pairwise(numbers)],
-                pose=(BLENDER @ moved[:3, :3] @ BLENDER, BLENDER @ moved[:3, 3]),
-                focal_widths=(float(lens[1]) if lens else FOCAL_MM) / SENSOR_MM,
-            )
+            if set(numbers) <= paths.keys() & cameras.keys():
+                moved = np.linalg.inv(cameras[numbers[-1]]) @ cameras[first]
+                yield Exposure(
+                    frames=[read(paths[number]) for number in numbers],
+                    flows=[(flow("Future", a), flow("Past", b)) for a, b in pairwise(numbers)],
+                    pose=(BLENDER @ moved[:3, :3] @ BLENDER, BLENDER @ moved[:3, 3]),
+                    focal_widths=(float(lens[1]) if lens else FOCAL_MM) / SENSOR_MM,
+                )
 
 
 def gopro(root: Path, _: int) -> Iterator[Exposure]:
@@ -116,7 +113,7 @@ def gopro(root: Path, _: int) -> Iterator[Exposure]:
         paths, count = list(numbered(folder).values()), int(named[1])
         for start in range(0, len(paths) - count + 1, count):
             frames = [read(path) for path in paths[start : start + count]]
-            yield Exposure(name=f"{folder.name}_{paths[start].stem}", frames=frames, flows=dis(frames))
+            yield Exposure(frames=frames, flows=dis(frames))
 
 
 def rbi(root: Path, _: int) -> Iterator[Exposure]:
@@ -124,9 +121,9 @@ def rbi(root: Path, _: int) -> Iterator[Exposure]:
     for folder in sorted((root / "Blur").glob("*/RGB")):
         sharp = root / "Sharp" / folder.relative_to(root / "Blur")
         for number, path in numbered(folder).items():
-            first, name = PERIOD * (number - 1) + 1, f"{folder.parent.name.strip('_')}_{number:04d}"
+            first = PERIOD * (number - 1) + 1
             frames = [read(sharp / f"{k}.png") for k in range(first, first + OPEN_FOR)]
-            yield Exposure(name=name, frames=frames, flows=dis(frames), blurred=read(path))
+            yield Exposure(frames=frames, flows=dis(frames), blurred=read(path))
 
 
 KINDS = {"monkaa": scene_flow, "driving": scene_flow, "gopro": gopro, "rbi": rbi}
@@ -191,23 +188,20 @@ def average(exposure: Exposure, longest: float) -> AnyArray:
             for (frame, there, back), part in zip(ways, (tau, 1 - tau), strict=True):
                 x, miss = sources(there, part)
                 trust = np.where(disagreement(there, back, x) < CROSS_CHECK_PX, 1, 0.05)
-                own = ((1 - part) * trust / (1 + (miss / SOLVED_PX) ** 4) + 1e-6).astype(np.float32)[
-                    ..., None
-                ]
-                blend, weight = blend + own * sampled(frame, x), weight + own
+                own = (1 - part) * trust / (1 + (miss / SOLVED_PX) ** 4) + 1e-6
+                blend = blend + own[..., None].astype(np.float32) * sampled(frame, x)
+                weight = weight + own[..., None].astype(np.float32)
             total += blend / weight
     total /= count * len(exposure.flows)
     return np.searchsorted((LIGHT[1:] + LIGHT[:-1]) / 2, total).astype(np.uint8)  # the nearest code
 
 
 def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
-    """Write what `tools.datasets.testset.read_test_set` reads: the photograph, its ends, and the truth."""
+    """Write what `tools.datasets.testset.read_test_set` reads: the photograph and the truth."""
     (smears, valid), blurred, (R, t) = mid_smears(exposure), exposure.blurred, exposure.pose
     if blurred is None:
         blurred = average(exposure, float(np.linalg.norm(smears[valid], axis=-1).max(initial=0.0)))
     height, width = (side // GRID * GRID for side in blurred.shape[:2])
-    for end, picture in (("_open", exposure.frames[0]), ("_close", exposure.frames[-1])):
-        cv2.imwrite(str(stem.with_name(f"{stem.name}{end}.png")), picture[:height, :width, ::-1])
     middle = grid_points((width, height))
     four = [middle.astype(int) + np.array(step) for step in ((0, 0), (1, 0), (0, 1), (1, 1))]
     own = np.stack([smears[at[..., 1], at[..., 0]] for at in four])  # about a cell's centre
@@ -231,11 +225,9 @@ def main(
     most: int | None = None,
 ) -> None:
     """Write at most so many scenes; Scene Flow's exposures last so many frame intervals."""
-    out.mkdir(parents=True, exist_ok=True)
     try:
         for index, exposure in enumerate(islice(KINDS[kind](root, max(frames, 1)), most)):
             write_scene(exposure, out / f"{index:04d}", kind)
-            print(f"{index:04d} {exposure.name}")
     except Blur2ViewError as error:
         raise SystemExit(str(error)) from None
 

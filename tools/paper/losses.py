@@ -5,7 +5,7 @@
     python -m tools.paper.losses examples --held held
 
 trains a small network for every loss and seed (`VARIANTS`, `SEEDS`), all on the same examples and for as many
-steps, and fills the tables of ``tools/results/paper.md``. Each training is kept in ``--work``: run again, the
+steps, and fills the table of ``tools/results/paper.md``. Each training is kept in ``--work``: run again, the
 tool goes on where it was.
 
 For every cell of 32 px the network gives a vector v and w, and sigma = softplus(w). Against a true smear d
@@ -23,10 +23,9 @@ arXiv 2605.01552.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -38,7 +37,7 @@ from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
 from tools.datasets.shards import Example, load_shards
 from tools.evaluation.evaluate import Smears, smear_figures
-from tools.pages import fill, table
+from tools.pages import fill, joined, table
 from tools.training.reader import Reader, ReaderOptions, doubled
 from tools.training.run import Schedule, Task, fit
 from tools.training.train_reader import Batch, batch_of
@@ -50,17 +49,11 @@ START_SIGMA_PX = 8.0  # what softplus(w) is at first
 CHANNELS, BATCH, RATE = 16, 8, 2e-3
 SEEDS = (0, 1)
 PAGE = Path(__file__).resolve().parents[1] / "results/paper.md"
-MEASURES = {
-    "epe_s_top50": "EPE-S top 50 %, px",
-    "sparsification_area": "sparsification area",
-    "direction_deg_top50": "direction top 50 %, deg",
-}
-"""Of all valid smears: EPE-S of the half of smaller sigmas; the area between the
-sparsification curves; the direction's error of the surer half of the smears of at least 4 px."""
+MEASURES = ("epe_s_top50", "sparsification_area", "direction_deg_top50")
+HEAD = "loss | alpha | seeds | EPE-S top 50 %, px | sparsification area | direction top 50 %, deg"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Variant:
+class Variant(NamedTuple):
     """A loss: what v is, whether it knows the cross-check map, and the alpha of where the check fails."""
 
     representation: Representation = "double"
@@ -73,15 +66,8 @@ class Variant:
         return f"{self.representation}, {'with' if self.cross_check else 'without'} map"
 
 
-SIX = tuple(
-    Variant(representation=representation, cross_check=check)
-    for representation in ("local", "restricted", "double")
-    for check in (False, True)
-)
-ALPHA_STUDY = tuple(Variant(alpha=alpha) for alpha in (0.005, 0.01, 0.02, 0.05))
-VARIANTS = tuple(dict.fromkeys((*SIX, *ALPHA_STUDY)))
-VERDICTS = "epe_s_top50", "sparsification_area"
-BEST = Variant()  # the one that the paper found best
+SIX = [Variant(*one) for one in product(("local", "restricted", "double"), (False, True))]  # type: ignore[arg-type]
+VARIANTS = (*SIX, *(Variant(alpha=alpha) for alpha in (0.005, 0.02, 0.05)))
 
 
 class SmearVectors(nn.Module):
@@ -115,7 +101,7 @@ def squared_error(vector: Tensor, d: Tensor, representation: Representation) -> 
     elif representation == "restricted":  # upright ones point downward
         x, y = d[..., :1], d[..., 1:]
         truth = torch.where((x < 0) | ((x == 0) & (y < 0)), -d, d)
-    else:  # the torch twin of `field.to_double_angle`
+    else:  # the torch twin of `blur2view.smears.grid.to_double_angle`
         x, y = d[..., 0], d[..., 1]
         length = torch.sqrt(x * x + y * y + 1e-12)
         truth = torch.stack([x * x - y * y, 2 * x * y], -1) / length[..., None]
@@ -161,35 +147,25 @@ class LossTask(Task):
             parts.append((smears, shard["d0"][seen].astype(np.float32), sigma))
         found, true, sigma = (np.concatenate(part) for part in zip(*parts, strict=True))
         sure = sigma <= np.quantile(sigma, 0.5, method="lower")
-        every = Smears(found=found, true=true, sigma=sigma, sure=sure)
-        return {name: figure for name, figure in smear_figures(every).items() if name in MEASURES}
+        figures = smear_figures(Smears(found=found, true=true, sigma=sigma, sure=sure))
+        return {name: figures[name] for name in MEASURES}
 
 
-Found = dict[Variant, list[dict[str, float]]]
-"""The figures of every seed."""
-
-
-def variant_table(found: Found, variants: Sequence[Variant]) -> list[str]:
-    """Return means and deviations over seeds as lines of Markdown."""
-    rows = []
-    for variant in variants:
-        values = np.array([[one[name] for name in MEASURES] for one in found[variant]])
-        pairs = zip(values.mean(axis=0), values.std(axis=0), strict=True)
-        cells = (f"{mean:.3f} ± {deviation:.3f}" for mean, deviation in pairs)
-        rows.append((variant.name, f"{variant.alpha:g}", len(values), *cells))
-    return table(" | ".join(["loss", "alpha", "seeds", *MEASURES.values()]), rows)
-
-
-def verdict(found: Found, measure: str) -> str:
-    """Say which of the six is best by a measure, and whether it is the paper's."""
-    values = {variant: [one[measure] for one in found[variant]] for variant in SIX}
-    best, second = sorted(SIX, key=lambda variant: float(np.mean(values[variant])))[:2]
-    mean, after = (float(np.mean(values[variant])) for variant in (best, second))
-    within = "within" if after - mean <= np.std(values[best]) else "beyond"
-    return (
-        f"- Best of the six by {MEASURES[measure]}: {best.name} (in the paper: {BEST.name}), {mean:.3f}; "
-        f"next {second.name}, {after:.3f}: {within} its deviation over seeds."
-    )
+def trained(
+    variant: Variant, shards: Sequence[Example], held: Sequence[Example], work: Path, steps: int
+) -> list[str]:
+    """Return the row of a loss: means and deviations over seeds."""
+    found = []
+    for seed in SEEDS:
+        torch.manual_seed(seed)
+        schedule = Schedule(
+            out=work / f"{variant.name}, alpha {variant.alpha:g}, seed {seed}", steps=steps, rate=RATE,
+            largest_gradient=2.0, seed=seed, every=steps, warm_up=steps // 10,
+        )  # fmt: skip
+        figures = fit(LossTask(variant, shards, held), schedule)
+        found.append([figures[name] for name in MEASURES])
+    cells = (f"{np.mean(one):.3f} ± {np.std(one):.3f}" for one in zip(*found, strict=True))
+    return [variant.name, f"{variant.alpha:g}", str(len(SEEDS)), *cells]
 
 
 def main(
@@ -200,22 +176,11 @@ def main(
     steps: int = 600,
     out: Target = PAGE,
 ) -> None:
-    """Train what is missing, and write the page with its tables."""
+    """Train what is missing, and write the page with its table."""
     torch.set_num_threads(1)
     shards, others = load_shards(examples), load_shards(held)
-    found: Found = {}
-    for variant, seed in product(VARIANTS, SEEDS):
-        torch.manual_seed(seed)
-        schedule = Schedule(
-            out=work / f"{variant.name}, alpha {variant.alpha:g}, seed {seed}", steps=steps, rate=RATE,
-            largest_gradient=2.0, seed=seed, every=steps, warm_up=steps // 10,
-        )  # fmt: skip
-        found.setdefault(variant, []).append(fit(LossTask(variant, shards, others), schedule))
-    parts = {
-        "losses": [*variant_table(found, SIX), "", *(verdict(found, measure) for measure in VERDICTS)],
-        "alpha": variant_table(found, ALPHA_STUDY),
-    }
-    fill(PAGE, parts, out)
+    rows = [trained(variant, shards, others, work, steps) for variant in VARIANTS]
+    fill(PAGE, {"losses": joined(table(HEAD, rows))}, out)
 
 
 if __name__ == "__main__":

@@ -1,1 +1,0 @@
-"""Other estimators of F: baselines, references, the paper's."""
