@@ -2,7 +2,7 @@
 
 This is the only place that turns stated standard deviations, which `likelihood` reads off the network and
 `networks.cepstral_peak` refines, or a user gives, into those that estimators use. Of the network that ships
-(`tools.datasets.testset --kinds`, photographs of rotations, planes and general motions, seeds from 20000; 68 %
+(`tools.datasets.testset --kinds`: rotations, planes and general motions, seeds from 20000; 68 %
 and 50 % points of the errors of smears of 8 px and more):
 
 - stated deviations are root mean squares over all of a likelihood's peaks and what cannot be seen; the errors

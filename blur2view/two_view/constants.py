@@ -73,7 +73,7 @@ ON_PLANE = 3.0  # standard deviations within which a smear follows a homography
 LEAST_ON_PLANE = 0.4  # share of the smears on it without which parallax is not called absent
 # The one step from the table to probabilities (`choice.probabilities`): by maximum likelihood over 200
 # rendered photographs of rotations, planes, still cameras and parallax of a fifth
-# (`python -m tools.datasets.testset OUT --kinds --scenes 50 --seed 80000`, network smears). Rolling shutters pay
+# (`tools.datasets.testset OUT --kinds --scenes 50 --seed 80000`, network smears). Rolling shutters pay
 # the same beside any field: smears that were bent down the rows by 5 to 40 % ask for 2.5 and 2.7. In that is
 # log 2, as rows are rows or, of a picture that was turned upright, columns.
 MODELS = {  # parameters, and penalty beside Schwarz's
