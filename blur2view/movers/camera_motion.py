@@ -11,6 +11,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.movers.evidence import Cells
+from blur2view.smears.grid import SmearGrid
 
 SAMPLES, SCORED = 150, 400  # triples of cells, and cells that their fields are scored on
 SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
@@ -19,36 +20,30 @@ RIDGE = 0.3  # weight, in cells, of each quadratic coefficient over FIELD_SHARE 
 FIELD_SHARE = 0.3
 
 
-def camera_field(cells: Cells, weight: Array, rng: np.random.Generator) -> Array:
-    """Return the displacement (h, w, 2) that the camera's motion gives every cell, pixels.
+def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Array:
+    """Return the displacement (h, w, 2) that the camera's motion gives every cell of a grid, pixels.
 
-    Parameters
-    ----------
-    cells : Cells
-    weight : ndarray of shape (h, w)
-        How much each cell counts, 0 to 1: little where something else is known to move.
-    rng : numpy.random.Generator
-        Draws the starts.
+    ``weight`` (h, w), 0 to 1, is little where something else is known to move; ``rng`` draws the starts.
     """
-    basis, seen = _basis(cells), cells.displacement.reshape(-1, 2)
-    sigma, counted = cells.error_px.ravel(), weight.ravel()
-    affine = _start(basis[:, :3], seen, sigma, counted, rng)
-    model = np.zeros((6, 2))
-    model[:3] = affine
+    cells, size = Cells.of(grid), np.array(grid.shape[::-1])
+    seen, counted = cells.displacement.reshape(-1, 2), weight.ravel()
+    x, y = (grid.points().reshape(-1, 2) - (size - 1) / 2).T / (max(size) / 2)
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    sigma, model = cells.error_px.ravel(), np.zeros((6, 2))
+    model[:3] = _start(basis[:, :3], seen, sigma, counted, rng)
+    length = FIELD_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
+    ridge = np.diag(np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2 + 1e-9)
     for _ in range(STEPS):
-        model = _reweighted(model, basis, seen, sigma, counted)
+        predicted = basis @ model
+        signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
+        squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
+        weighed = basis * (counted / (1 + squared) ** 2 / sigma**2)[:, None]
+        model = np.linalg.solve(weighed.T @ basis + ridge, weighed.T @ signed)
     return np.asarray((basis @ model).reshape(cells.displacement.shape))
 
 
-def _basis(cells: Cells) -> Array:
-    """Return 1, x, y, x^2, xy, y^2 of every cell, (N, 6); x, y over half of the longer side."""
-    height, width = cells.shape
-    x, y = (cells.points.reshape(-1, 2) - (np.array([width, height]) - 1) / 2).T / (max(cells.shape) / 2)
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-
-
 def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
-    """Return the affine field (3, 2) of least cost through three cells each."""
+    """Return the affine field (3, 2) of least cost through three cells each, or constant as one."""
     share = weight / sigma
     share = share / share.sum() if share.sum() > 0 else np.full(len(seen), 1 / len(seen))
     triples = rng.choice(len(seen), (SAMPLES, 3), p=share)
@@ -64,15 +59,3 @@ def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.rando
     error = squared / (4 * sigma[scored] ** 2)
     cost = (weight[scored] / sigma[scored] * error / (1 + error)).sum(axis=1)
     return np.asarray(models[np.argmin(cost)])
-
-
-def _reweighted(model: Array, basis: Array, seen: Array, sigma: Array, weight: Array) -> Array:
-    """Return the field (6, 2) after one step of reweighted least squares (Geman-McClure)."""
-    predicted = basis @ model
-    signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
-    squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
-    each = weight / (1 + squared) ** 2 / sigma**2
-    length = FIELD_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
-    ridge = np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2
-    normal = (basis * each[:, None]).T @ basis + np.diag(ridge + 1e-9)
-    return np.asarray(np.linalg.solve(normal, (basis * each[:, None]).T @ signed))

@@ -14,22 +14,21 @@ from PIL import ExifTags, Image
 from blur2view.errors import OutputError
 from blur2view.movers.mask import MotionLabel
 
+Grey = NDArray[np.uint8]
+
 GREY = np.zeros(3, np.uint8)
 GREY[[MotionLabel.STATIC, MotionLabel.MOVING, MotionLabel.UNOBSERVABLE]] = 0, 255, 128
 """Grey of every `MotionLabel` in ``*.mask.png``."""
 DAMAGED = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
 """What Pillow raises of a picture that it cannot read."""
-TURNED = ("JPEG", "PNG", "TIFF", "WEBP")
-"""Formats in which EXIF may say that a photograph is to be turned, and which trainers read as they are."""
 
 
 class MaskFormat(StrEnum):
     """A program that reads masks.
 
     COLMAP (``--ImageReader.mask_path``) and Nerfstudio (``mask_path`` of a frame) leave out what is 0,
-    instant-ngp what is not. All three read photographs and masks as their pixels are stored, whatever EXIF
-    says of the orientation (pycolmap 4.2 in tests/colmap; ``data/utils/data_utils.py`` of Nerfstudio opens
-    both by Pillow, instant-ngp by stb_image): masks for them are `as_stored`.
+    instant-ngp what is not. All read photographs and masks as their pixels are stored, whatever EXIF says of
+    the orientation: masks for them are `as_stored`.
     """
 
     COLMAP = "colmap"
@@ -37,23 +36,22 @@ class MaskFormat(StrEnum):
     INSTANT_NGP = "instant-ngp"
 
     def path(self, photograph: PurePath) -> PurePath:
-        """Return where the program looks for the mask of a photograph, below a folder of masks.
+        """Return where the program looks for the mask: below a folder of masks; instant-ngp beside it."""
+        stem = photograph.stem
+        names = {
+            self.COLMAP: photograph.name,
+            self.NERFSTUDIO: stem,
+            self.INSTANT_NGP: f"dynamic_mask_{stem}",
+        }
+        return photograph.parent / f"{names[self]}.png"
 
-        instant-ngp looks beside the photograph.
-        """
-        if self is MaskFormat.COLMAP:
-            return photograph.parent / f"{photograph.name}.png"
-        if self is MaskFormat.NERFSTUDIO:
-            return photograph.parent / f"{photograph.stem}.png"
-        return photograph.parent / f"dynamic_mask_{photograph.stem}.png"
-
-    def picture(self, labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def picture(self, labels: Grey) -> Grey:
         """Return the mask (H, W), 0 or 255, of labels (H, W)."""
-        moving = labels == MotionLabel.MOVING
-        return np.where(moving if self is MaskFormat.INSTANT_NGP else ~moving, 255, 0).astype(np.uint8)
+        marked = (labels == MotionLabel.MOVING) == (self is MaskFormat.INSTANT_NGP)
+        return np.where(marked, 255, 0).astype(np.uint8)
 
 
-def stored_labels(path: Path) -> NDArray[np.uint8]:
+def stored_labels(path: Path) -> Grey:
     """Return the labels (H, W) of a file ``*.mask.png``; OutputError if it is no such file."""
     try:
         with Image.open(path, formats=["PNG"]) as picture:
@@ -67,10 +65,10 @@ def stored_labels(path: Path) -> NDArray[np.uint8]:
     return np.asarray(label_of[grey])
 
 
-def as_stored(upright: NDArray[np.uint8], photograph: Path | BinaryIO) -> NDArray[np.uint8]:
+def as_stored(upright: Grey, photograph: Path | BinaryIO) -> Grey:
     """Return a mask of the upright photograph as its pixels are stored, by EXIF (2.3, tag 0x0112)."""
     orientation = 1
-    with suppress(*DAMAGED), Image.open(photograph, formats=TURNED) as picture:
+    with suppress(*DAMAGED), Image.open(photograph, formats=("JPEG", "PNG", "TIFF", "WEBP")) as picture:
         orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
     if orientation in (3, 4, 7, 8):
         upright = upright[::-1]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import AnyArray
 from blur2view.movers.moving import THRESHOLD, Moving, moving_in
 from blur2view.networks.model_file import Execution
-from blur2view.networks.smear_network import photograph_of
+from blur2view.networks.smear_network import photograph_of, white_of
 from blur2view.networks.threads import one_thread
 from blur2view.smears.grid import SmearGrid
 
@@ -36,46 +36,30 @@ class MotionLabel(IntEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MovingRegion:
-    """One connected part of a photograph that moves by itself.
-
-    Parameters
-    ----------
-    area_px : int
-        Its pixels.
-    box : (int, int, int, int)
-        Left, top, width and height, pixels.
-    centroid : (float, float)
-        (x, y), pixels.
-    probability : float
-        Mean probability of moving over it.
-    """
+    """One connected part of a photograph that moves by itself."""
 
     area_px: int
+    """Its pixels."""
     box: tuple[int, int, int, int]
+    """Left, top, width and height, pixels."""
     centroid: tuple[float, float]
+    """(x, y), pixels."""
     probability: float
+    """Mean probability of moving over it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionMask:
-    """Which pixels move by themselves.
-
-    Parameters
-    ----------
-    labels : ndarray of shape (H, W), uint8
-        `MotionLabel`: 0 static, 1 moving, 2 unobservable.
-    probability : ndarray of shape (H, W), float32
-        That a pixel moves, in [0, 1].
-    regions : tuple of MovingRegion
-        The connected moving parts, largest first.
-    reason : str
-        What motion was measured against.
-    """
+    """Which pixels move by themselves."""
 
     labels: NDArray[np.uint8]
+    """(H, W) of `MotionLabel`: 0 static, 1 moving, 2 unobservable."""
     probability: Floats
+    """(H, W): that a pixel moves, in [0, 1]."""
     regions: tuple[MovingRegion, ...]
+    """The connected moving parts, largest first."""
     reason: str
+    """What motion was measured against."""
 
     @property
     def shares(self) -> dict[str, float]:
@@ -139,27 +123,21 @@ def segment(
 
 def mask_of(found: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
     """Return the mask of what moves by itself in an image (H, W, 3) or (H, W)."""
-    side = found.place_px
-    probability = to_pixels(found.probability, image.shape, side)
-    parts = to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
-    moves = along_edges(parts, image, side) > 0.5
+    side, still = found.place_px, found.camera_moved < 0.5
+    probability = _to_pixels(found.probability, image.shape, side)
+    parts = _to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
+    moves = _along_edges(parts, image, side) > 0.5
     regions = regions_of(moves, probability, LEAST_PLACES * side**2)
-    labels = np.full(probability.shape, MotionLabel.STATIC, np.uint8)
-    unseen = np.kron(found.smooth, np.ones((side, side), bool))
-    labels[unseen[: image.shape[0], : image.shape[1]]] = MotionLabel.UNOBSERVABLE
+    smooth = np.repeat(np.repeat(found.smooth, side, 0), side, 1)[: image.shape[0], : image.shape[1]]
+    labels = np.where(smooth, MotionLabel.UNOBSERVABLE, MotionLabel.STATIC).astype(np.uint8)
     labels[moves] = MotionLabel.MOVING
-    return MotionMask(labels=labels, probability=probability, regions=regions, reason=_reason(labels, found))
+    against = "camera that stands still" if still else f"smooth motion of {found.camera_px:.0f} px (median)"
+    return MotionMask(
+        labels=labels, probability=probability, regions=regions, reason=f"measured against a {against}"
+    )
 
 
-def _reason(labels: NDArray[np.uint8], found: Moving) -> str:
-    if (labels == MotionLabel.UNOBSERVABLE).all():
-        return "nothing to measure against: no smear of the camera's motion is read"
-    if found.camera_moved < 0.5:
-        return "measured against a camera that stands still"
-    return f"measured against a smooth motion of {found.camera_px:.0f} px (median)"
-
-
-def to_pixels(places: Floats, shape: tuple[int, ...], place_px: int) -> Floats:
+def _to_pixels(places: Floats, shape: tuple[int, ...], place_px: int) -> Floats:
     """Resample values (h, w) of places, squares of ``place_px`` pixels, to the pixels (H, W) they cover."""
     rows, columns = (-(-side // place_px) for side in shape[:2])
     size = columns * place_px, rows * place_px
@@ -167,11 +145,10 @@ def to_pixels(places: Floats, shape: tuple[int, ...], place_px: int) -> Floats:
     return np.asarray(values[: shape[0], : shape[1]], np.float32)
 
 
-def along_edges(values: Floats, image: AnyArray, place_px: int) -> Floats:
+def _along_edges(values: Floats, image: AnyArray, place_px: int) -> Floats:
     """Return values (H, W) whose steps follow the edges of an image (He, Sun and Tang, ECCV 2010)."""
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
-    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
-    grey = np.asarray(grey / np.float32(white), np.float32)
+    grey = np.asarray(grey / np.float32(white_of(image)), np.float32)
     followed = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
     return np.asarray(followed, np.float32)
 

@@ -1,11 +1,10 @@
 """Smears refined on the cepstral peak: between the network's bins, with the deviations that are left.
 
-An even smear d leaves evenly spaced zeros in a picture's power spectrum, and in its cepstrum a negative peak
-at d and -d, a pixel or two wide. The network reads it in bins of 5.6 degrees and 19 % of the
-length, robustly: it knows false peaks. Here the cepstra of the windows are sampled about the network's
-smears, by how far these would be turned and scaled, and summed over neighbouring windows, whose errors are
-alike and whose textures are not. The smear is then the mean over the network's own distribution times the
-likelihood of the peak (Bayes).
+An even smear d leaves in a picture's cepstrum a negative peak at d and -d, a pixel or two wide. The network
+reads it in bins of 5.6 degrees and 19 % of the length, robustly: it knows false peaks. Here the cepstra of
+the windows are sampled about the network's smears, by how far these would be turned and scaled, and summed
+over neighbouring windows, whose errors are alike and whose textures are not. The smear is then the mean over
+the network's own distribution times the likelihood of the peak (Bayes).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
 """Logarithms of scales at which a cepstrum is sampled."""
 NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
 """Weights of neighbouring windows along each axis, a normal's of 0.7 windows (24 development scenes: with 0.5
-and with 1 rho of F is 1.06 and 1.11 times as large)."""
+and with 1 rho of F is 1.06 and 1.11 times as large; of every second window alone, 1.1 times)."""
 TEMPER = 0.5
 """Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
 CEPSTRUM_RANGE_PX = 3.0, 40.0
@@ -47,10 +46,7 @@ ERF = np.vectorize(math.erf, otypes=[np.float32])  # SciPy is slow to import
 
 
 class Prior(NamedTuple):
-    """What the network says of the smears of windows (h, w), in an octave's pixels.
-
-    A window's cells are taken to err alike: theirs are means.
-    """
+    """What the network says of the smears of windows (h, w), in an octave's pixels: means of cells."""
 
     smear: NDArray[np.complex64]  # x + iy, of either sign
     sigma_rad: Floats  # standard deviation of the direction
@@ -70,22 +66,17 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
         which halve it; of windows as far apart in the picture as the cells, or 2, 4, ... times as far.
     threads : int
         That share the work; the result is the same.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 4), float32
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
     octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
     moved = cells.copy()
     for k, power in enumerate(spectra):
         own, side = octave == k, len(cells) // len(power)
-        prior = prior_of(cells, own, side, 2**k)
-        if not prior.usable.any():
-            continue
-        corrections = corrections_of(*sampled_peaks(power, prior, threads), prior)
-        own &= repeated(prior.usable, side) & (cells[..., 2] < UNSURE * length)
-        moved[own] = corrected(cells, repeated(corrections, side))[own]
+        prior = _prior(cells, length, own, side, 2**k)
+        if prior.usable.any():
+            corrections = _corrections(*_sampled_peaks(power, prior, threads), prior)
+            own &= repeated(prior.usable, side) & (cells[..., 2] < UNSURE * length)
+            moved[own] = _corrected(cells, repeated(corrections, side))[own]
     return moved
 
 
@@ -94,32 +85,27 @@ def repeated(cells: NDArray[Any], times: int) -> NDArray[Any]:
     return np.repeat(np.repeat(cells, times, 0), times, 1)
 
 
-def prior_of(cells: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Prior:
-    """Return what the network says of an octave's windows: the means over their own cells.
-
-    These are side x side; a pixel of the octave is scale x scale of the picture.
-    """
+def _prior(cells: Floats, length: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Prior:
+    """Return what the network says of an octave's windows of side x side cells; its pixels are scaled."""
     height, width = own.shape[0] // side, own.shape[1] // side
-    length = np.hypot(cells[..., 0], cells[..., 1])
     values = np.concatenate([cells, length[..., None], np.ones_like(length)[..., None]], -1) * own[..., None]
     sums = values.reshape(height, side, width, side, 6).sum((1, 3))
-    count = sums[..., 5]
-    x, y, sigma_px, sigma_rad, length = np.moveaxis(sums[..., :5] / np.maximum(count, 1)[..., None], -1, 0)
-    along = along_px(length, sigma_px, sigma_rad)
-    long = (length >= SHORTEST_PX * scale) & (length <= 2 * LONGEST_PX * scale)
+    x, y, sigma_px, sigma_rad, mean = np.moveaxis(sums[..., :5] / np.maximum(sums[..., 5:], 1), -1, 0)
+    long = (mean >= SHORTEST_PX * scale) & (mean <= 2 * LONGEST_PX * scale)
+    along = _along(mean, sigma_px, sigma_rad)
     return Prior(
-        smear=(length / scale * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
+        smear=(mean / scale * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
         sigma_rad=np.maximum(sigma_rad, LEAST_SIGMA_RAD),
-        sigma_log=np.maximum(along / np.maximum(length, 1e-3), LEAST_SIGMA_RAD),
-        usable=long & (sigma_px < UNSURE * length),
+        sigma_log=np.maximum(along / np.maximum(mean, 1e-3), LEAST_SIGMA_RAD),
+        usable=long & (sigma_px < UNSURE * mean),
     )
 
 
-def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
+def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
     """Return how deep the cepstra are about the smears, and about their halves, in deviations.
 
     (h, w, 33, 25) and (h, w, 221), by rotation and scale of each window's own smear, summed over neighbours;
-    zero where there is no usable one near. Every second window alone: rho of F is 1.1 times as large.
+    zero where there is no usable one near.
     """
     usable = prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
@@ -129,16 +115,16 @@ def sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Fl
 
     def sample(part: slice) -> None:
         cells = rows[part], columns[part]
-        peaks[cells] = -values_at(cepstra_of(power[cells]), prior.smear[cells][:, None] * steps)
+        peaks[cells] = -_values_at(_cepstra(power[cells]), prior.smear[cells][:, None] * steps)
 
     in_batches(sample, len(rows), threads, BATCH)
-    noise = np.sqrt(over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
-    summed = over_neighbours(peaks, NEIGHBOURS)
+    noise = np.sqrt(_over_neighbours(usable.astype(np.float32), NEIGHBOURS**2))
+    summed = _over_neighbours(peaks, NEIGHBOURS)
     summed /= np.maximum(noise, 1e-3)[..., None]
     return summed[..., : whole.size].reshape(*usable.shape, *whole.shape), summed[..., whole.size :]
 
 
-def corrections_of(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
+def _corrections(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
     """Return how smears are to be turned and scaled, (h, w, 5), given their windows' sampled peaks.
 
     Radians, the logarithm of the factor, what is left of both variances if the peak is the smear's, and the
@@ -152,56 +138,48 @@ def corrections_of(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
     inside = ERF(a[..., -1] / 2**0.5) * ERF(b[..., -1] / 2**0.5)
     density *= (inside / density.sum((-2, -1)))[..., None, None]
-    log_posterior = np.log(density + 1e-30) + evidence_of(peaks)
+    log_posterior = np.log(density + 1e-30) + _evidence(peaks)
     most = log_posterior.max((-2, -1))
     posterior = np.exp(log_posterior - most[..., None, None])
     total = posterior.sum((-2, -1))
-    half: Floats = evidence_of(halves).max(-1)
-    elsewhere = (1 - inside) * np.exp((half - most).clip(None, 80))
-    length = np.maximum(np.hypot(prior.smear.real, prior.smear.imag), 1)
-    least: Floats = ((PEAK_PX / length) ** 2).astype(np.float32)
-    rotation, variance_rad = mean_and_variance(posterior.sum(-1) / total[..., None], ROTATIONS)
-    log_scale, variance_log = mean_and_variance(posterior.sum(-2) / total[..., None], LOG_SCALES)
-    trust = total / (total + elsewhere)
-    return np.stack([rotation, log_scale, variance_rad + least, variance_log + least, trust], -1)
+    elsewhere = (1 - inside) * np.exp((_evidence(halves).max(-1) - most).clip(None, 80))
+    least = ((PEAK_PX / np.maximum(np.hypot(prior.smear.real, prior.smear.imag), 1)) ** 2).astype(np.float32)
+    corrections = []
+    for axis, values in ((-1, ROTATIONS), (-2, LOG_SCALES)):
+        weights = posterior.sum(axis) / total[..., None]
+        mean = weights @ values
+        corrections.append((mean, np.maximum(weights @ values**2 - mean**2, 0) + least))
+    (rotation, variance_rad), (log_scale, variance_log) = corrections
+    return np.stack([rotation, log_scale, variance_rad, variance_log, total / (total + elsewhere)], -1)
 
 
-def evidence_of(peaks: Floats) -> Floats:
+def _evidence(peaks: Floats) -> Floats:
     """Return the log likelihood ratio of peaks against noise, tempered; 0 where there is a rise."""
     return np.asarray(0.5 * TEMPER * np.maximum(peaks, 0) ** 2, np.float32)
 
 
-def corrected(cells: Floats, corrections: Floats) -> Floats:
-    """Return cells (h, w, 4) turned and scaled, with the deviations that are left, LEAST_SIGMA at least."""
+def _corrected(cells: Floats, corrections: Floats) -> Floats:
+    """Return cells (..., 4) turned and scaled, with the deviations that are left, LEAST_SIGMA at least."""
     rotation, log_scale, variance_rad, variance_log, trust = np.moveaxis(corrections, -1, 0)
     x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
     length = np.hypot(x, y)
-    along = along_px(length, sigma_px, sigma_rad) / np.maximum(length, 1e-3)
+    along = _along(length, sigma_px, sigma_rad) / np.maximum(length, 1e-3)
     variance_rad = trust * variance_rad + (1 - trust) * sigma_rad**2
     variance_log = trust * variance_log + (1 - trust) * along**2
     length = length * np.exp(log_scale)
-    doubled_angle = np.arctan2(y, x) + 2 * rotation
-    moved = [length * np.cos(doubled_angle), length * np.sin(doubled_angle)]
-    sigmas = [
-        np.maximum(length * np.sqrt(variance_rad + variance_log), LEAST_SIGMA_PX),
-        np.maximum(np.sqrt(variance_rad), LEAST_SIGMA_RAD),
-    ]
-    return np.stack(moved + sigmas, -1).astype(np.float32)
+    double = np.arctan2(y, x) + 2 * rotation
+    sigma_px = np.maximum(length * np.sqrt(variance_rad + variance_log), LEAST_SIGMA_PX)
+    sigma_rad = np.maximum(np.sqrt(variance_rad), LEAST_SIGMA_RAD)
+    return np.stack([length * np.cos(double), length * np.sin(double), sigma_px, sigma_rad], -1)
 
 
-def along_px(length: Floats, sigma_px: Floats, sigma_rad: Floats) -> Floats:
+def _along(length: Floats, sigma_px: Floats, sigma_rad: Floats) -> Floats:
     """Return deviations along smears, pixels: of the whole error less that across, three tenths at least."""
     along: Floats = np.sqrt(np.maximum(sigma_px**2 - (length * sigma_rad) ** 2, (0.3 * sigma_px) ** 2))
     return along
 
 
-def mean_and_variance(weights: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Return mean and variance, (...), of values (n,) with weights (..., n) that sum to one."""
-    mean = weights @ values
-    return mean, np.maximum(weights @ values**2 - mean**2, 0)
-
-
-def over_neighbours(values: Floats, weights: Floats) -> Floats:
+def _over_neighbours(values: Floats, weights: Floats) -> Floats:
     """Return the weighted sums of values (h, w, ...) over neighbouring windows along both axes."""
     height, width = values.shape[:2]
     reach = len(weights) // 2
@@ -213,12 +191,9 @@ def over_neighbours(values: Floats, weights: Floats) -> Floats:
     return np.asarray((columns @ down).reshape(values.shape))
 
 
-def cepstra_of(power: Floats) -> Floats:
-    """Return the cepstra (n, 96, 96) of power spectra (n, 96, 49), of mean 0 and deviation 1 about peaks.
-
-    Lags -48 to 47 along both axes.
-    """
-    taper, trendless, ring = filters()
+def _cepstra(power: Floats) -> Floats:
+    """Return cepstra (n, 96, 96) at lags -48 to 47, of mean 0 and deviation 1, of power spectra."""
+    taper, trendless, ring = _filters()
     cepstra = np.fft.irfft2(np.log(power + np.float32(NOISE_FLOOR)) * taper, (WINDOW, WINDOW))
     cepstra = np.asarray(np.fft.fftshift(cepstra, (1, 2)) * trendless, np.float32)
     seen = cepstra[:, ring]
@@ -227,12 +202,8 @@ def cepstra_of(power: Floats) -> Floats:
 
 
 @functools.cache
-def filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return what makes a cepstrum of a log power spectrum.
-
-    The spectrum's taper (96, 49); factors by lag (96, 96), 0 where a spectrum's trend is and 1 where peaks
-    are; and the lags of CEPSTRUM_RANGE_PX.
-    """
+def _filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return a spectrum's taper (96, 49), factors by lag (96, 96) that leave trends out, and peaks' lags."""
     rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
     radius, lags = np.hypot(rows, columns), np.arange(-WINDOW // 2, WINDOW // 2)
     distance = np.hypot(lags, lags[:, None])
@@ -242,7 +213,7 @@ def filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
     return taper.astype(np.float32), trendless.astype(np.float32), ring
 
 
-def values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
+def _values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
     """Return the values of cepstra (n, 96, 96) at lags x + iy, (n, m), each its own; 0 outside."""
     x, y = lags.real + WINDOW // 2, lags.imag + WINDOW // 2
     x[np.abs(lags.imag) >= WINDOW // 2 - 1] = -WINDOW  # or it would be read off the next cepstrum

@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +14,16 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.input_files import read_regular
 
-CPU = "CPUExecutionProvider"
 MAX_FILE_BYTES = 1 << 28  # the shipped networks have 10 MB at most
-BYTES_A_CORE = 1 << 29  # of what networks compute; a tile takes half of it
+BYTES_A_CORE = 1 << 29  # of what networks compute; a piece of a photograph takes half of it
 
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkFormat:
     """A kind of network: the file of ``models/`` that ships, and what its files hold.
 
-    Parameters
-    ----------
-    file, what, version : str
-        Name of the shipped file, what it is called in errors, and its ``blur2view_format``.
-    inputs, outputs : tuple of str
-        Names, all of float32.
-    remedy : str
-        What a user can do about a file that is not one.
+    ``what`` it is called in errors, with a ``remedy``; ``version`` is its ``blur2view_format``. Inputs and
+    outputs are of float32.
     """
 
     file: str
@@ -71,35 +64,22 @@ BLUR = NetworkFormat(
 
 @dataclass(frozen=True, kw_only=True)
 class ModelInfo:
-    """What a smear network's file says of itself.
-
-    Parameters
-    ----------
-    model_id : str
-        Name of the weights.
-    features : int
-        Numbers per cell and direction that one octave hands to the next larger one.
-    brightness : float
-        What darker photographs are brightened to before they are read, as in training (see
-        `blur2view.networks.smear_network.gain_of`); 0: they are read as they are.
-    license : str
-        Licence of the weights.
-    training : dict
-        How they were trained and what was measured, as written by ``tools/training/export.py``.
-    """
+    """What a smear network's file says of itself."""
 
     model_id: str
+    """Name of the weights."""
     features: int
-    brightness: float = 0.0
-    license: str = ""
-    training: dict[str, Any] = field(default_factory=dict)
+    """Numbers per cell and direction that one octave hands to the next larger one."""
+    brightness: float
+    """What darker photographs are brightened to, as in training; 0: they are read as they are."""
+    license: str
+    """Licence of the weights."""
+    training: dict[str, Any]
+    """How they were trained, as written by ``tools/training/export.py``."""
 
 
 def model_path(name: str | os.PathLike[str] | None) -> Path:
-    """Return the file of a smear network: the shipped one for None or "default", or the path itself.
-
-    A file of that name is named with its folder, ``./default``.
-    """
+    """Return the file of a smear network: the shipped one for None or "default", or the path itself."""
     return shipped_file(SMEAR.file) if name is None or name == "default" else Path(name)
 
 
@@ -117,7 +97,7 @@ def usable_cores() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """What runs networks: so many threads, on which the result does not depend, and ONNX Runtime's providers.
+    """What runs networks: threads, on which results do not depend, and ONNX Runtime's providers.
 
     These, such as cuda, coreml or openvino, are tried before the processor.
     """
@@ -127,17 +107,9 @@ class Execution:
 
 
 class OnnxNetwork:
-    """A network of a format, opened by ONNX Runtime.
+    """A network of a format, opened by ONNX Runtime: the shipped one, or that of a path.
 
     All networks of the process together get no more memory than `BYTES_A_CORE` for each core.
-
-    Parameters
-    ----------
-    form : NetworkFormat
-    path : Path, optional
-        The shipped file by default.
-    execution : Execution, optional
-        What runs it; the processor by default.
 
     Raises
     ------
@@ -156,58 +128,34 @@ class OnnxNetwork:
         except OSError as error:
             raise self.error(f"cannot read the network ({error.strerror})") from None
         wanted = _provider_names(self.execution.providers)
-        options = _onnxruntime().SessionOptions()
-        options.intra_op_num_threads = self.execution.threads
-        options.inter_op_num_threads = 1
-        options.use_deterministic_compute = True
-        options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
-        options.add_session_config_entry("session.use_env_allocators", "1")
-        options.log_severity_level = 4  # only what is fatal: the exception says the rest
         try:
-            # with its fallback ONNX Runtime would print to stdout and try once more
-            self.session = _onnxruntime().InferenceSession(
-                content,
-                options,
-                providers=[*wanted, CPU],
-                enable_fallback=0,
-                disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
-            )
+            self.session = _session(content, self.execution.threads, wanted)
+            self.metadata: dict[str, str] = self.session.get_modelmeta().custom_metadata_map
         except Exception:  # of a dozen types of its own, and UnicodeDecodeError of a damaged name
             raise self.error("is not an ONNX network that can be run") from None
         if idle := [name for name in wanted if name not in self.session.get_providers()]:
-            missing = f"{_short(idle[0])} does not start: a library or a device is missing"
-            raise ModelError(f"{missing}; leave it out")
-        self.metadata = self._checked_metadata()
-        self.model_id = self.metadata["model_id"]
+            raise ModelError(
+                f"{_short(idle[0])} does not start: its library or device is missing; leave it out"
+            )
+        stated = self.metadata.get("blur2view_format", "none")
+        if stated != form.version:
+            raise self.error(f"is not {form.what} of format {form.version}, but of {stated}")
+        self.model_id = self.metadata.get("model_id", "unnamed")
 
     def error(self, what: str) -> ModelError:
         """Return the error that names the file, what is wrong and the remedy."""
         return ModelError(f"{self.path}: {what}; {self.form.remedy}")
 
-    def _checked_metadata(self) -> dict[str, str]:
-        try:
-            metadata: dict[str, str] = self.session.get_modelmeta().custom_metadata_map
-        except ValueError as error:  # of a name that is no text
-            raise self.error(f"has damaged metadata ({error})") from None
-        stated = metadata.get("blur2view_format", "")
-        if stated != self.form.version:
-            other = f"but of {stated}" if stated else "as it states no blur2view_format"
-            raise self.error(f"is not {self.form.what} of format {self.form.version}, {other}")
-        if "model_id" not in metadata:
-            raise self.error("has damaged metadata (no model_id)")
-        return metadata
-
     def info(self) -> ModelInfo:
         """Return what a smear network's file says of itself; ModelError if that is damaged."""
-        metadata = self.metadata
+        shapes = {node.name: node.shape for node in self.session.get_inputs()}
         try:
-            shapes = {node.name: node.shape for node in self.session.get_inputs()}
             return ModelInfo(
                 model_id=self.model_id,
                 features=int(shapes[SMEAR.inputs[-1]][-1]),
-                brightness=float(metadata.get("brightness", "0")),
-                license=metadata.get("license", ""),
-                training=json.loads(metadata.get("training", "{}")),
+                brightness=float(self.metadata.get("brightness", "0")),
+                license=self.metadata.get("license", ""),
+                training=json.loads(self.metadata.get("training", "{}")),
             )
         except (KeyError, ValueError, RecursionError) as error:
             raise self.error(f"has damaged metadata ({error})") from None
@@ -215,12 +163,8 @@ class OnnxNetwork:
     def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
         """Return all outputs for the inputs, in order, without the first axis of both.
 
-        A ``frugal`` run gives its memory back, which the next has to take anew.
-
-        Raises
-        ------
-        ModelError
-            If the network cannot be run on them, or what it gives is not finite.
+        A ``frugal`` run gives its memory back. ModelError if the network cannot be run on them, or what it
+        gives is not finite.
         """
         options = _onnxruntime().RunOptions()
         if frugal:
@@ -238,33 +182,47 @@ class OnnxNetwork:
 
 @cache
 def shipped(form: NetworkFormat, execution: Execution) -> OnnxNetwork:
-    """Return the network of a format that ships."""
+    """Return the network of a format that ships, opened once."""
     return OnnxNetwork(form, execution=execution)
+
+
+def _session(content: bytes, threads: int, providers: Sequence[str]) -> Any:
+    """Return ONNX Runtime's session of a file's content."""
+    options = _onnxruntime().SessionOptions()
+    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.use_deterministic_compute = True
+    options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    options.log_severity_level = 4  # only what is fatal: the exception says the rest
+    return _onnxruntime().InferenceSession(
+        content,
+        options,
+        providers=[*providers, "CPUExecutionProvider"],
+        enable_fallback=0,  # with it ONNX Runtime would print to stdout and try once more
+        disabled_optimizers=["ConstantFolding"],  # which would run parts of it, without bounds
+    )
 
 
 def _provider_names(providers: Sequence[str]) -> list[str]:
     """Return ONNX Runtime's names of execution providers; ModelError if its build lacks one."""
+    if not providers:
+        return []
     there = {_short(name): name for name in _onnxruntime().get_available_providers()}
-    for name in providers:
-        if _short(name) not in there:
-            known = ", ".join(there)
-            raise ModelError(
-                f"{name}: is no execution provider of this ONNX Runtime, which has {known}"
-                "; cuda comes with onnxruntime-gpu in its place"
-            )
-    return [there[_short(name)] for name in providers if there[_short(name)] != CPU]
+    if missing := [name for name in providers if _short(name) not in there]:
+        raise ModelError(
+            f"{missing[0]}: is no execution provider of this ONNX Runtime, which has {', '.join(there)}"
+            "; cuda comes with onnxruntime-gpu in its place"
+        )
+    return [there[_short(name)] for name in providers if _short(name) != "cpu"]
 
 
 def _short(provider: str) -> str:
     return provider.lower().removesuffix("executionprovider")
 
 
-@lru_cache
+@cache
 def _onnxruntime() -> Any:
-    """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME.
-
-    Sessions that use its common allocator get no more memory than `BYTES_A_CORE` for each core.
-    """
+    """Return ONNX Runtime, imported so that it sends nothing to its vendor and writes nothing into HOME."""
     # read on import; disable_telemetry_events() comes too late: the device has its id by then (1.31)
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime  # 0.2 s, so only when a network is used

@@ -1,6 +1,6 @@
-"""What a network's file computes on one piece of a photograph: a grid of smears and of the kinds of blur.
+"""What a network's file computes on a photograph: its octaves, each half the size of the one before.
 
-It reads the photograph's octaves, each half the size of the one before, joined on one axis of lengths.
+Their likelihoods are joined on one axis of lengths, and smears and kinds of blur are read off it.
 """
 
 from __future__ import annotations
@@ -49,8 +49,6 @@ MAY_BE_SHORT = 0.1
 same."""
 ROWS = 4
 """Of cells, whose likelihoods are read at a time: a core's cache holds them."""
-PIXELS = [0, 1, 2, 4]
-"""Values of a cell that are pixels."""
 LENGTHS = 32
 """Lengths whose shares are stated: those of the longest axis, of four octaves."""
 VALUES = 5 + len(KINDS) + DIRECTIONS + LENGTHS
@@ -69,70 +67,63 @@ class Octave(NamedTuple):
     features: Floats
 
 
-class OctaveReader:
-    """A network that reads the likelihood of smears in one octave, given the smaller one.
+def read_octaves(
+    network: OnnxNetwork, features: int, pictures: Iterator[tuple[int, Floats]], apart: int
+) -> Floats:
+    """Return what is read of the `octaves` of a picture (H, W) whose sides are multiples of large cells'.
 
-    Cell j of its grid is centred at pixel 32 j + 15.5.
+    Octaves are read, the smallest first. Cells are ``apart`` pixels wide, 32 times a power of two: finer
+    octaves have no more windows, and are read only while smears may be too short for those that were.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 74)
+        Double angle and both deviations of smears, radius out of focus, probabilities of the kinds of blur;
+        shares of directions and lengths, where cells have 32 pixels.
     """
+    threads, spectra, read = network.execution.threads, list[Floats](), None
+    for k, picture in pictures:
+        windows = windows_of(picture, max(STEP, apart >> k))
+        spectra.insert(0, power_spectra(windows, threads))
+        shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
+        del picture, windows  # a large photograph's
+        read = read_octave(network, features, shown, spectra[0], read, frugal)
+        if k and STEP << k <= apart and not_short(read):
+            break
+    assert read is not None
+    kinds = softmax(read.kinds)
+    values = np.zeros((*kinds.shape[:2], VALUES), np.float32)
 
-    def __init__(self, network: OnnxNetwork, features: int) -> None:
-        self.network, self.features = network, features
-        self.threads = network.execution.threads
+    def decode(rows: slice) -> None:
+        values[rows, :, :4] = read_smears(read.smears[rows])
+        if apart == STEP:
+            values[rows, :, -DIRECTIONS - LENGTHS :] = shares_of(read.smears[rows], LENGTHS)
 
-    def read(self, pictures: Iterator[tuple[int, Floats]], apart: int) -> Floats:
-        """Return what is read of the `octaves` of a picture (H, W) whose sides are multiples of large cells'.
+    in_batches(decode, len(values), threads, ROWS)
+    cells = refine_on_cepstrum(values[..., :4], spectra, threads)
+    values[..., :4] = with_unseen(cells, kinds[..., CANNOT_TELL])
+    values[..., 4], values[..., 5 : 5 + len(KINDS)] = read_radii(read.radii), kinds
+    values[..., [0, 1, 2, 4]] *= 2**k  # which are pixels
+    return values
 
-        (h, w, 74): double angle and both deviations of smears, radius out of focus, probabilities of the
-        kinds of blur; shares of directions and lengths, in pixels of a picture in which cells have 32.
 
-        Octaves are read, the smallest first, their logits joined, smears read off them and refined. Cells are
-        ``apart`` pixels wide, 32 times a power of two: finer octaves have no more windows, and are read only
-        while smears may be too short for those that were.
-        """
-        spectra, read = list[Floats](), None
-        for k, picture in pictures:
-            windows = windows_of(picture, max(STEP, apart >> k))
-            spectra.insert(0, power_spectra(windows, self.threads))
-            shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
-            del picture, windows  # a large photograph's
-            read = self.read_octave(shown, spectra[0], read, frugal)
-            if k and STEP << k <= apart and not_short(read):
-                break
-        assert read is not None
-        kinds = softmax(read.kinds)
-        cells = np.empty((*kinds.shape[:2], 4), np.float32)
-        shares = np.empty((*kinds.shape[:2], DIRECTIONS + LENGTHS), np.float32)
-        octaves_apart = (apart // STEP).bit_length() - 1 - k
-
-        def decode(rows: slice) -> None:
-            cells[rows] = read_smears(read.smears[rows])
-            shares[rows] = shares_of(read.smears[rows], LENGTHS, PER_OCTAVE * octaves_apart)
-
-        in_batches(decode, len(cells), self.threads, ROWS)
-        cells = refine_on_cepstrum(cells, spectra, self.threads)
-        cells = with_unseen(cells, kinds[..., CANNOT_TELL])
-        values = np.concatenate([cells, read_radii(read.radii)[..., None], kinds, shares], -1)
-        values[..., PIXELS] *= 2**k
-        return values
-
-    def read_octave(self, grey: Floats, power: Floats, smaller: Octave | None, frugal: bool) -> Octave:
-        """Return what an octave and all smaller ones say, given its picture and its power spectra."""
-        size = power.shape[:2]
-        shape = (*size, DIRECTIONS, self.features)
-        coarse = smaller
-        if smaller is not None and smaller.radii.shape[:2] != size:
-            coarse = Octave(*(repeated(one, 2)[: size[0], : size[1]] for one in smaller))
-        above = np.zeros(shape, np.float32) if coarse is None else coarse.features
-        cepstra, scales = polar_cepstra(power, self.threads)
-        outputs = self.network.run(grey[None], cepstra, scales, above, frugal=frugal)
-        expected = [(*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape]
-        if (found := [output.shape for output in outputs]) != expected:
-            raise self.network.error(f"gives shapes {found}")
-        own = Octave(*outputs)
-        if coarse is None:
-            return own
-        smears, radii = joined(own.smears, coarse.smears), joined(own.radii, coarse.radii)
-        return own._replace(smears=smears, radii=radii)
+def read_octave(
+    network: OnnxNetwork, features: int, grey: Floats, power: Floats, smaller: Octave | None, frugal: bool
+) -> Octave:
+    """Return what an octave and all smaller ones say, given its picture and its power spectra."""
+    size = power.shape[:2]
+    shape, coarse = (*size, DIRECTIONS, features), smaller
+    if smaller is not None and smaller.radii.shape[:2] != size:
+        coarse = Octave(*(repeated(one, 2)[: size[0], : size[1]] for one in smaller))
+    above = np.zeros(shape, np.float32) if coarse is None else coarse.features
+    outputs = network.run(grey[None], *polar_cepstra(power, network.execution.threads), above, frugal=frugal)
+    expected = [(*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape]
+    if (found := [output.shape for output in outputs]) != expected:
+        raise network.error(f"gives shapes {found}")
+    own = Octave(*outputs)
+    if coarse is None:
+        return own
+    return own._replace(smears=joined(own.smears, coarse.smears), radii=joined(own.radii, coarse.radii))
 
 
 def not_short(read: Octave) -> bool:
@@ -144,27 +135,21 @@ def not_short(read: Octave) -> bool:
 
 
 def thinned(windows: Floats) -> Floats:
-    """Return a picture (32 h, 32 w) of every third pixel of windows (h, w, 96, 96).
-
-    A network sees in it what share of each window is white or black; nothing else.
-    """
+    """Return every third pixel of windows (h, w, 96, 96), of which a network sees what share is clipped."""
     h, w = windows.shape[:2]
     every = WINDOW // STEP
     return np.ascontiguousarray(windows[:, :, 1::every, 1::every].swapaxes(1, 2)).reshape(h * STEP, w * STEP)
 
 
-def octave_count(side: int, levels: int) -> int:
+def octave_count(side: int) -> int:
     """Return how many sizes of a picture are read, by its shorter side."""
-    return min(levels, 1 + int(np.log2(max(side / SMALLEST_PX, 1))))
+    return min(LEVELS, 1 + int(np.log2(max(side / SMALLEST_PX, 1))))
 
 
 def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:
-    """Yield copies of a picture (H, W), 2 x 2 pixels averaged, and it itself, with their number: 0 is it.
-
-    The smallest comes first; what was given is not kept.
-    """
+    """Yield copies of a picture (H, W), 2 x 2 pixels averaged, the smallest first, and it, with number 0."""
     levels = [grey]
-    del grey
+    del grey  # what was given is not kept
     for _ in range(count - 1):
         height, width = levels[-1].shape
         half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)

@@ -1,7 +1,4 @@
-"""What the pipeline asks of a network that reads smears, so that another architecture is one file.
-
-`SmearNetwork` is one; ``blur2view.estimate(image, network=other)`` takes every object that has these members.
-"""
+"""What the pipeline asks of a network that reads smears, so that another architecture is one file."""
 
 from enum import StrEnum
 from typing import Protocol
@@ -21,7 +18,7 @@ class Detail(StrEnum):
 
 
 class SmearReader(Protocol):
-    """A network that reads the smears of a photograph: picture in, grid out."""
+    """A network that reads the smears of a photograph, as `SmearNetwork` does."""
 
     @property
     def model_id(self) -> str:
@@ -29,11 +26,10 @@ class SmearReader(Protocol):
 
     @property
     def execution(self) -> Execution:
-        """What runs it: threads and providers, which the network that finds movers then uses, too."""
+        """What runs it, and then the networks that find movers."""
 
     def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
         """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1].
 
-        `SmearGrid` states shapes and units of the cells. One without radii and kinds of blur will do: the
-        photograph then counts as smeared by the camera.
+        Without radii and kinds of blur in the grid the photograph counts as smeared by the camera.
         """

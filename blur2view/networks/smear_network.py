@@ -13,16 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.arrays import AnyArray, over_backdrop
-from blur2view.networks.model_file import SMEAR, Execution, OnnxNetwork, model_path, usable_cores
-from blur2view.networks.octave_reader import (
-    LARGE_PX,
-    LEAST_PX,
-    LEVELS,
-    VALUES,
-    OctaveReader,
-    octave_count,
-    octaves,
-)
+from blur2view.networks.model_file import SMEAR, Execution, OnnxNetwork, model_path, shipped, usable_cores
+from blur2view.networks.octave_reader import LARGE_PX, LEAST_PX, VALUES, octave_count, octaves, read_octaves
 from blur2view.networks.protocol import Detail
 from blur2view.networks.spectra import STEP
 from blur2view.networks.threads import one_thread
@@ -32,21 +24,21 @@ from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]
 
-
 LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
-# Where at most one grey level of 255 is seen within this many pixels nothing can be measured and the network
-# guesses: such cells (constant pictures, burnt skies) get no smear and this sigma.
-_FLAT_WINDOW_PX = 33
+FLAT_PX = 33
+"""Where at most one grey level of 255 is seen within this many pixels nothing can be measured."""
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
-UNSEEN = 0.0, 0.0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD
-_STRIP_ROWS = 64  # converted at a time
+"""Of the smears, of length 0, of such cells: constant pictures, burnt skies."""
+STRIP_ROWS = 64
+"""Converted at a time, so that memory never holds all of a large photograph as RGB floats."""
 QUANTILE, BRIGHT, LARGEST_GAIN = 0.995, 0.9, 256.0
 """Of a photograph's values, that which says how bright it is (lamps and reflections are brighter); what it is
 brought to, if it is darker; and by how much at most."""
 SAMPLES = 1_000_000
 """Values at least, where there are as many, that the quantile is taken of."""
-_LEVELS = np.arange(256, dtype=np.float32) / np.float32(255)
+LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
+EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
 class SmearNetwork:
@@ -78,9 +70,11 @@ class SmearNetwork:
         self.path = model_path(path)
         providers = (providers,) if isinstance(providers, str) else tuple(providers)
         self.execution = Execution(threads=threads or usable_cores(), providers=providers)
-        network = OnnxNetwork(SMEAR, self.path, self.execution)
-        self.info = network.info()
-        self._reader = OctaveReader(network, self.info.features)
+        ships = self.path == model_path(None)
+        self._network = (
+            shipped(SMEAR, self.execution) if ships else OnnxNetwork(SMEAR, self.path, self.execution)
+        )
+        self.info = self._network.info()
 
     @property
     def model_id(self) -> str:
@@ -98,8 +92,7 @@ class SmearNetwork:
         image : ndarray of shape (H, W, 3) or (H, W)
             A photograph as :func:`rgb_of` takes it.
         detail : Detail
-            What it is read for. Where not every window is, those that are are spread over the picture, in the
-            sizes that its smears need.
+            What it is read for: of large photographs some windows are, spread over the picture.
 
         Returns
         -------
@@ -110,39 +103,31 @@ class SmearNetwork:
 
         Raises
         ------
-        ValueError
-            If the image is none of these.
-        ModelError
-            If the network cannot be run or its output is not what its format promises.
+        ValueError, ModelError
+            If the image is none of these; if the network cannot be run or breaks its format's promise.
         """
         image = photograph_of(image)
-        apart = STEP << self._spread(image.shape, Detail(detail))  # a word will do
+        apart = STEP << _spread(image.shape, Detail(detail))  # a word will do
         with one_thread:
             values, flat = self._read(image, apart)
         cells, blur, shares = np.split(values, [4, 5 + len(KINDS)], axis=-1)
-        cells[flat], blur[flat] = UNSEEN, (0, *np.eye(len(KINDS))[CANNOT_TELL])
+        cells[flat] = 0.0, 0.0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD
+        blur[flat] = 0, *np.eye(len(KINDS))[CANNOT_TELL]
         return SmearGrid(
             cells=cells,
             blur=blur,
-            shares=shares,
+            shares=shares if apart == STEP else None,
             stride=apart,
             shape=(image.shape[0], image.shape[1]),
             window_px=WINDOW_PX * apart // STEP,  # as if the picture were smaller
         )
-
-    def _spread(self, shape: tuple[int, ...], detail: Detail) -> int:
-        """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
-        pixels = shape[0] * shape[1]
-        if detail is Detail.GEOMETRY and pixels <= LARGE_PX:
-            return 0
-        return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
 
     def _read(self, image: AnyArray, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
         """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat.
 
         A cell that the border cuts is kept; nothing is read of what is flat all over.
         """
-        levels = octave_count(min(image.shape[:2]), LEVELS)
+        levels = octave_count(min(image.shape[:2]))
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         height, width = (-(-max(side, LEAST_PX << levels - 1) // step) * step for side in image.shape[:2])
         grey = _grey(image, gain_of(image, self.info.brightness), (height, width))
@@ -151,10 +136,19 @@ class SmearNetwork:
             return np.zeros((*flat.shape, VALUES), np.float32), flat
         pictures = octaves(grey, levels)
         del grey  # a large photograph's
-        return self._reader.read(pictures, apart)[: flat.shape[0], : flat.shape[1]], flat
+        values = read_octaves(self._network, self.info.features, pictures, apart)
+        return values[: flat.shape[0], : flat.shape[1]], flat
 
 
-def rgb_of(image: AnyArray | Image.Image) -> NDArray[np.float32]:
+def _spread(shape: tuple[int, ...], detail: Detail) -> int:
+    """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
+    pixels = shape[0] * shape[1]
+    if detail is Detail.GEOMETRY and pixels <= LARGE_PX:
+        return 0
+    return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
+
+
+def rgb_of(image: AnyArray | Image.Image) -> Floats:
     """Return a photograph as the network reads it: (H, W, 3), float32, sRGB-coded RGB in [0, 1], contiguous.
 
     Parameters
@@ -177,25 +171,31 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
         deep, mode = image.mode[0] in "IF", "RGBA" if image.has_transparency_data else "RGB"
         image = np.asarray(image if deep else image.convert(mode))
     if not isinstance(image, np.ndarray):
-        raise ValueError(f"{_EXPECTED}, as from read_image(path), got {image!r:.99}")
+        raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
     integer = image.dtype in (np.uint8, np.uint16)
     has_shape = image.shape[2:] in ((), (1,), (3,), (4,)) and image.ndim > 1 and image.size
     if not has_shape or not (integer or np.issubdtype(image.dtype, np.floating)):
-        raise ValueError(f"{_EXPECTED}, got {image.dtype} {image.shape}")
+        raise ValueError(f"{EXPECTED}, got {image.dtype} {image.shape}")
     if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
         raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
     if image.shape[2:] == (4,):
-        white = np.iinfo(image.dtype).max if integer else 1
-        image = over_backdrop(np.asarray(image / np.float32(white), np.float32))
+        image = over_backdrop(np.asarray(image / np.float32(white_of(image)), np.float32))
     if not integer:
         image = np.asarray(image, np.float32)
     return image[..., 0] if image.shape[2:] == (1,) else image
 
 
+def white_of(image: AnyArray) -> int:
+    """Return the value of white in an array of integers, or of floats in [0, 1]."""
+    return np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
+
+
 def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
     """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1], brightened."""
     if image.dtype == np.uint8:  # looked up: a third of the time
-        values = np.asarray(cv2.LUT(np.ascontiguousarray(image), brightened(_LEVELS, gain)), np.float32)
+        values = np.asarray(
+            cv2.LUT(np.ascontiguousarray(image), brightened(LEVELS_OF_8_BITS, gain)), np.float32
+        )
     else:
         values = np.ascontiguousarray(image, np.float32)
         if image.dtype == np.uint16:
@@ -213,8 +213,7 @@ def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
     every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / SAMPLES)), 1)
     values = image[::every, ::every].reshape(-1)
     rank = min(int(QUANTILE * len(values)), len(values) - 1)
-    white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
-    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white))
+    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_of(image)))
     return min(max(brightness / max(bright, 1e-6), 1.0), LARGEST_GAIN)
 
 
@@ -223,19 +222,13 @@ def brightened(image: Floats, gain: float) -> Floats:
     return image if gain == 1 else np.minimum(image * np.float32(gain), np.float32(1))
 
 
-_EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
-
-
 def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
-    """Return the luma of a photograph so bright; to this shape it continues mirrored, right and below.
-
-    Made of strips, so that memory never holds all of it as RGB floats.
-    """
+    """Return the luma of a photograph so bright; to this shape it continues mirrored, right and below."""
     height, width = image.shape[:2]
     mirrored = np.pad(np.arange(height), (0, shape[0] - height), mode="reflect")
     grey = np.empty(shape, np.float32)
-    for first in range(0, shape[0], _STRIP_ROWS):
-        rows = slice(first, first + _STRIP_ROWS)
+    for first in range(0, shape[0], STRIP_ROWS):
+        rows = slice(first, first + STRIP_ROWS)
         rgb: AnyArray = floats_of(image[mirrored[rows]], gain)
         if width % STEP:  # odd columns are rounded otherwise
             rgb = cv2.copyMakeBorder(rgb, 0, 0, 0, -width % STEP, cv2.BORDER_REPLICATE)
@@ -248,7 +241,7 @@ def _flat(grey: Floats, times: int) -> NDArray[np.bool_]:
     """Return the cells, (h, w), of a picture so many times smaller, about which it keeps its grey level."""
     size = -(-grey.shape[1] // times), -(-grey.shape[0] // times)
     shown = cv2.convertScaleAbs(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), alpha=255)
-    window = np.ones((_FLAT_WINDOW_PX, _FLAT_WINDOW_PX), np.uint8)
+    window = np.ones((FLAT_PX, FLAT_PX), np.uint8)
     contrast = cv2.subtract(cv2.dilate(shown, window), cv2.erode(shown, window))
     rows, columns = (np.minimum(np.arange(0, n, STEP) + STEP // 2, n - 1) for n in shown.shape)
     return contrast[np.ix_(rows, columns)] <= 1

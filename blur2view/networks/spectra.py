@@ -63,10 +63,7 @@ def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: i
 
 
 def windows_of(grey: Floats, apart: int = STEP) -> Floats:
-    """Return the windows (h, w, 96, 96) of a picture (apart h, apart w), mirrored beyond its border: a view.
-
-    They are centred on its cells of ``apart`` pixels.
-    """
+    """Return a view: windows (h, w, 96, 96) of a picture (apart h, apart w), mirrored beyond its border."""
     border, first = max((WINDOW - apart) // 2, 0), max((apart - WINDOW) // 2, 0)
     padded = np.pad(grey, border, mode="reflect") if border else grey
     windows: Floats = np.lib.stride_tricks.sliding_window_view(padded, (WINDOW, WINDOW))
@@ -74,19 +71,10 @@ def windows_of(grey: Floats, apart: int = STEP) -> Floats:
 
 
 def power_spectra(windows: Floats, threads: int = 1) -> Floats:
-    """Return the power spectra (h, w, 96, 49) of windows under a Hann window.
+    """Return the power spectra (h, w, 96, 49) of windows (h, w, 96, 96), under a Hann window.
 
-    Parameters
-    ----------
-    windows : ndarray of shape (h, w, 96, 96), float32
-        Of sRGB-coded luma in [0, 1], as `windows_of` gives them.
-    threads : int
-        That share the work; the result is the same.
-
-    Returns
-    -------
-    ndarray of float32
-        Of frequencies 0 to 48 along x and, as of an FFT, 0 to 47 and -48 to -1 along y.
+    Windows are of sRGB-coded luma in [0, 1], spectra of frequencies 0 to 48 along x and, as of an FFT, 0 to
+    47 and -48 to -1 along y. Threads share the work; the result is the same.
     """
     h, w = windows.shape[:2]
     rows, columns = np.divmod(np.arange(h * w), w)
@@ -113,13 +101,11 @@ def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
     """Return the polar cepstra (h, w, 32, 45) of power spectra (h, w, 96, 49), and their scales (h, w, 3).
 
     Both cepstra have mean 0 and deviation 1; scales are logs of both deviations and of the mean power.
-    The result does not depend on the number of threads that share the work.
     """
     h, w = power.shape[:2]
     spectra = power.reshape(h * w, -1)
     cepstra = np.empty((h * w, DIRECTIONS, LAGS), np.float32)
     scales = np.empty((h * w, SCALES), np.float32)
-
     index, mean_of, samples_of = polar_map()
 
     def transform(part: slice) -> None:
@@ -163,8 +149,8 @@ def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
 
     Places (4 n,) in a power spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies
     with 0 <= y <= x that say something; weights (4 n,) of the mean power from 4 to 40 bins; and samples
-    (4, n, 9 * lags) of both cepstra, in directions 0 to 45 degrees: of what is even under both reflections,
-    odd at the x axis alone, odd at the diagonal alone, odd under both.
+    (4, n, 9 * lags) of both cepstra: of what is even under both reflections, odd at the x axis alone, odd at
+    the diagonal alone, odd under both.
     """
     y, x = (i.ravel() for i in np.indices((FREQUENCIES + 1,) * 2))
     keep = (y <= x) & (x > 1) & (np.hypot(x, y) <= FREQUENCIES)
@@ -173,7 +159,6 @@ def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
     share = np.where(x == y, 0.5, 1) * np.ones((4, 1))  # what stands in two eighths counts half in each
     share[::2] *= np.where(y == 0, 0.5, 1)
     mean = share * (np.hypot(x, y) >= LEAST_FREQUENCY)
-    # of (x, y), (y, x), (x, -y), (y, -x): all alike, odd at the axis, at the diagonal, at both
     signs = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]], np.float32) / 4
     weight = share[..., None].astype(np.float32)
     first, second = (
@@ -188,13 +173,13 @@ def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
     """Return the matrix (..., 9 * lags) from the log power of frequencies (...) to samples to 45 degrees.
 
     Its columns: the inverse transform at a polar bin (Gaussian footprint 0.6 px + 4 % of the lag) of the
-    spectrum tapered towards high frequencies, of which half a plane is the other half. To subtract the
-    spectrum's trend, as the first cepstrum (0) does and the second (1) does not, is in the cepstrum a factor
-    that vanishes at no lag. Entries are rounded to float16, as the network saw them in training.
+    spectrum tapered towards high frequencies. To subtract the spectrum's trend, as the first cepstrum (0)
+    does and the second (1) does not, is in the cepstrum a factor that vanishes at no lag. Entries are rounded
+    to float16, as the network saw them in training.
     """
     radius = np.hypot(rows, columns)
     taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))
-    taper *= np.where(columns == 0, 1, 2) / WINDOW**2
+    taper *= np.where(columns == 0, 1, 2) / WINDOW**2  # half a plane is the other half
     lags = (PEAK_LAGS_PX, TREND_LAGS_PX)[cepstrum]
     angles = np.pi / DIRECTIONS * np.arange(EIGHTH + 1)
     sigma = np.tile(0.6 + 0.04 * lags, len(angles))

@@ -1,21 +1,17 @@
 """Threads of libraries that stand in each other's way."""
 
-from __future__ import annotations
-
 from contextlib import ContextDecorator
 from threading import Lock
-from types import TracebackType
 
 import cv2
 from threadpoolctl import threadpool_limits
 
 
 class OneThread(ContextDecorator):
-    """Lets BLAS and OpenCV use one thread, in a block or a function.
+    """Lets BLAS and OpenCV use one thread, in a block or a function, which may be nested and run in threads.
 
-    Their other threads wait for work by spinning, which takes the cores from those of ONNX Runtime: a network
-    of two threads then takes up to three times as long. Blocks may be nested, and run in several threads; the
-    last to end restores what was before.
+    Their other threads wait for work by spinning: a network of two threads then takes up to three times as
+    long.
     """
 
     def __init__(self) -> None:
@@ -30,10 +26,8 @@ class OneThread(ContextDecorator):
                 self._of_blas = threadpool_limits(limits=1, user_api="blas")
             self._inside += 1
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Restore what was before."""
+    def __exit__(self, *error: object) -> None:
+        """Restore what was before, with the last block that ends."""
         with self._lock:
             self._inside -= 1
             if not self._inside:

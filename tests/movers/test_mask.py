@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -11,11 +12,10 @@ from PIL import Image
 
 from blur2view.images.image import read_image
 from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
-from blur2view.movers.moving import Moving, bilateral_mean, factor_of, reduced
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.movers.moving import Moving, bilateral_mean
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results import overlay
-from tests.support.grids import grid_of
+from blur2view.smears.grid import SmearGrid
 from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, Floats, photo, smears
 
 ROOT = Path(__file__).parents[2]
@@ -93,15 +93,7 @@ def test_what_is_smooth_is_unobservable_and_never_moves() -> None:
     assert (labels[:, 448:] == MotionLabel.UNOBSERVABLE).all()
     plain = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
     mask = segment(estimate(plain), plain)
-    assert (mask.labels == MotionLabel.UNOBSERVABLE).all() and "no smear" in mask.reason
-
-
-def test_noise_of_a_level_hardly_changes_the_mask() -> None:
-    image, _, mask = before(SIDEWAYS)
-    noise = np.random.default_rng(1).uniform(-1, 1, image.shape) / 255
-    noisy = np.clip(image + noise, 0, 1).astype(np.float32)
-    first, second = (one.labels == MotionLabel.MOVING for one in (mask, segment(estimate(noisy), noisy)))
-    assert (first & second).sum() >= 0.9 * (first | second).sum() > 0
+    assert (mask.labels == MotionLabel.UNOBSERVABLE).all()
 
 
 def test_any_size_will_do() -> None:
@@ -161,20 +153,14 @@ def test_places_of_a_like_colour_nearby_have_a_say() -> None:
     np.testing.assert_allclose(bilateral_mean(values, colour, known)[:, :38], mean[:, :38], atol=0.02)
 
 
-def test_smears_of_a_large_photograph_are_averaged_and_parts_stay_where_they_are() -> None:
-    displacement = np.full((63, 94, 2), (8.0, 0.0))
-    grid = grid_of(displacement, 1.0, stride=32, shape=(2010, 3000))
-    shares = np.zeros((63, 94, 64), np.float32)
-    shares[..., [0, 32 + 9]] = 1  # of 8 px
-    grid = replace(grid, blur=np.ones((63, 94, 6), np.float32), shares=shares)
-    assert factor_of(grid) == 2
-    small = reduced(grid, 2, (1005, 1500))
-    assert small.cells.shape[:2] == (32, 47)
-    np.testing.assert_allclose(small.smears().displacement, np.full((32, 47, 2), (4.0, 0.0)), atol=1e-6)
-    np.testing.assert_allclose(small.smears().sigma_px, 0.5)
-    assert small.shares is not None and (small.shares[..., [0, 32 + 5]] == 1).all()  # of 4 px
+def test_a_large_photograph_is_halved_and_parts_stay_where_they_are() -> None:
+    image = cv2.resize(before(SIDEWAYS)[0], None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC).clip(0, 1)
+    found = estimate(image)
+    rows, columns = (slice(3 * part.start, 3 * part.stop) for part in BOX)
+    assert overlap(segment(found, image), (rows, columns)) > 0.6
     log_odds = np.full((256, 376), -9, np.float32)
     log_odds[248:252] = 3  # of pixels 1984 to 2015, which the last row of cells shows
+    grid = SmearGrid(cells=np.zeros((63, 94, 4), np.float32), stride=32, shape=(2010, 3000))
     share = moving_of(log_odds, place_px=8).share_of(grid)
     assert share[-1] == pytest.approx(1) and share[:-1] == pytest.approx(0)
 
@@ -217,18 +203,12 @@ def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:
 def test_a_photograph_has_one_mask_as_PNG_as_JPEG_and_turned(photograph: Path, tmp_path: Path) -> None:
     if not photograph.exists():
         pytest.skip(f"{photograph} is not here")
-    picture = Image.open(photograph).convert("RGB")
+    picture, exif = Image.open(photograph).convert("RGB"), Image.Exif()
+    exif[0x0112] = 6  # shown upright after a quarter turn clockwise
     picture.save(tmp_path / "as.png")
     picture.save(tmp_path / "as.jpg", quality=92)
-    exif = Image.Exif()
-    exif[0x0112] = 6  # shown upright after a quarter turn clockwise
-    turned = picture.transpose(Image.Transpose.ROTATE_90)
-    turned.save(tmp_path / "turned.jpg", quality=92, exif=exif)
-    network = SmearNetwork()
+    picture.transpose(Image.Transpose.ROTATE_90).save(tmp_path / "turned.jpg", quality=92, exif=exif)
     images = [read_image(tmp_path / name) for name in ("as.png", "as.jpg", "turned.jpg")]
-    one, *others = [
-        segment(estimate(image, network=network), image).labels == MotionLabel.MOVING for image in images
-    ]
+    one, *others = (segment(estimate(image), image).labels == MotionLabel.MOVING for image in images)
     assert one.any() or photograph != SAMPLE
-    for other in others:
-        assert (one & other).sum() >= 0.8 * (one | other).sum()
+    assert all((one & other).sum() >= 0.8 * (one | other).sum() for other in others)

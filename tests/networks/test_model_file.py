@@ -25,28 +25,19 @@ from blur2view.networks.smear_network import SmearNetwork
 from tests.support.colour_code import colour_code_network, noise
 
 
-def test_network_tells_what_it_is(tiny_model: Path) -> None:
+def test_network_tells_what_it_is_and_the_shipped_one_is_found_in_the_source_tree(tiny_model: Path) -> None:
     info = SmearNetwork(tiny_model).info
-    assert info.model_id == "colour-code"
-    assert info.training == {"seed": 0}
-
-
-def test_shipped_network_is_found_in_the_source_tree_and_others_by_their_path() -> None:
+    assert info.model_id == "colour-code" and info.training == {"seed": 0}
     models = Path(__file__).resolve().parents[2] / "models"
     assert model_path(None) == model_path("default") == models / "smear.onnx"
-    assert model_path("./default") == model_path(Path("default")) == Path("default")
-    assert model_path("fast") == Path("fast")
+    assert model_path("./default") == Path("default")
 
 
 def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path) -> None:
     with pytest.raises(ModelError, match="rocket: is no execution provider of this ONNX Runtime, .*cpu"):
         SmearNetwork(tiny_model, providers=["rocket"])
-    for name in ("cpu", "CPUExecutionProvider"):
-        image = noise()
-        found = SmearNetwork(tiny_model, providers=[name]).predict(image)
-        np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(image).cells)
-    with pytest.raises(ModelError, match="rocket: is no execution provider"):
-        OnnxNetwork(UNET, execution=Execution(providers=("rocket",)))
+    found = SmearNetwork(tiny_model, providers=["cpu"]).predict(noise())
+    np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(noise()).cells)
 
 
 @pytest.mark.parametrize("form", [UNET, BLUR], ids=lambda form: form.file)
@@ -59,24 +50,14 @@ def test_mover_networks_say_what_they_are_and_another_file_is_refused(
         OnnxNetwork(form, tmp_path / "other.onnx")
 
 
-def any_features() -> onnx.ModelProto:
-    """Return the tiny network without a fixed number of features."""
-    model = colour_code_network()
-    model.graph.input[3].type.tensor_type.shape.dim[4].dim_param = "C"
-    return model
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (None, "cannot read the network"),
         (b"not a network", "not an ONNX network"),
         (colour_code_network().SerializeToString()[:200], "not an ONNX network"),
-        (colour_code_network().SerializeToString().replace(b"Pool", b"Poo\xff"), "not an ONNX network"),
-        (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "damaged metadata"),
+        (colour_code_network().SerializeToString().replace(b"CC0", b"CC\xff"), "not an ONNX network"),
         (colour_code_network(blur2view_format="5").SerializeToString(), "is not .* of format 4, but of 5"),
-        (any_features().SerializeToString(), "damaged metadata"),
-        (colour_code_network(training="{").SerializeToString(), "damaged metadata"),
         (colour_code_network(training="[" * 200_000).SerializeToString(), "damaged metadata"),
     ],
 )
@@ -92,14 +73,10 @@ def test_wrong_network_file_is_named_in_one_line(
     assert capfd.readouterr() == ("", "")  # ONNX Runtime adds no lines of its own
 
 
-def test_pipe_is_no_network(tmp_path: Path) -> None:
+def test_pipe_and_file_of_absurd_size_are_no_networks(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.onnx")
-    for path in (tmp_path / "pipe.onnx", Path("/dev/zero")):
-        with pytest.raises(ModelError, match="is no regular file"):
-            SmearNetwork(path)
-
-
-def test_file_of_absurd_size_is_no_network(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="is no regular file"):
+        SmearNetwork(tmp_path / "pipe.onnx")
     with (tmp_path / "huge.onnx").open("wb") as file:
         file.truncate(1 << 34)  # sparse
     with pytest.raises(ModelError, match="is larger than 256 MiB"):

@@ -18,17 +18,12 @@ def test_each_octave_is_the_mean_of_two_by_two_pixels_of_the_one_before() -> Non
         assert coarse.dtype == np.float32
 
 
-def test_length_of_the_smaller_octave_is_joined_with_its_double() -> None:
+def test_lengths_of_the_smaller_octave_are_joined_with_their_doubles_and_ends_stand_for_all_beyond() -> None:
     fine, coarse = np.zeros((1, 1, 32, 20), np.float32), np.zeros((1, 1, 32, 20), np.float32)
     fine[0, 0, 3, 9] = 1  # 8 px
     coarse[0, 0, 3, 5] = 1  # 4 px of the smaller picture
     joint = joined(fine, coarse)
-    assert joint.shape == (1, 1, 32, 24)
-    assert joint[0, 0, 3, 9] == 2 and joint.sum() == 2
-
-
-def test_ends_of_an_octave_stand_for_all_beyond() -> None:
-    fine, coarse = np.zeros((1, 1, 32, 20), np.float32), np.zeros((1, 1, 32, 20), np.float32)
+    assert joint.shape == (1, 1, 32, 24) and joint[0, 0, 3, 9] == 2 == joint.sum()
     fine[..., -1] = 1  # anything longer
     coarse[..., 0] = 10  # anything shorter
     np.testing.assert_array_equal(joined(fine, coarse)[0, 0, 0], [10] * 5 + [0] * 14 + [1] * 5)

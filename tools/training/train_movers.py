@@ -24,7 +24,7 @@ from torch.nn import functional as nnf
 
 from blur2view.arrays import AnyArray
 from blur2view.movers.camera_motion import camera_field
-from blur2view.movers.evidence import Cells, Picture, cell_values, of_cells, of_places
+from blur2view.movers.evidence import Cells, at_places, cell_values, of_cells, of_places
 from blur2view.movers.moving import LEFT, at_cells
 from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
 from blur2view.networks.spectra import STEP
@@ -88,14 +88,14 @@ def example(
             "share": scene.share,
             "camera": np.array(scene.camera_moved),
         }
-    cells, shape = Cells.of(grid), grid.cells.shape[:2]
+    assert grid.blur is not None
+    cells, side = Cells.of(grid), STEP // PLACE_PX
     left_out = (1 - LEFT) * (rng.random() < LEFT_OUT_SHARE)
-    motion = camera_field(cells, 1 - left_out * at_cells(moving, shape), rng)
-    picture, side = Picture(rgb_of(image), (shape[0], shape[1]), grid.stride), STEP // PLACE_PX
+    motion = camera_field(grid, 1 - left_out * at_cells(moving, grid.cells.shape), rng)
     error = epe_s(np.kron(cells.displacement, np.ones((side, side, 1))), scene.displacement)
     return truth | {
-        "places": np.moveaxis(of_places(picture, cells, motion), -1, 0),
-        "cells": np.moveaxis(of_cells(cells, grid, motion), -1, 0),
+        "places": np.moveaxis(of_places(*at_places(rgb_of(image)), cells, motion), -1, 0),
+        "cells": np.moveaxis(of_cells(cells, grid.blur, motion), -1, 0),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
     }
 
