@@ -2,7 +2,6 @@
 
 import sqlite3
 import struct
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,27 +53,21 @@ class ProjectOptions:
 
 def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 0) -> list[str]:
     """Write a project and return the names of its images."""
-    options = options or ProjectOptions()
-    rng = np.random.default_rng(seed)
-    names = [f"a_{index:03d}.jpg" for index in range(options.images)]
-    if not options.old:
+    o, rng = options or ProjectOptions(), np.random.default_rng(seed)
+    names = [f"a_{index:03d}.jpg" for index in range(o.images)]
+    if not o.old:
         pycolmap.Database.open(path).close()
     with closing(sqlite3.connect(path)) as database:
-        database.execute(f"PRAGMA journal_mode = {'WAL' if options.wal else 'DELETE'}")
-        if options.old:
+        database.execute(f"PRAGMA journal_mode = {'WAL' if o.wal else 'DELETE'}")
+        if o.old:
             database.executescript(f"{OLD_TABLES} PRAGMA user_version = 3900;")
-        width, height = options.size
-        params = struct.pack("<4d", 1.1 * width, width / 2, height / 2, 0.01)
-        database.execute(
-            "INSERT INTO cameras VALUES (1, 2, ?, ?, ?, ?)", (*options.size, params, options.prior_focal)
-        )
+        params = struct.pack("<4d", 1.1 * o.size[0], o.size[0] / 2, o.size[1] / 2, 0.01)
+        database.execute("INSERT INTO cameras VALUES (1, 2, ?, ?, ?, ?)", (*o.size, params, o.prior_focal))
         for index, name in enumerate(names, 1):
-            _add_image(database, rng, index, name, options)
-        for index in range(1, options.images):
-            _add_pair(database, rng, index, options)
-        if options.frames and not options.old:
+            _add_image(database, rng, index, name, o)
+        if o.frames and not o.old:
             database.execute("INSERT INTO rigs VALUES (1, 1, 0)")
-            for index in range(1, options.images + 1):
+            for index in range(1, o.images + 1):
                 database.execute("INSERT INTO frames VALUES (?, 1)", (index,))
                 database.execute("INSERT INTO frame_data VALUES (?, ?, 1, 0)", (index, index))
         database.commit()
@@ -82,34 +75,26 @@ def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 
 
 
 def _add_image(
-    database: sqlite3.Connection, rng: np.random.Generator, index: int, name: str, options: ProjectOptions
+    database: sqlite3.Connection, rng: np.random.Generator, index: int, name: str, o: ProjectOptions
 ) -> None:
-    """Insert an image with keypoints of six columns, as SIFT's, and descriptors."""
+    """Insert an image with keypoints of six columns, as SIFT's, and matches with the one before."""
     database.execute("INSERT INTO images(image_id, name, camera_id) VALUES (?, ?, 1)", (index, name))
-    count = options.features
-    keypoints = rng.uniform(0, 1, (count, 6)).astype("<f4")
-    keypoints[:, :2] *= np.array(options.size, "<f4")
-    row = (index, count, 6, keypoints.tobytes())
-    database.execute("INSERT INTO keypoints VALUES (?, ?, ?, ?)", row)
-    descriptors = rng.integers(0, 256, (count, 128), np.uint8).tobytes()
-    kind = () if options.old else (0,)
-    marks = "?, ?, ?, ?" if options.old else "?, ?, ?, ?, ?"
-    database.execute(f"INSERT INTO descriptors VALUES ({marks})", (index, *kind, count, 128, descriptors))
-
-
-def _add_pair(
-    database: sqlite3.Connection, rng: np.random.Generator, index: int, options: ProjectOptions
-) -> None:
-    """Insert the matches of an image with the next, and a geometry."""
-    key = MAX_IMAGES * index + index + 1
-    count = options.features // 2
-    matches = np.stack([rng.permutation(options.features)[:count] for _ in range(2)], axis=1).astype("<u4")
-    data = np.ascontiguousarray(matches).tobytes()
-    database.execute("INSERT INTO matches VALUES (?, ?, 2, ?)", (key, count, data))
-    database.execute(
-        "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) VALUES (?, ?, 2, ?, 3, ?)",
-        (key, count, data, rng.normal(size=9).tobytes()),
-    )
+    keypoints = rng.uniform(0, 1, (o.features, 6)).astype("<f4")
+    keypoints[:, :2] *= np.array(o.size, "<f4")
+    columns = "(image_id, rows, cols, data) VALUES (?, ?, ?, ?)"
+    database.execute(f"INSERT INTO keypoints{columns}", (index, o.features, 6, keypoints.tobytes()))
+    if o.old:
+        descriptors = rng.integers(0, 256, (o.features, 128), np.uint8).tobytes()
+        database.execute(f"INSERT INTO descriptors{columns}", (index, o.features, 128, descriptors))
+    if index > 1:
+        key, count = MAX_IMAGES * (index - 1) + index, o.features // 2
+        matches = np.stack([rng.permutation(o.features)[:count] for _ in range(2)], axis=1)
+        data = matches.astype("<u4").tobytes()
+        database.execute("INSERT INTO matches VALUES (?, ?, 2, ?)", (key, count, data))
+        sql = (
+            "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) VALUES (?, ?, 2, ?, 3, ?)"
+        )
+        database.execute(sql, (key, count, data, rng.normal(size=9).tobytes()))
 
 
 def user_rows(path: Path) -> Rows:
@@ -117,32 +102,27 @@ def user_rows(path: Path) -> Rows:
     with closing(sqlite3.connect(path)) as database:
         database.text_factory = bytes
         sql = "SELECT CAST(name AS BLOB) FROM sqlite_master WHERE type = 'table'"
-        tables = sorted(row[0].decode() for row in database.execute(sql))
-        rows = {table: _table_rows(database, table) for table in tables}
+        rows = {name.decode(): _table_rows(database, name.decode()) for (name,) in database.execute(sql)}
     ours = {int(row[0]) for row in rows.pop("blur2view_views", [])}
     rows.pop("sqlite_sequence", None)
     frames = {row[0] for row in rows.get("frame_data", []) if row[1] in ours}
-    mine: dict[str, Callable[[tuple[Any, ...]], bool]] = {
-        "images": lambda row: row[0] in ours,
-        "keypoints": lambda row: row[0] in ours,
-        "frames": lambda row: row[0] in frames,
-        "frame_data": lambda row: row[1] in ours,
-        "matches": lambda row: _touches(row[0], ours),
-        "two_view_geometries": lambda row: _touches(row[0], ours),
-    }
-    for table, is_ours in mine.items():
-        rows[table] = [row for row in rows.get(table, []) if not is_ours(row)]
-    return {table: sorted(found, key=repr) for table, found in rows.items() if found}
+
+    def is_ours(table: str, row: tuple[Any, ...]) -> bool:
+        if table in ("matches", "two_view_geometries"):
+            return isinstance(row[0], int) and bool({*divmod(row[0], MAX_IMAGES)} & ours)
+        if table == "frames":
+            return row[0] in frames
+        return table in ("images", "keypoints", "frame_data") and row[table == "frame_data"] in ours
+
+    kept = {name: [row for row in found if not is_ours(name, row)] for name, found in rows.items()}
+    return {name: sorted(found, key=repr) for name, found in kept.items() if found}
 
 
 def _table_rows(database: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
+    """Return all columns of a table, those that are computed, too, whatever their names."""
     count = database.execute("SELECT count(*) FROM pragma_table_xinfo(?)", (table,)).fetchone()[0]
     columns = ", ".join(f"c{index}" for index in range(count))
     return database.execute(f'WITH t({columns}) AS (SELECT * FROM "{table}") SELECT * FROM t').fetchall()
-
-
-def _touches(pair: object, ours: set[int]) -> bool:
-    return isinstance(pair, int) and bool({pair % MAX_IMAGES, pair // MAX_IMAGES} & ours)
 
 
 def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureViews:

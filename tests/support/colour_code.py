@@ -31,15 +31,10 @@ from blur2view.smears.likelihood import (
 
 CODE_RANGE_PX = 64.0
 SIGMA_RANGE_PX = 8.0
-STRENGTH = 1 / 6
-"""Of a pattern at the end of its range: three of them fill the range of greys."""
-BIN_WIDTH = 0.6 * np.log(2) / PER_OCTAVE
-"""Standard deviation of a likelihood, of the length, where sigma is 0: as the shipped network's."""
-LEAST_SHARE = 0.01
-"""Strength of the squares, of its range, from which on a cell says something."""
-CHANNELS = 2
-SURE = 10.0
-"""Logit of the kind of blur, and of the smallest radius, of which the network is sure."""
+STRENGTH = 1 / 6  # of a pattern at the end of its range: three of them fill the range of greys
+BIN_WIDTH = 0.6 * np.log(2) / PER_OCTAVE  # deviation of a likelihood, of the length, where sigma is 0
+LEAST_SHARE = 0.01  # strength of the squares, of its range, from which on a cell says something
+CHANNELS, SURE = 2, 10.0  # features; logit of the kind of blur, and of the smallest radius
 HEIGHT, WIDTH = 240, 320
 EPIPOLE = np.array([150.0, 100.0])
 
@@ -81,10 +76,8 @@ def write_picture(path: Path, rgb: NDArray[np.float32]) -> Path:
 
 def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
     """Return the tiny network; with ``blur`` it averages 3x3 cells, as a trained one looks at neighbours."""
-    signs = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]]) / (
-        4 * STRENGTH
-    )  # by phase and pattern
-    read = signs * [CODE_RANGE_PX, CODE_RANGE_PX, SIGMA_RANGE_PX]
+    signs = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]])  # by phase and pattern
+    read = signs / (4 * STRENGTH) * [CODE_RANGE_PX, CODE_RANGE_PX, SIGMA_RANGE_PX]
     length = lengths_px(BINS).astype(float)
     doubled = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)[:, None]
     x, y = (length * (np.arange(BINS) > 0) * f(doubled) for f in (np.cos, np.sin))

@@ -19,6 +19,7 @@ from tools.datasets.synthetic_matches import (
     scaled_motion,
     smears_about,
     with_shared_errors,
+    with_swaps,
 )
 
 __all__ = [
@@ -29,7 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Smears of a static layered scene seen by a moving camera, ends in random order.
+    """Smears (N, 2, 2) of a static layered scene seen by a moving camera, ends in random order.
 
     ``ends`` may be disturbed, ``true_ends`` never is; ``swapped`` marks smears whose ends[:, 1] is the open
     end; ``outlier`` marks smears that do not follow the camera's motion.
@@ -39,8 +40,8 @@ class Scene:
     R: Array
     t: Array
     F: Array
-    ends: Array  # (N, 2, 2)
-    true_ends: Array  # (N, 2, 2) in the same order as ends
+    ends: Array
+    true_ends: Array
     swapped: np.ndarray
     outlier: np.ndarray
     image_size: tuple[int, int] = IMAGE_SIZE
@@ -48,14 +49,13 @@ class Scene:
     @property
     def length_px(self) -> Array:
         """Lengths of the smears as given, (N,)."""
-        length: Array = np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1)
-        return length
+        return np.asarray(np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=-1))
 
     @property
     def ordered(self) -> tuple[Array, Array]:
         """The disturbed points in true order: (points1, points2)."""
-        index = np.arange(len(self.ends)), self.swapped.astype(int)
-        return self.ends[index], self.ends[index[0], 1 - index[1]]
+        ends = with_swaps(self.ends, self.swapped)
+        return ends[:, 0], ends[:, 1]
 
     @property
     def camera(self) -> Camera:
@@ -78,21 +78,18 @@ def make_scene(
 ) -> Scene:
     """Random camera, motion and scene without noise.
 
-    ``length_px`` is the median smear length; ``rotation_share`` the median length of the smears of the
-    rotation alone over that of the translation alone (default 0.2 to 1; 0: pure translation; inf: pure
-    rotation).
+    ``length_px`` is the median smear length; ``rotation_share`` the median length of the rotation's smears
+    over that of the translation's (default 0.2 to 1; 0: pure translation; inf: pure rotation).
     """
     share = rng.uniform(0.2, 1.0) if rotation_share is None else rotation_share
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     depth, axis, heading = layered_depth(rng, points), rng.normal(size=3), rng.normal(size=3)
     R, t = scaled_motion(K, points, depth, axis, heading, share, length_px)
-    ends = project_smears(K, R, t, points, depth)
-    F = fundamental_from_pose(K, R, t) if np.any(t) else np.full((3, 3), np.nan)
     swapped = rng.random(count) < 0.5
-    ends[swapped] = ends[swapped, ::-1]
-    return Scene(
-        K=K, R=R, t=t, F=F, ends=ends, true_ends=ends.copy(), swapped=swapped, outlier=np.zeros(count, bool)
-    )
+    ends = with_swaps(project_smears(K, R, t, points, depth), swapped)
+    F = fundamental_from_pose(K, R, t) if np.any(t) else np.full((3, 3), np.nan)
+    truth: dict[str, Any] = {"true_ends": ends.copy(), "swapped": swapped, "outlier": np.zeros(count, bool)}
+    return Scene(K=K, R=R, t=t, F=F, ends=ends, **truth)
 
 
 def disturb(
@@ -112,10 +109,8 @@ def disturb(
 def with_outliers(scene: Scene, rng: np.random.Generator, share: float) -> Scene:
     """Replace a share of the smears by ones of random direction and a length of 0.3 to 2 of the median."""
     outlier = rng.random(len(scene.ends)) < share
-    random_ends = random_smears(rng, scene.ends)
-    return replace(
-        scene, ends=np.where(outlier[:, None, None], random_ends, scene.ends), outlier=scene.outlier | outlier
-    )
+    ends = np.where(outlier[:, None, None], random_smears(rng, scene.ends), scene.ends)
+    return replace(scene, ends=ends, outlier=scene.outlier | outlier)
 
 
 def with_second_motion(scene: Scene, box: tuple[float, float, float, float], displacement: Array) -> Scene:

@@ -1,7 +1,7 @@
 """A rendered video of a camera that swings before a distant wall, with its true rates."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -11,15 +11,15 @@ from blur2view.arrays import Array
 from blur2view.geometry.rotation import rotation_matrix, rotation_vector
 
 SIZE, FOCAL_PX, FRAMES_PER_S = (400, 304), 360.0, 25.0
-EXPOSURE_S = 0.8 / FRAMES_PER_S
+OPEN = 0.8  # of the interval of frames
+EXPOSURE_S = OPEN / FRAMES_PER_S
 SUBFRAMES, PERIOD = 24, 23.0  # per exposure; frames of a swing
 SWING: Array = np.array([0.03, 0.11, 0.05])  # radians about x, y and z
 LAG: Array = np.array([1.0, 0.0, 2.0])
 WALL = (1400, 1100)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Swing:
+class Swing(NamedTuple):
     """Frames (H, W, 3) uint8, RGB, and the rates (N, 3) of ``cam2_from_cam1``, radians per second."""
 
     frames: list[NDArray[np.uint8]]
@@ -32,11 +32,6 @@ class Swing:
             video.write(np.ascontiguousarray(frame[..., ::-1]))
         video.release()
         return path
-
-
-def calibration(size: tuple[int, int]) -> Array:
-    """Return K of a picture that the camera of the video would take, were it larger."""
-    return np.array([[FOCAL_PX, 0, (size[0] - 1) / 2], [0, FOCAL_PX, (size[1] - 1) / 2], [0, 0, 1]])
 
 
 def attitude(frame: float) -> Array:
@@ -52,14 +47,14 @@ def swing(count: int, seed: int = 0) -> Swing:
         noise = cv2.GaussianBlur(rng.normal(size=wall.shape).astype(np.float32), (0, 0), scale)
         wall += weight * noise / noise.std()
     linear = np.clip(0.5 + 0.14 * wall / wall.std(), 0, 1) ** 2.2
-    K, wide = calibration(SIZE), calibration(WALL)
+    K, wide = (
+        np.array([[FOCAL_PX, 0, (w - 1) / 2], [0, FOCAL_PX, (h - 1) / 2], [0, 0, 1]]) for w, h in (SIZE, WALL)
+    )
     frames, rates = [], []
     for index in range(count):
-        times = index + EXPOSURE_S * FRAMES_PER_S * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
-        views = (
-            cv2.warpPerspective(linear, K @ attitude(time) @ np.linalg.inv(wide), SIZE) for time in times
-        )
-        frames.append(np.round(255 * np.mean(list(views), axis=0) ** (1 / 2.2)).astype(np.uint8))
-        half = EXPOSURE_S * FRAMES_PER_S / 2
-        rates.append(rotation_vector(attitude(index + half) @ attitude(index - half).T) / EXPOSURE_S)
-    return Swing(frames=frames, rates=np.array(rates))
+        times = index + OPEN * ((np.arange(SUBFRAMES) + 0.5) / SUBFRAMES - 0.5)
+        views = [cv2.warpPerspective(linear, K @ attitude(t) @ np.linalg.inv(wide), SIZE) for t in times]
+        frames.append(np.round(255 * np.mean(views, axis=0) ** (1 / 2.2)).astype(np.uint8))
+        turned = attitude(index + OPEN / 2) @ attitude(index - OPEN / 2).T
+        rates.append(rotation_vector(turned) / EXPOSURE_S)
+    return Swing(frames, np.array(rates))
