@@ -2,8 +2,7 @@
 
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there: pixels of cameras pass
 through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`. Camera models are those
-that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane: a new one of COLMAP's works
-without a line here; `colmap.transforms` names those that readers of transforms.json know.
+that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane.
 """
 
 from __future__ import annotations
@@ -33,23 +32,16 @@ class Camera:
     ----------
     K : ndarray of shape (3, 3)
         Focal lengths and principal point in our pixels, (0, 0) at the centre of the top-left one; of a
-        distorted camera, those of its undistorted picture. No skew.
+        distorted camera, those of its undistorted picture. No skew. ValueError if it is not so.
     width, height : int
         Size in pixels of the pictures it is for.
-    model : str
-        COLMAP's name of the camera model.
-    params : tuple of float
-        COLMAP's parameters of the model, in COLMAP's pixels; by default those of a pinhole, by K.
+    model, params : str, tuple of float
+        COLMAP's name of the camera model, its parameters in COLMAP's pixels; by default a pinhole's, by K.
     source : str
         "focal", "opencv", "camera string", "database" or "exif", and what was done since.
     log_focal_sigma : float
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
         More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
-
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
     """
 
     K: Array
@@ -88,22 +80,11 @@ class Camera:
 
     @classmethod
     def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
-        """Return the camera of ``cv2.calibrateCamera`` and its like.
+        """Return the camera of ``cv2.calibrateCamera`` and its like, for pictures of this width and height.
 
-        Parameters
-        ----------
-        K : ndarray of shape (3, 3)
-            Camera matrix, (0, 0) at the centre of the top-left pixel, as in OpenCV and here.
-        dist : ndarray of 0, 4, 5 or 8 elements, or None
-            Distortion k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape; None or none for no distortion. More
-            (thin prisms, a tilted sensor) only if they are zero.
-        size : (int, int)
-            Width and height of the pictures, pixels.
-
-        Raises
-        ------
-        ValueError, CameraError
-            If the values are not as above; if no such camera can be.
+        ``K`` (3, 3) has (0, 0) at the centre of the top-left pixel, as here; ``dist`` are 0, 4, 5 or 8
+        coefficients k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape, or None. ValueError or CameraError if
+        the values are not so.
         """
         given = [] if dist is None else np.asarray(dist, float).ravel().tolist()
         if len(given) not in (0, 4, 5, 8, 12, 14) or any(given[8:]):
@@ -174,11 +155,9 @@ class Camera:
             return self
         scale = width / self.width
         if abs(height - scale * self.height) > max(1.0, scale):
-            rotated = abs(width * self.width - height * self.height) <= max(width, height)
-            hint = " turned by 90 degrees, as EXIF's orientation does?" if rotated else " cropped?"
             raise CameraError(
                 f"camera ({self.source}) is for {self.width}x{self.height} pixels, the photograph has "
-                f"{width}x{height}:{hint} Give the camera of this picture"
+                f"{width}x{height}: cropped, or turned by EXIF? Give the camera of this picture"
             )
         resized = colmap_camera(self.model, self.width, self.height, self.params)  # not the cached one
         resized.rescale(width, height)
@@ -189,8 +168,7 @@ class Camera:
 def _sides(image_size: tuple[int, int]) -> tuple[int, int]:
     """Return width and height; ValueError of what is no pair, as the shape of an array."""
     if np.shape(image_size) != (2,):
-        got = " ".join(f"{image_size!r:.99}".split())
-        raise ValueError(f"the size must be (width, height), as image.shape[1::-1], got {got}")
+        raise ValueError(f"the size must be (width, height), as image.shape[1::-1], got {image_size!r:.99}")
     return image_size
 
 
@@ -226,16 +204,18 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     """Return the pycolmap.Camera; CameraError if the model is unknown or a parameter cannot be."""
     import pycolmap  # 0.7 s, so only where a camera has more than a focal length
 
-    known = [name for name in pycolmap.CameraModelId.__members__ if name != "INVALID"]
+    known = [
+        name for name in pycolmap.CameraModelId.__members__ if name not in ("INVALID", "EQUIRECTANGULAR")
+    ]
     made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
     if made is None:
-        why = f"unknown model {model}; COLMAP's are {', '.join(known)}"
+        why = f"unknown model {model}; known are {', '.join(known)}"
     elif len(params) != len(made.params):
         why = f"{model} has the parameters {made.params_info}, got {len(params)} values"
     elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:
         why = f"needs a positive width and height below {MAX_SIDE} pixels"
-    elif not (np.abs(params) <= FOCAL_PX[1]).all() or model == "EQUIRECTANGULAR":
-        why = f"needs finite parameters up to {FOCAL_PX[1]:g} and a planar image"
+    elif not (np.abs(params) <= FOCAL_PX[1]).all():
+        why = f"needs finite parameters up to {FOCAL_PX[1]:g}"
     else:
         camera = pycolmap.Camera(model=model, width=width, height=height, params=params)
         if all(map(possible_focal, (camera.focal_length_x, camera.focal_length_y))):

@@ -40,9 +40,8 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     """Return focal length, exposure time and orientation, as far as the EXIF of a photograph states them.
 
     The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
-    FocalPlaneXResolution, scaled if the picture was resized since. It is one number, so that rotating the
-    picture upright does not change it. ``content`` is that of the file, where it has been read already.
-    Source: CIPA DC-008 (EXIF 2.32), tags 0x829A, 0x920A, 0xA002, 0xA20E, 0xA210, 0xA405.
+    FocalPlaneXResolution, scaled if the picture was resized since (CIPA DC-008, EXIF 2.32). ``content`` is
+    that of the file, where it has been read already.
     """
     try:
         content = read_regular(path) if content is None else content
@@ -98,10 +97,7 @@ def _positive(tags: dict[int, Any], name: str) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Intrinsics:
-    """The user's statement on the camera of every photograph of a call: none, a focal length or a camera.
-
-    ValueError if both are given or the focal length is not positive, CameraError if the string is no camera.
-    """
+    """The user's statement on the camera of every photograph of a call: none, a focal length or a camera."""
 
     focal_px: float | None = None
     camera: str | Callable[[Path], Camera] | None = None
@@ -126,7 +122,6 @@ class Intrinsics:
         """Return the camera of one photograph; ``image_size`` is its width and height, upright.
 
         Without instructions EXIF's focal length, if there is one, is a hint; "exif" takes it for true.
-
         CameraError if EXIF is asked for and has none, a database cannot be used, or the size does not fit.
         """
         if self.focal_px is not None:

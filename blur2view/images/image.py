@@ -24,8 +24,6 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 MIN_SIDE_PX = 16
 # Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
 BYTES_PER_PIXEL = 64
-ANIMATED = {"AVIF", "GIF", "PNG", "WEBP"}  # as a file of these formats may be
-NEW_SUBFILE_TYPE = 254  # tag of TIFF; a subfile of odd type is a smaller copy of the picture
 # Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
 HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
 RAW_SUFFIXES = frozenset(
@@ -33,12 +31,10 @@ RAW_SUFFIXES = frozenset(
     + [".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"]
 )
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
-SIGNED = 2  # SampleFormat of TIFF
-SQLITE = b"SQLite format 3\0"
-LIST_SUFFIXES, NO_TEXT = frozenset(["", ".txt", ".list", ".lst"]), {"\0", "\ufffd"}
 # By which photographs in a folder are known; named by themselves they may be of any.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
+_TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
 
@@ -52,9 +48,8 @@ def read_image(
     """Return a photograph as upright float32 sRGB-coded RGB.
 
     JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
-    CMYK. Alpha is composited over mid-grey, EXIF orientation is applied, embedded colour profiles are
-    ignored. 16-bit colour with an EXIF rotation is read with 8 bits. Animations are refused; of several pages
-    the first is read. RAW is developed by rawpy and HEIC decoded by pillow-heif, if these are installed.
+    CMYK; of several pictures the first. Alpha is composited over mid-grey, embedded colour profiles are
+    ignored, 16-bit colour with an EXIF rotation is read with 8 bits. RAW and HEIC need their extras.
 
     Parameters
     ----------
@@ -75,8 +70,8 @@ def read_image(
     Raises
     ------
     ImageError
-        If the file is missing, unreadable, damaged, truncated, not an image, or of a size that cannot
-        be used. The message is one line that names the path and the remedy.
+        If the file is missing, damaged, not an image, or of a size that cannot be used: one line that names
+        the path and the remedy.
     """
     pixels = read_pixels(path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
     with within_memory(Path(path)):
@@ -117,23 +112,12 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
         if path.suffix.lower() in RAW_SUFFIXES:
             return _develop(path, encoded, as_stored, max_memory_gib)
         if encoded[4:8] == b"ftyp" and any(brand in encoded[8:64] for brand in HEIC_BRANDS):
-            _extra(path, "HEIC", "pillow_heif", "convert").register_heif_opener()
+            _extra(path, "HEIC", "pillow_heif").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size, max_memory_gib)
-            if photo.format in ANIMATED and (pictures := getattr(photo, "n_frames", 1)) > 1:
-                raise ImageError(f"{path}: holds {pictures} pictures; save the one that is meant by itself")
-            planes, tags = len(photo.getbands()), getattr(photo, "tag_v2", {})  # of TIFF
-            if tags.get(NEW_SUBFILE_TYPE, 0) & 1:
-                raise ImageError(f"{path}: is the thumbnail of a raw file; develop that to JPEG or PNG")
-            apart = planes > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2
-            inverted = tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0
-            bits = max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,)))
-            signed = bits == 8 and SIGNED in tags.get(TiffImagePlugin.SAMPLEFORMAT, ())
-            if bits == 12 or signed or bits > 8 and (apart or inverted):  # neither decoder reads these right
-                kinds = "12 bits, signed, planes apart, inverted"
-                raise ImageError(f"{path}: is a rare TIFF ({kinds}); save it as PNG")
+            _refuse_rare(path, photo)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
-            deep = planes > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
+            deep = len(photo.getbands()) > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (orientation == 1 or as_stored):
@@ -142,34 +126,36 @@ def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) 
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
-        remedy = "convert it to JPEG, PNG or TIFF"
-        if encoded.startswith(SQLITE):
-            remedy = "a COLMAP database goes to --camera, to-colmap --db or place"
-        elif path.suffix.lower() in LIST_SUFFIXES and not NO_TEXT & set(encoded.decode(errors="replace")):
-            remedy = f"if it lists photographs, write @{path}"
-        raise ImageError(f"{path}: is not a readable image; {remedy}") from None
+        raise ImageError(f"{path}: is not a readable image; convert it to JPEG, PNG or TIFF") from None
     except (ImageError, MemoryError):
         raise
     except Exception as error:
         # on damaged files Pillow's decoders raise errors of any type: KeyError, RuntimeError, ...
         reason = " ".join(str(error).split()) or type(error).__name__
-        if "MAX_TEXT" in reason:  # of Pillow, which takes no memory for it
-            raise ImageError(f"{path}: has a comment of more than a MiB; save it without metadata") from None
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
-_TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
+def _refuse_rare(path: Path, photo: Image.Image) -> None:
+    """Refuse TIFF that neither decoder reads right: 12 bits, signed, 16 bits inverted or in planes."""
+    tags = getattr(photo, "tag_v2", {})
+    apart = len(photo.getbands()) > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2
+    inverted = tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0
+    bits, signed = (
+        max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,))),
+        tags.get(TiffImagePlugin.SAMPLEFORMAT, ()),
+    )
+    if bits == 12 or (bits == 8 and 2 in signed) or (bits > 8 and (apart or inverted)):
+        raise ImageError(f"{path}: is a rare TIFF; save it as PNG")
 
 
 def _pixels_of(path: Path, photo: Image.Image) -> Pixels:
     """Return pixels as grey, RGB or RGBA."""
     if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
         grey = np.asarray(photo)
-        if grey.min() < 0 or grey.max() > 65535:
-            raise ImageError(f"{path}: has 32-bit integer pixels; save it with 8 or 16 bits per channel")
-        return grey.astype(np.uint16)
-    if photo.mode == "F":
-        raise ImageError(f"{path}: has floating-point pixels; save it with 8 or 16 bits per channel")
+        if 0 <= grey.min() <= grey.max() <= 65535:
+            return grey.astype(np.uint16)
+    if photo.mode[0] in "IF":
+        raise ImageError(f"{path}: has pixels of 32 bits; save it with 8 or 16 bits per channel")
     mode = "RGBA" if photo.has_transparency_data else "RGB"
     return np.asarray(photo if photo.mode == mode else photo.convert(mode))
 
@@ -182,29 +168,24 @@ def _decode_deep(encoded: bytes, *, alpha: bool) -> Pixels:
     return np.concatenate([pixels[..., 2::-1], pixels[..., 3 : 3 + alpha]], axis=-1)
 
 
-def _extra(path: Path, kind: str, module: str, convert: str) -> Any:
+def _extra(path: Path, kind: str, module: str) -> Any:
     """Return the module that reads such files; ImageError if it is not installed."""
     try:
         return import_module(module)
     except ImportError:
         name = module.replace("_", "-")
-        remedy = f"install {name} (pip install {name}) or {convert} it to JPEG"
+        remedy = f"install {name} (pip install {name}) or convert it to JPEG"
         raise ImageError(f"{path}: is {kind}; {remedy}") from None
 
 
 def _develop(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> NDArray[np.uint16]:
     """Return a RAW photograph (H, W, 3): sRGB with the camera's white balance, not brightened."""
-    rawpy = _extra(path, "RAW", "rawpy", "develop")
+    rawpy, flip = _extra(path, "RAW", "rawpy"), 0 if as_stored else None
     try:
         with rawpy.imread(io.BytesIO(encoded)) as raw:
             _check_size(path, raw.sizes.width, raw.sizes.height, max_memory_gib)
-            pixels: NDArray[np.uint16] = raw.postprocess(
-                output_bps=16,
-                use_camera_wb=True,
-                no_auto_bright=True,
-                gamma=(2.4, 12.92),
-                user_flip=0 if as_stored else None,
-            )
+            options = {"use_camera_wb": True, "no_auto_bright": True, "gamma": (2.4, 12.92)}
+            pixels: NDArray[np.uint16] = raw.postprocess(output_bps=16, user_flip=flip, **options)
     except rawpy.LibRawError as error:
         reason = " ".join(str(error).split()).removeprefix("b'").removesuffix("'")
         raise ImageError(f"{path}: cannot be developed ({reason}); develop it to JPEG or PNG") from None

@@ -19,31 +19,23 @@ from blur2view.input_files import read_regular, read_stream
 from blur2view.output_files import is_ours, real_paths
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
-URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
-NO_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")  # what a photograph begins with, and no list holds
-MAX_LIST_BYTES, MAX_LINES = 1 << 25, 250_000  # of a list: the frames of two hours
+MAX_LIST_BYTES = 1 << 25
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
     """The photographs of a call, in order, each once.
 
-    Parameters
-    ----------
-    sources : list of Source
-        The photographs; folders and videos that cannot be used are among them.
-    roots : dict
-        The folder that was given, of photographs that were found in one.
-    refused : dict
-        Why these sources cannot be used, a line each.
-    lists : list of Path
-        The files that named some.
+    Folders and videos that cannot be used are among them.
     """
 
     sources: list[Source] = field(default_factory=list)
     roots: dict[Source, Path] = field(default_factory=dict)
+    """The folder that was given, of photographs that were found in one."""
     refused: dict[Source, str] = field(default_factory=dict)
+    """Why these sources cannot be used, a line each."""
     lists: list[Path] = field(default_factory=list)
+    """The files that named some."""
 
     @property
     def one_video(self) -> bool:
@@ -55,11 +47,6 @@ class Inputs:
     def read(self) -> set[str]:
         """The files that are read, where their paths lead."""
         return real_paths([*(source.path for source in self.sources), *self.lists])
-
-    def refuse(self, path: Path, line: str) -> None:
-        """Add what cannot be used, and the line that says why."""
-        self.sources.append(source := Source(path=path))
-        self.refused[source] = line
 
     def names(self) -> list[str]:
         """Return every photograph's path below the one folder that was given, or else that all share.
@@ -111,27 +98,53 @@ def list_photographs(
     ImageError if a list cannot be read, names nothing, or is larger than one of photographs can be.
     """
     found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
-    for word in _without_lists(words, stdin):
-        path = Path(word)
-        try:
-            if URL.match(word) and not os.path.lexists(word):
-                found.refuse(path, f"{word}: is no file here; download it first")
-            elif is_video(path):
-                _add_frames(found, path, frames)
-            elif path.is_dir():
-                _add_folder(found, path, recursive)
-            else:
-                found.sources.append(frame_named(word) or Source(path=path))
-        except OSError as error:
-            found.refuse(
-                path, f"{path}: cannot be read ({error.strerror}); check the path and its permissions"
-            )
     once: dict[tuple[str, int | None], Source] = {}
-    for source in found.sources:
-        place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
-        once.setdefault((place, source.frame), source)
-    found.sources[:] = once.values()
+    for word in _without_lists(words, stdin):
+        for source in _sources(found, word, recursive, frames):
+            place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
+            once.setdefault((place, source.frame), source)
+    found.sources.extend(once.values())
     return found
+
+
+def _sources(found: Inputs, word: str, recursive: bool, frames: Callable[[Path], range]) -> Iterator[Source]:
+    """Yield the photographs of one word; if it cannot be used itself, with the reason among those refused."""
+    path = Path(word)
+    try:
+        if is_video(path):
+            yield from [Source(path=path, frame=number) for number in frames(path)]
+        elif path.is_dir():
+            photographs = _photographs(path, recursive)
+            found.roots.update((source, path) for source in photographs)
+            yield from photographs
+        else:
+            yield frame_named(word) or Source(path=path)
+    except (ImageError, OSError) as error:
+        line = (
+            f"{path}: cannot be read ({getattr(error, 'strerror', '')}); check the path and its permissions"
+        )
+        found.refused[Source(path=path)] = str(error) if isinstance(error, ImageError) else line
+        yield Source(path=path)
+
+
+def _photographs(folder: Path, recursive: bool) -> list[Source]:
+    """Return the photographs of a folder, frame_2 before frame_10; ImageError if it has none.
+
+    So are links that lead nowhere, whose failure is named later, but not results of blur2view.
+    """
+    entries = [path for path in (folder.rglob("*") if recursive else folder.iterdir()) if not path.is_dir()]
+    found = [path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES]
+    found = [path for path in found if path.suffix.lower() != ".png" or not is_ours(path)]
+    if not found:
+        more = "name another folder" if recursive else "add --recursive for its subfolders"
+        raise ImageError(f"{folder}: holds no photograph; {more}")
+    return [Source(path=path) for path in sorted(found, key=_in_order)]
+
+
+def _in_order(path: Path) -> list[tuple[str, int, str]]:
+    """Return what sorts names as a person does: frame_2 before frame_10."""
+    parts = re.findall(r"(\D*)(\d*)", str(path))
+    return [(text, int(number or 0), number) for text, number in parts]
 
 
 def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str]:
@@ -141,99 +154,26 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             yield from _lines("standard input", partial(read_stream, stdin or BytesIO(), MAX_LIST_BYTES))
         elif word.startswith(LIST):
             path = Path(word[1:])
-            if not path.name:
-                raise ImageError(f"{word}: name a list behind {LIST}, as {LIST}list.txt")
-            for name in _lines(word[1:], partial(read_regular, path, MAX_LIST_BYTES), path.parent):
+            for name in _lines(str(path), partial(read_regular, path, MAX_LIST_BYTES)):
                 beside = path.parent / name
-                there = [p for p in (name, beside) if os.path.lexists(p)]
-                if len({os.path.realpath(p) for p in there}) > 1:
-                    raise ImageError(f"{path}: {name} is here and beside the list; name it with its folder")
-                here = str(there[0]) if there else name
-                yield str(beside) if not there and frame_named(str(beside)) else here
+                there = os.path.lexists(beside) or frame_named(str(beside)) is not None
+                yield str(beside) if there and not os.path.lexists(name) else name
         else:
             yield word
 
 
-def _lines(source: str, read: Callable[[], bytes], folder: Path | None = None) -> list[str]:
-    """Return the names of a list, one on a line.
-
-    A line that begins with # is a comment, and spaces about a name are none of it, unless a file is named so,
-    here or in the ``folder`` of the list.
-    """
-
-    def exists(name: str) -> bool:
-        return os.path.lexists(name) or (folder is not None and os.path.lexists(folder / name))
-
+def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
+    """Return the names of a list, one on a line but for blank ones and comments."""
     try:
         content = read()
-        if NO_TEXT.search(content[:4096]):
-            raise ValueError("it is no UTF-8 text; a photograph itself is named by its file")
-        text = os.fsdecode(content.removeprefix(codecs.BOM_UTF8))
+        if b"\0" in content:
+            raise ValueError("it is no text; a photograph itself is named by its file")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         remedy = "name a file that holds one name on each line, or pipe them to -"
         raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
-    lines = text.splitlines()
-    if len(lines) > MAX_LINES:
-        most = f"name at most {MAX_LINES} photographs in one call"
-        raise ImageError(f"{source}: has {len(lines)} lines; {most}")
-    names = [one if exists(one) else one.strip() for one in lines if one.strip()]
-    names = [one for one in names if one[0] != COMMENT or exists(one)]
+    lines = map(str.strip, os.fsdecode(content.removeprefix(codecs.BOM_UTF8)).splitlines())
+    names = [line for line in lines if line and not line.startswith(COMMENT)]
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
-
-
-def _add_frames(found: Inputs, video: Path, frames: Callable[[Path], range]) -> None:
-    """Add the frames of a video; one that cannot be opened stays as it is, with the reason."""
-    try:
-        found.sources.extend(Source(path=video, frame=number) for number in frames(video))
-    except ImageError as error:
-        found.refuse(video, str(error))
-
-
-def _add_folder(found: Inputs, folder: Path, recursive: bool) -> None:
-    """Add the photographs of a folder by their names; OSError, and none of them, if it cannot be read.
-
-    A subfolder that cannot be read is refused by itself.
-    """
-    unread: list[OSError] = []
-    below = os.walk(folder, onerror=unread.append)
-    os.scandir(folder).close()
-    entries = [
-        Path(here, name) for here, _, names in (below if recursive else _first(below)) for name in names
-    ]
-    entries.sort(key=_in_order)
-    photographs = [path for path in entries if _is_photograph(path)]
-    if not photographs and not unread:
-        more = "name another folder" if recursive else "add --recursive for its subfolders"
-        if video := next(filter(is_video, entries), None):
-            more = f"name its video, {video}"
-        found.refuse(folder, f"{folder}: holds no photograph; {more}")
-    for path in photographs:
-        found.sources.append(source := Source(path=path))
-        found.roots[source] = folder
-    for error in unread:
-        line = f"{error.filename}: cannot be read ({error.strerror}); check its permissions"
-        found.refuse(Path(error.filename), line)
-
-
-def _first(walk: Iterator[tuple[str, list[str], list[str]]]) -> list[tuple[str, list[str], list[str]]]:
-    return [next(walk)]
-
-
-def _is_photograph(path: Path) -> bool:
-    """Return whether a file of a folder is a photograph by its name, and no result of blur2view.
-
-    So is a link that leads nowhere, whose failure names the remedy.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in PHOTOGRAPH_SUFFIXES or not (path.is_file() or (path.is_symlink() and not path.exists())):
-        return False
-    return suffix != ".png" or not is_ours(path)
-
-
-def _in_order(path: Path) -> list[tuple[str, int, str]]:
-    """Return what sorts names as a person does: frame_2 before frame_10."""
-    parts = re.findall(r"(\D*)(\d*)", str(path))
-    return [(text, int(number or 0), number) for text, number in parts]

@@ -79,12 +79,7 @@ def read_content(source: Path | Source) -> bytes:
     try:
         return read_regular(path)
     except FileNotFoundError:
-        remedy = "check the path"
-        if set(path.name) & set("*?[") or str(path).startswith("~"):
-            remedy = "write patterns and ~ without quotes; no name fits"
-        if path.is_symlink():
-            remedy = f"it is a link to {os.readlink(path)}, fetch that (git annex get, dvc checkout)"
-        raise ImageError(f"{path}: no such file; {remedy}") from None
+        raise ImageError(f"{path}: no such file; check the path") from None
     except IsADirectoryError:
         raise ImageError(f"{path}: is a folder; name a photograph in it") from None
     except OSError as error:
@@ -107,19 +102,10 @@ def timestamps_of(
 ) -> list[float]:
     """Return the seconds of photographs in order, from their names or from a column of a table.
 
-    Parameters
-    ----------
-    paths : iterable of path-like
-        The photographs.
-    table : path-like, optional
-        Text with a row for each photograph, which names it in one column and has its time, as `timestamp_of`
-        reads it, in another one, parted by commas or spaces; lines that begin with # are passed over. EuRoC's
-        ``data.csv`` and TUM's ``rgb.txt`` are such tables.
-
-    Raises
-    ------
-    ImageError
-        If the table cannot be read, or a photograph has no time.
+    ``table`` is text with a row for each photograph, which names it in one column and has its time, as
+    `timestamp_of` reads it, in another one, parted by commas or spaces; lines that begin with # are passed
+    over. EuRoC's ``data.csv`` and TUM's ``rgb.txt`` are such tables. ImageError if it cannot be read, or a
+    photograph has no time.
     """
     times = {} if table is None else _read(Path(table))
     found = []
@@ -134,15 +120,15 @@ def timestamps_of(
 def _read(table: Path) -> dict[str, float]:
     """Return the times of a table by the photographs' names without their folders."""
     try:
-        text = read_regular(table, MAX_TABLE_BYTES).decode()
+        lines = read_regular(table, MAX_TABLE_BYTES).decode().splitlines()
     except (OSError, ValueError) as error:
         raise ImageError(f"{table}: cannot be read ({error}); name a table of times") from None
     times: dict[str, float] = {}
-    for line in text.splitlines():
-        cells = [cell.strip() for cell in re.split(r"[,\s]+", line.strip()) if cell]
-        if cells and not cells[0].startswith("#"):
-            values = [value for value in map(_seconds, cells) if value is not None]
-            times |= {Path(cell).name: values[0] for cell in cells if Path(cell).suffix and values}
+    for line in lines:
+        cells = re.split(r"[,\s]+", line.strip())
+        values = [value for value in map(_seconds, cells) if value is not None]
+        if values and not line.lstrip().startswith("#"):
+            times |= {Path(cell).name: values[0] for cell in cells if Path(cell).suffix}
     return times
 
 

@@ -20,8 +20,6 @@ FRAMES_KEPT = 3  # frames: one and both beside it
 # Containers round the number of frames: what is missing of the last second, or of the last quarter of less
 # than four, was never there.
 TAIL_S, TAIL_SHARE = 1.0, 0.25
-# The largest that cameras record, 12288x6480; its decoder and the copies of a frame take 1.2 GiB.
-MAX_FRAME_PIXELS = 80_000_000
 # No playlist of files makes FFmpeg open the network.
 FILES_ONLY = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file"
 # By the degrees clockwise by which OpenCV turns frames upright.
@@ -84,22 +82,9 @@ def read_video(
 ) -> Iterator[NDArray[np.float32]]:
     """Return an iterator over the frames of a video as `read_image` returns photographs.
 
-    Parameters
-    ----------
-    path : path-like
-        The file; all that OpenCV's FFmpeg reads.
-    every, first, last : int or float
-        As of `frame_numbers`: one frame in as many, from the first to the last.
-
-    Returns
-    -------
-    iterator of ndarray of shape (H, W, 3), float32
-        RGB in [0, 1], sRGB-coded, upright; one frame at a time is in memory.
-
-    Raises
-    ------
-    ImageError, ValueError
-        If the video cannot be read, or ends too early; of frames that it does not have.
+    They are (H, W, 3), float32 RGB in [0, 1], upright, one at a time in memory; ``every``, ``first`` and
+    ``last`` are as of `frame_numbers`. ImageError if the video cannot be read, ends too early or has no such
+    frames.
     """
     video = Path(path)
     numbers, reader = frame_numbers(video, every=every, first=first, last=last), _Reader(video)
@@ -156,15 +141,11 @@ class _Reader:
 
     def _end(self, number: int) -> None:
         """Raise why there is no next frame, where one of this number is asked for."""
-        announced = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if number >= announced:
-            raise ImageError(f"{self.video}: has {announced} frames, none of number {number}; name another")
-        rate = float(self.capture.get(cv2.CAP_PROP_FPS))
-        end = EndOfVideo(
-            f"{self.video}: ends after {self.position} of {announced} frames; copy the video again"
-        )
-        tail = min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * announced, 1.0))
-        end.whole = announced - self.position <= tail
+        count, rate = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT)), self.capture.get(cv2.CAP_PROP_FPS)
+        if number >= count:
+            raise ImageError(f"{self.video}: has {count} frames, none of number {number}; name another")
+        end = EndOfVideo(f"{self.video}: ends after {self.position} of {count} frames; copy the video again")
+        end.whole = count - self.position <= min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * count, 1.0))
         raise end
 
 
@@ -175,7 +156,7 @@ def _reader(video: Path) -> _Reader:
 
 
 def _opened(video: Path) -> Any:
-    """Return a video that is open, or raise ImageError; a frame too large is refused before it is decoded."""
+    """Return a video that is open, or raise ImageError."""
     if not video.exists():
         raise ImageError(f"{video}: no such file; check the path")
     try:
@@ -187,8 +168,4 @@ def _opened(video: Path) -> Any:
     capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     if not capture.isOpened():
         raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
-    width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    if width * height > MAX_FRAME_PIXELS:
-        most = MAX_FRAME_PIXELS // 1_000_000
-        raise ImageError(f"{video}: has frames of {width}x{height} pixels; resize it to {most} megapixels")
     return capture

@@ -88,18 +88,12 @@ def verdict(one: Record) -> str:
 
 
 def fit_line(one: Record) -> str:
-    """Return how many smears fit; the camera if it was scaled."""
-    count = one.num_matches or 0
+    """Return how many smears fit."""
     if not one.has_geometry:
-        return f"{count} smears used"
-    line = f"{one.num_inliers} of {count} smears fit"
-    if one.F is not None and one.H is not None:  # beside H a share of F would read as certainty
-        line += " F, and a homography explains them as well"
-    else:
-        share = (one.num_inliers or 0) / max(count, 1)
-        line += f" ({percent(share)}, {percent(one.support_by_chance or 0.0)} would by chance)"
-    scaled = one.camera is not None and "scaled" in one.camera["source"]
-    return f"{line}; {one.camera['source']}" if one.camera is not None and scaled else line
+        return f"{one.num_matches or 0} smears used"
+    both = one.F is not None and one.H is not None
+    fit = f"{one.num_inliers} of {one.num_matches} smears fit"
+    return fit + " F, and a homography explains them as well" * both
 
 
 def length_text(one: Record) -> str:
@@ -153,30 +147,16 @@ def _motion(one: Record) -> str:
         return f"Camera moved past near and far things{length}"
     if not undecided:
         return f"Camera moved past something flat{length}"
-    return f"Camera moved{' or turned' * _may_have_turned(one)}{undecided}{length}"
-
-
-def _may_have_turned(one: Record) -> bool:
-    return (one.rotation_probability or 0.0) > MAY_HAVE_TURNED
+    or_turned = " or turned" * ((one.rotation_probability or 0.0) > MAY_HAVE_TURNED)
+    return f"Camera moved{or_turned}{undecided}{length}"
 
 
 def _turned(one: Record) -> str:
-    """Return which way a camera turned.
-
-    It rolled where that moves a corner of the picture by more than pan and tilt move its middle.
-    """
-    import numpy as np
-
-    if one.H is None or one.width is None or one.height is None:
-        return "turned"
-    to_middle = np.eye(3)
-    to_middle[:2, 2] = (1 - one.width) / 2, (1 - one.height) / 2
-    centred = to_middle @ np.array(one.H) @ np.linalg.inv(to_middle)
-    (a, b, x), (c, d, y) = (centred / centred[2, 2])[:2]
-    roll = abs(math.atan2(c - b, a + d))
-    if roll * math.hypot(one.width, one.height) / 2 > math.hypot(x, y):
+    """Return which way a camera turned: it rolled where smears run in many directions."""
+    if one.direction_deg is None:
         return "rolled"
-    return f"turned {_way(x, y)}"
+    angle = math.radians(one.direction_deg)
+    return f"turned {_way(math.cos(angle), math.sin(angle))}"
 
 
 def _turned_by(one: Record) -> str:

@@ -70,9 +70,7 @@ def test_a_resized_picture_has_the_same_rays(text: str, scale: float) -> None:
 
 @pytest.mark.parametrize("size", [(480, 640), (640, 400), (1000, 480)])
 def test_a_picture_of_another_shape_is_refused(size: tuple[int, int]) -> None:
-    # as read upright, or as stored, which to-colmap reads
-    hint = "turned by 90 degrees, as EXIF's orientation does" if size == (480, 640) else "cropped"
-    with pytest.raises(CameraError, match=f"is for 640x480 pixels.* {hint}"):
+    with pytest.raises(CameraError, match="is for 640x480 pixels.* cropped, or turned"):
         Camera.from_string(RADIAL).for_image(size)
 
 
@@ -85,7 +83,7 @@ def test_a_picture_of_another_shape_is_refused(size: tuple[int, int]) -> None:
         ("PINHOLE 640 480 nan 525 320 240", "finite"),
         ("PINHOLE 640 480 -525 525 320 240", "focal length must be"),
         ("PINHOLE 0 480 525 525 320 240", "positive"),
-        ("EQUIRECTANGULAR 640 480 640 480", "planar"),
+        ("EQUIRECTANGULAR 640 480 640 480", "unknown model"),
     ],
 )
 def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
