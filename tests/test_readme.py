@@ -68,24 +68,25 @@ RUNNABLE = [
 ]
 
 
-PHOTOGRAPHS = ("models/sample.jpg", "a.jpg", "b.jpg", "photographs/one.jpg", "photographs/two.jpg")
+PHOTOGRAPHS = ("a.jpg", "b.jpg", "photographs/one.jpg", "photographs/two.jpg")
 FRAMES = ("f_000.jpg", "f_010.jpg", "f_020.jpg")  # every tenth of a video
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Return a folder with the files that README names, the sample all, and nothing of the checkout."""
+    """Return a folder with the files that README names, others the sample at half its size."""
+    (tmp_path / "models").mkdir()
+    for path in (ROOT / "models").glob("*.jpg"):
+        shutil.copy(path, tmp_path / "models")
+    picture = cv2.resize(np.asarray(cv2.imread(str(SAMPLE))), None, fx=0.5, fy=0.5)
     for name in (*PHOTOGRAPHS, *(f"frames/{frame}" for frame in FRAMES)):
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        shutil.copy(SAMPLE, tmp_path / name)
-    for name in ("sample_mover.jpg", "desk.jpg"):
-        shutil.copy(ROOT / "models" / name, tmp_path / "models")
-    picture = np.asarray(cv2.imread(str(SAMPLE)))
+        cv2.imwrite(str(tmp_path / name), picture)
     write_frames(tmp_path / "video.mp4", [picture] * 7)
     turn, move = np.array([0.002, 0.006, -0.001]), np.array([0.9, 0.1, 0.05])  # of the camera, a frame
     size = picture.shape[1], picture.shape[0]
     points = np.random.default_rng(0).uniform(-1, 1, (200, 3)) * (1.5, 1, 2) + (0, 0, 7)
-    walk = Walk(names=FRAMES, size=size, focal=800.0, turn=turn, move=move)
+    walk = Walk(names=FRAMES, size=size, focal=400.0, turn=turn, move=move)
     walk.write(points, tmp_path / "project.db", {tmp_path / "model" / "0": range(len(FRAMES))})
     return tmp_path
 
@@ -131,6 +132,8 @@ def test_every_command_and_python_block_runs(
 
 @pytest.mark.slow
 def test_every_way_to_map_runs(folder: Path, call: Callable[[str, str], str]) -> None:
+    for name in ("a.jpg", "b.jpg"):
+        shutil.copy(SAMPLE, folder / name)
     call("sh", "blur2view to-colmap --db new.db --focal 800 a.jpg b.jpg")
     call("sh", "blur2view to-colmap --db project.db --link --sequence frames")
     blocks = re.findall(r"::\n\n((?:    .*\n|\n)+)", mapping.__doc__ or "")
