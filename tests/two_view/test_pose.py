@@ -160,7 +160,7 @@ def test_a_turning_camera_leaves_every_direction_likely_and_a_moving_one_does_no
 @pytest.mark.slow
 def test_regions_hold_the_truth_where_few_smears_are_independent() -> None:
     """Nominal 90 %, of 24 seeds; by the curvature alone, beside the likelihood's spread, 0.80."""
-    case = pose_coverage.Case("smooth", direction_deg=4.0, length_share=0.1)
+    case = "correlated, smooth depth, 4 degrees, 10%"
     found = [pose_coverage.outcome(seed, case) for seed in range(24)]
     held = [one[0] for one in found if one is not None]
     assert len(held) >= 18 and np.mean(held) > 0.85

@@ -3,17 +3,18 @@
 ``python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md``
 
 Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from smears
-without order. "white": 1 px of noise on every coordinate, standard deviations stated truly, with and without
-outliers. "correlated": directions and lengths err as one over 40 px, as those of a network; the standard
-deviation of every displacement and the share of independent smears are stated truly.
+without order. "white": 1 px of noise on every coordinate, standard deviations stated truly. "correlated":
+directions and lengths err as one over 40 px, as those of a network; the standard deviation of every
+displacement and the share of independent smears are stated truly.
 """
 
 from functools import partial
-from typing import NamedTuple, get_args
+from typing import get_args
 
 import numpy as np
 
 from blur2view import RigidTransform, SmearMatches, estimate_two_view
+from blur2view.arrays import Array
 from blur2view.smears.noise import NoiseModel
 from tools.arguments import Target, run
 from tools.datasets.synthetic_matches import (
@@ -31,48 +32,38 @@ from tools.processes import mapped
 CORRELATED_PX = 40.0  # standard deviation of the Gaussian over which errors of neighbours agree
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 HEAD = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
+CORRELATED: tuple[tuple[Kind, float, float], ...] = (
+    ("smooth", 2.0, 0.05), ("smooth", 4.0, 0.1), ("scattered", 4.0, 0.1),
+)  # fmt: skip
+CASES: dict[str, tuple[SyntheticOptions, tuple[float, float] | None]] = {
+    f"white, {kind} depth, {share:.0%} outliers": (SyntheticOptions(kind=kind, outliers=share), None)
+    for kind in get_args(Kind)
+    for share in (0.0, 0.3)
+} | {
+    f"correlated, {kind} depth, {degrees:g} degrees, {share:.0%}": (
+        SyntheticOptions(kind=kind, outliers=0.0, noise_px=0.0), (degrees, share)
+    )
+    for kind, degrees, share in CORRELATED
+}  # fmt: skip
+"""The smears, and the direction's (degrees) and the length's errors, which neighbours share."""
 
 
-class Case(NamedTuple):
-    """A kind of scene and of noise: outliers' share, or the direction's and the length's errors."""
-
-    kind: Kind
-    outliers: float = 0.0
-    direction_deg: float = 0.0
-    length_share: float = 0.0
-
-    def __str__(self) -> str:
-        if self.direction_deg:
-            errors = f"{self.direction_deg:g} degrees, {100 * self.length_share:g} %"
-            return f"correlated, {self.kind} depth, {errors}"
-        return f"white, {self.kind} depth{f', {100 * self.outliers:g} % outliers' if self.outliers else ''}"
-
-
-CASES = (
-    *(Case(kind, share) for kind in get_args(Kind) for share in (0.0, 0.3)),
-    Case("smooth", 0.0, 2.0, 0.05),
-    *(Case(kind, 0.0, 4.0, 0.1) for kind in get_args(Kind)),
-)
-
-
-def correlated(ends: np.ndarray, seed: int, case: Case) -> SmearMatches:
+def correlated(ends: Array, seed: int, direction_deg: float, length_share: float) -> SmearMatches:
     """Return exact smears (N, 2, 2) as a network sees them."""
-    rng, errors = np.random.default_rng([seed, 1]), (case.direction_deg, case.length_share)
-    ends = with_shared_errors(ends, rng, *errors, CORRELATED_PX)
+    rng = np.random.default_rng([seed, 1])
+    ends = with_shared_errors(ends, rng, direction_deg, length_share, CORRELATED_PX)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    sigma_px = np.maximum(length * np.hypot(np.radians(errors[0]), errors[1]), 1e-2)
+    sigma_px = np.maximum(length * np.hypot(np.radians(direction_deg), length_share), 1e-2)
     patches = IMAGE_SIZE[0] * IMAGE_SIZE[1] / (4 * np.pi * CORRELATED_PX**2)
     shared = NoiseModel(effective_share=min(1.0, patches / len(ends)))
     return SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
 
 
-def outcome(seed: int, case: Case) -> list[float] | None:
+def outcome(seed: int, name: str) -> list[float] | None:
     """Return whether the regions of PARTS hold one seed's pose, and its errors; None without a pose."""
-    noise_px = 0.0 if case.direction_deg else 1.0
-    scene = synthetic_smears(
-        seed, SyntheticOptions(kind=case.kind, outliers=case.outliers, noise_px=noise_px)
-    )
-    matches = correlated(scene.matches.ends, seed, case) if case.direction_deg else scene.matches
+    options, errors = CASES[name]
+    scene = synthetic_smears(seed, options)
+    matches = correlated(scene.matches.ends, seed, *errors) if errors else scene.matches
     geometry = estimate_two_view(matches, camera=camera_of(scene))
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None or covariance is None or not pose.translation.any():
@@ -87,12 +78,12 @@ def outcome(seed: int, case: Case) -> list[float] | None:
 def main(*, out: Target | None = None, seeds: int = 200, jobs: int = 2) -> None:
     """Write the table of the shares of seeds whose regions hold the truth."""
     rows = []
-    for case in CASES:
-        of_seeds = mapped(partial(outcome, case=case), range(seeds), jobs)
-        found = np.array([one for one in of_seeds if one is not None]).reshape(-1, 5)
+    for name in CASES:
+        of_seeds = mapped(partial(outcome, name=name), range(seeds), jobs)
+        found = np.array([one for one in of_seeds if one is not None])
         rotation, translation = np.median(found[:, 3:], axis=0)
         shares = (f"{share:.2f}" for share in found[:, :3].mean(axis=0))
-        rows.append((case, len(found), *shares, f"{rotation:.0%}", f"{translation:.1f}"))
+        rows.append((name, len(found), *shares, f"{rotation:.0%}", f"{translation:.1f}"))
     words = f"Share of {seeds} seeds whose nominal 90 % region holds the truth, and median errors."
     publish(out, words, table(HEAD, rows))
 
