@@ -1,29 +1,23 @@
 """``blur2view place``: the views of a linked project in COLMAP's model of its frames."""
 
-import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.values import share
-from blur2view.colmap.models import FoundModel, find_model, refuse_other_model, write_model
+from blur2view.colmap.models import find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.images.inputs import list_photographs
 
-if TYPE_CHECKING:
-    from blur2view.colmap.placement import Placement
-
-REPLACED = "; in place of the model of an earlier call"
 SHOWN = 3  # frames of each reason without -v
-ALL_FRAMES = "link all frames of the video (blur2view to-colmap --link)"
+REMEDY = "link all frames of the video (blur2view to-colmap --link), or state --fraction if all are sharp"
 WRITTEN = """
 DIR: the model with the views, in COLMAP's binary format, and project.ini, which names the database and the
-    folder of the frames. What an earlier call wrote is replaced; a model of another program is not, nor
-    one that was refined since
+    folder of the frames. What an earlier call wrote is replaced; a model of another program is not
 """
 
 
@@ -65,43 +59,27 @@ class PlaceOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
-        with waiting("placing views") as show:
-            names = frame_names(self.photographs)
-            model = find_model(self.model)
-            replaced = refuse_other_model(self.output)
-            placement = self._placed(model, names, show)
-            write_model(placement.model, self.output, self.photographs, self.database)
-        if not self.printing.quiet:
-            print("\n".join(self._summary(model, placement, names)) + REPLACED * replaced)
-        return 0
-
-    def _placed(self, model: FoundModel, names: list[str], show: Callable[[int, int], None]) -> "Placement":
-        """Return the model with the views; DatabaseError if none can be placed."""
         from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
 
-        placement = place_views(self.database, model.folder, names, self.fraction, show)
-        about = f"{self.database}: of {plural(placement.linked, 'frame')} with views"
-        if not math.isfinite(placement.fraction):
-            why = "no two follow one another and show how long an exposure is"
-            raise DatabaseError(f"{about} {why}; {ALL_FRAMES}, or state --fraction")
-        if not placement.placed:
-            raise DatabaseError(f"{about} none has another frame next to it; {ALL_FRAMES}")
-        return placement
-
-    def _summary(self, model: FoundModel, placement: "Placement", names: list[str]) -> Iterator[str]:
-        """Yield the lines of `model_lines` and one that counts all frames."""
-        from blur2view.colmap.placement import RECOVERED
-
-        recovered = [name for name, why in placement.refused.items() if why == RECOVERED]
-        refused = {name: why for name, why in placement.refused.items() if why != RECOVERED}
-        yield from model_lines(model, names, refused, "placed", self.printing)
-        line = f"{printable(str(self.output))}: of {plural(placement.linked, 'linked frame')} "
-        line += f"{len(placement.placed)} placed, {len(refused)} refused"
-        line += f", {len(recovered)} recovered before" * bool(recovered)
-        line += f"; exposure over frame interval {placement.fraction:.2f}"
-        if not placement.measured:
-            line += " for want of a better one: the camera shakes faster than the frames; state --fraction"
-        yield line
+        with waiting("placing views") as show:
+            names, model = frame_names(self.photographs), find_model(self.model)
+            refuse_other_model(self.output)
+            found = place_views(self.database, model, names, self.fraction, show)
+            if not found.placed:
+                count = plural(len(found.refused), "frame")
+                raise DatabaseError(
+                    f"{self.database}: of {count} with views none is next to another and shows how long an "
+                    f"exposure is; {REMEDY}"
+                )
+            write_model(found.model, self.output, self.photographs, self.database)
+        if not self.printing.quiet:
+            for line in refused_lines(found.refused, "placed", self.printing):
+                print(line)
+            made = f"{printable(str(self.output))}: {printable(str(model))} with views"
+            counts = f"{plural(len(found.placed), 'frame')} placed, {len(found.refused)} refused"
+            guess = "" if found.measured else ", a guess as the camera shakes faster than the frames"
+            print(f"{made}: {counts}; exposure over frame interval {found.fraction:.2f}{guess}")
+        return 0
 
 
 def frame_names(folder: Path) -> list[str]:
@@ -114,18 +92,10 @@ def frame_names(folder: Path) -> list[str]:
     return inputs.names()
 
 
-def model_lines(
-    model: FoundModel, names: list[str], refused: Mapping[str, str], action: str, printing: Printing
-) -> Iterator[str]:
-    """Yield a line about the model if it was chosen, and one for each reason for which frames were refused.
-
-    With -v every such frame is named.
-    """
-    if model.others:
-        size = f"{plural(model.registered, 'photograph')}, {plural(len(names), 'frame')} in the folder"
-        yield f"{printable(str(model.folder))}: largest of {model.others + 1} models, {size}"
+def refused_lines(refused: Mapping[str, str], action: str, printing: Printing) -> Iterator[str]:
+    """Yield a line for each reason for which frames were refused; with -v every such frame is named."""
     for reason in dict.fromkeys(refused.values()):
         frames = [printable(name) for name, why in refused.items() if why == reason]
         shown = frames if printing.verbose else frames[:SHOWN]
         more = f" and {len(frames) - len(shown)} more (-v)" if len(frames) > len(shown) else ""
-        yield f"not {action}, {reason}: {', '.join(shown)}{more}"
+        yield f"not {action}, {printable(reason)}: {', '.join(shown)}{more}"

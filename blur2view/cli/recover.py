@@ -1,20 +1,16 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
-from blur2view.cli.place import REPLACED, frame_names, model_lines
+from blur2view.cli.place import frame_names, refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.colmap.models import FoundModel, database_of, find_model, refuse_other_model, write_model
+from blur2view.colmap.models import database_of, find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, OutputError
-
-if TYPE_CHECKING:
-    from blur2view.colmap.recovery import Recovery
 
 TRACKS = "tracks.db"
 WRITTEN = """
@@ -62,32 +58,28 @@ class RecoverOptions:
         from blur2view.colmap.recovery import recover_frames
 
         with waiting("recovering frames") as show:
-            names = frame_names(self.photographs)
-            model = find_model(self.model)
-            replaced = refuse_other_model(self.output)
-            if self.tracks is not None and os.path.lexists(self.output / TRACKS):
-                raise OutputError(
-                    f"{self.output / TRACKS}: exists; move it away, or name another folder with -o"
-                )
-            found = recover_frames(model.folder, self.photographs, names, refine=self.refine, show=show)
+            names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
+            refuse_other_model(self.output)
+            if self.tracks is not None and os.path.lexists(tracks):
+                raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
+            found = recover_frames(model, self.photographs, names, refine=self.refine, show=show)
             if found.refused and not found.recovered and self.tracks is None:
-                first = next(iter(found.refused))
-                about = f"{self.model}: none of the {len(found.refused)} frames that it lacks is recovered"
-                raise DatabaseError(f"{about}; {first}: {found.refused[first]}")
-            write_model(found.model, self.output, self.photographs, database_of(model.folder))
+                name, why = next(iter(found.refused.items()))
+                lacking = plural(len(found.refused), "frame")
+                raise DatabaseError(
+                    f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
+                )
+            write_model(found.model, self.output, self.photographs, database_of(model))
         if self.tracks is not None:
             with waiting("matching blurred patches") as show:
-                track_frames(found.sequence, self.tracks, self.output / TRACKS, show)
+                track_frames(found.sequence, self.tracks, tracks, show)
         if not self.printing.quiet:
-            print("\n".join(self._summary(model, found, names)) + REPLACED * replaced)
+            for line in refused_lines(found.refused, "recovered", self.printing):
+                print(line)
+            for name, frame in found.recovered.items() if self.printing.verbose else ():
+                points = plural(len(frame.points), "point")
+                print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
+            counts = f"{len(found.recovered)} recovered, {len(found.refused)} refused"
+            registered = f"of {plural(len(names), 'frame')} {len(found.sequence.images)} registered"
+            print(f"{printable(str(self.output))}: {printable(str(model))} and more: {registered}, {counts}")
         return 0
-
-    def _summary(self, model: FoundModel, found: "Recovery", names: list[str]) -> Iterator[str]:
-        """Yield the lines of `model_lines`, with -v one for each recovered frame, and one that counts all."""
-        yield from model_lines(model, names, found.refused, "recovered", self.printing)
-        for name, frame in found.recovered.items() if self.printing.verbose else ():
-            points = plural(len(frame.points), "point")
-            yield f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart"
-        counts = f"{len(found.registered)} registered, {len(found.recovered)} recovered"
-        about = f"{printable(str(self.output))}: of {plural(len(names), 'frame')}"
-        yield f"{about} {counts}, {len(found.refused)} refused"

@@ -2,7 +2,6 @@
 
 import json
 import os
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -12,30 +11,18 @@ from blur2view import __version__
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
 from blur2view.cli.segment import ENDINGS
-from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.terminal import plural, printable
 from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
-from blur2view.colmap.models import database_of, pictures_of, read_model, refuse_other_model, write_model
-from blur2view.colmap.project import open_read_only
-from blur2view.colmap.transforms import (
-    MODEL,
-    PHOTOGRAPHS,
-    PLY_KEY,
-    Show,
-    keep_photographs,
-    point_cloud,
-    transforms,
-    with_views,
-)
-from blur2view.errors import DatabaseError, OutputError
+from blur2view.colmap.models import pictures_of, read_model, refuse_other_model, write_model
+from blur2view.colmap.transforms import PLY_KEY, keep_photographs, point_cloud, transforms, with_views
+from blur2view.errors import OutputError
 from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
 from blur2view.output_files import check_file, is_ours, unwritable, write_beside
 from blur2view.results.overlay import png
 
-MOTION = ("transform_matrix_start", "camera_linear_velocity")  # keys of a frame's motion, one of each dialect
+MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
 MASKS = "masks"  # beside transforms.json
-
-
 KEYS = """
 instant-ngp: transforms.json alone, whose cameras are put into its box
 nerfstudio: the file, and beside it the model's points, sparse_pc.ply; its main line reads the same without
@@ -96,15 +83,13 @@ class ToTransformsOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
-        with waiting(f"writing {self.output}") as show:
-            write = _write_model if self.dialect == GSPLAT else _write_transforms
-            line = write(self, show)
+        line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
         if not self.printing.quiet:
-            print(line)
+            print(f"{printable(str(self.output))}: wrote {line}")
         return 0
 
 
-def _write_transforms(options: ToTransformsOptions, show: Show) -> str:
+def _write_transforms(options: ToTransformsOptions) -> str:
     """Write the file, masks, and the points beside it where it names them; return what was written."""
     target = options.output
     check_file(target, "file")
@@ -117,76 +102,53 @@ def _write_transforms(options: ToTransformsOptions, show: Show) -> str:
         images=os.path.relpath(images, target.parent),
         exposure_s=options.exposure,
         max_smear_px=options.max_smear or float("inf"),
-        show=show,
     )
     frames = {Path(os.path.normpath(target.parent / one["file_path"])): one for one in content["frames"]}
-    left, frames = len(frames), _present(frames)
-    left, content = left - len(frames), content | {"frames": list(frames.values())}
-    files = {} if options.masks is None else _masks(options, options.masks, content, frames, images, show)
-    signed = {"generator": f"blur2view {__version__}", **content}  # which `output_files.is_ours` looks for
+    frames = _present(frames)
+    files = {} if options.masks is None else _masks(options, options.masks, content, frames, images)
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
         check_file(cloud, "point cloud")
         files[cloud] = point_cloud(model)
-    files[target] = (json.dumps(signed, indent=2, allow_nan=False) + "\n").encode()
+    content = {"generator": f"blur2view {__version__}", **content, "frames": list(frames.values())}
+    files[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
     for folder in sorted({path.parent for path in files}, reverse=True):
         write_beside({path: data for path, data in files.items() if path.parent == folder})
-    line, *still = summary(target, content, options.masks is not None)
-    line += _of_linked(options.model, model)
-    if options.printing.verbose:
-        line = "\n  ".join([line, *still])
-    if left:
-        line = f"{printable(str(images))}: lacks {plural(left, 'photograph')} of the model\n{line}"
-    return line
-
-
-def _of_linked(folder: Path, model: Any) -> str:
-    """Return what became of the linked frames of the database that a model names, to be added to a line."""
-    from blur2view.colmap.placement import PLACED_BEFORE, RECOVERED, UNREGISTERED, linked_states
-
-    database = database_of(folder)
-    try:
-        with open_read_only(database or folder) as opened:
-            states = Counter(linked_states(opened, model).values())
-    except DatabaseError:
-        return ""
-    kinds = {PLACED_BEFORE: "placed", RECOVERED: "recovered", UNREGISTERED: "not in the model"}
-    if not states:
-        return ""
-    counts = {kind: states.pop(state, 0) for state, kind in kinds.items()}
-    said = [f"{count} {kind}" for kind, count in {**counts, "without views": states.total()}.items() if count]
-    return f"; of {plural(sum(counts.values()) + states.total(), 'linked frame')} {', '.join(said)}"
+    moving = ("transform_matrix_start", "camera_linear_velocity")  # of instant-ngp, and of nerfstudio
+    still = sum(not any(any(frame.get(key, ())) for key in moving) for frame in frames.values())
+    line = plural(len(frames), "frame") + " and their masks" * (options.masks is not None)
+    line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
+    return line + f", {still} of them without views, as if sharp (blur2view place gives them)" * (still > 0)
 
 
 def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
     """Return the photographs that are there, with what belongs to each; OutputError if none is."""
     present = {path: one for path, one in photographs.items() if path.is_file()}
     if not present:
-        path, count = next(iter(photographs)), len(photographs)
-        missing = f"no such photograph ({count} of {count} are missing)"
-        raise OutputError(f"{path}: {missing}; name their folder with --images")
+        path = next(iter(photographs))
+        raise OutputError(f"{path}: no such photograph, nor any other; name their folder with --images")
     return present
 
 
 def _masks(
-    options: ToTransformsOptions,
-    folder: Path,
-    content: dict[str, Any],
-    frames: dict[Path, Any],
-    images: Path,
-    show: Show,
+    options: ToTransformsOptions, folder: Path, content: dict[str, Any], frames: dict[Path, Any], images: Path
 ) -> dict[Path, bytes]:
     """Return the masks that the trainer reads by their paths, and name them in the frames where it asks."""
+    program, files = MaskFormat(options.dialect), dict[Path, bytes]()
     names = [PurePath(os.path.relpath(path, images)) for path in frames]
-    program, files, found = MaskFormat(options.dialect), dict[Path, bytes](), _found_masks(folder, names)
-    for number, (photograph, frame) in enumerate(frames.items()):
-        show(number, len(frames))
-        name, mask = names[number], found[number]
-        labels = as_stored(stored_labels(mask), photograph)
+    stems = [name.stem for name in names]
+    for name, (photograph, frame) in zip(names, frames.items(), strict=True):
+        # as segment calls them: subfolder and stem, the stem alone, or the whole name where two have one stem
+        called = [name.with_suffix(""), *([PurePath(name.stem)] * (stems.count(name.stem) == 1)), name]
+        masks = [path for one in called if (path := folder / f"{one}{ENDINGS[0]}").is_file()]
+        if not masks:
+            remedy = "make it with blur2view segment and name its folder, that of -o"
+            raise OutputError(f"{folder}: has no mask of {name}; {remedy}")
+        labels = as_stored(stored_labels(masks[0]), photograph)
         size = tuple(frame.get(key, content.get(key)) for key in ("w", "h"))
         if labels.shape[::-1] != size:
             raise OutputError(
-                f"{mask}: is of {labels.shape[1]}x{labels.shape[0]} pixels, its photograph of "
+                f"{masks[0]}: is of {labels.shape[1]}x{labels.shape[0]} pixels, its photograph of "
                 f"{size[0]}x{size[1]}; segment the photographs of the model"
             )
         path = options.output.parent / MASKS / program.path(name)
@@ -200,64 +162,23 @@ def _masks(
     return files
 
 
-def _found_masks(folder: Path, names: list[PurePath]) -> list[Path]:
-    """Return the mask of each photograph in the results of segment; OutputError if one has none.
-
-    It is called by the photograph's subfolder and stem, by its stem alone where no other has it, or by its
-    whole name where two have one stem, as segment calls them.
-    """
-    stems = Counter(name.stem for name in names)
-    found = []
-    for name in names:
-        called = [name.with_suffix(""), *([PurePath(name.stem)] if stems[name.stem] == 1 else []), name]
-        paths = [folder / f"{one}{ENDINGS[0]}" for one in called]
-        found.append(next((path for path in paths if path.is_file()), None))
-    missing = [name for name, path in zip(names, found, strict=True) if path is None]
-    if missing:
-        raise OutputError(
-            f"{folder}: has no mask of {missing[0]} ({len(missing)} of {len(names)} are missing); make them "
-            "with blur2view segment and name its folder, that of -o"
-        )
-    return [path for path in found if path is not None]
-
-
-def _write_model(options: ToTransformsOptions, show: Show) -> str:
+def _write_model(options: ToTransformsOptions) -> str:
     """Write the folder that gsplat reads: the model of the photographs, and a link to them."""
-    if options.masks is not None:
-        raise OutputError("gsplat's reader takes no masks of photographs; leave --masks-from out")
-    if options.output.suffix == ".json":
-        raise OutputError("gsplat reads a folder; name it with -o")
-    images = options.photographs or pictures_of(options.model)
+    if options.masks is not None or options.output.suffix == ".json":
+        raise OutputError("gsplat reads a folder, named with -o, and no masks")
     folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
-    if images is None and not link.is_dir():
-        raise OutputError(f"{options.model}: does not say where its photographs are; name them with --images")
+    images = options.photographs or pictures_of(options.model) or link
     model = read_model(options.model)
-    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"), show)]
-    names = set(_present({(images or link) / name: name for name in kept}).values())
-    lacking = _of_linked(options.model, model)
+    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
+    names = set(_present({images / name: name for name in kept}).values())
     keep_photographs(model, options.model, names)
     refuse_other_model(folder)
-    if images is not None and os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
+    if os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")
-    write_model(model, folder, images or link)
-    if images is not None and not os.path.lexists(link):
+    write_model(model, folder, images)
+    if not os.path.lexists(link):
         try:
             link.symlink_to(os.path.abspath(images), target_is_directory=True)
         except OSError as error:
             raise unwritable(options.output, error) from None
-    return (
-        f"{printable(str(options.output))}: wrote {plural(len(names), 'photograph')} as sharp at mid exposure"
-        + lacking
-    )
-
-
-def summary(target: Path, content: dict[str, Any], masks: bool = False) -> list[str]:
-    """Return one line about the file, and the names of the frames without motion."""
-    frames = content["frames"]
-    still = [frame["file_path"] for frame in frames if not any(any(frame.get(key, ())) for key in MOTION)]
-    line = f"{printable(str(target))}: wrote {plural(len(frames), 'frame')}"
-    line += " and their masks" if masks else ""
-    line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
-    if still:
-        line += f", {len(still)} of them without views, as if sharp (blur2view place gives them views)"
-    return [line, *map(printable, still)]
+    return f"{plural(len(names), 'photograph')} as sharp at mid exposure"

@@ -80,7 +80,7 @@ class Setup:
         files = [digest, file_digest(camera) if camera is not None and camera.is_file() else ""]
         return cls(
             common=common,
-            in_time=getattr(options, "in_time", InTime(sequence=False)),
+            in_time=getattr(options, "in_time", InTime(sequence=getattr(options, "sequence", False))),
             network_sha256=digest,
             options_sha256=_sha256([command, __version__, files, _settings(options)]),
         )
@@ -122,7 +122,7 @@ class Setup:
         )
         focal_px = camera.focal_px if camera else None
         return Estimated(
-            estimate=self._in_time(found, job),
+            estimate=self._in_time(found, job, as_stored),
             image=image,
             exposure_s=exposure_s or exif.exposure_s,
             warnings=(  # an option is believed all the same
@@ -142,14 +142,14 @@ class Setup:
         towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
         return RollingShutter(readout_s=self.in_time.readout, exposure_s=exposure_s, towards=towards)
 
-    def _in_time(self, found: Estimate, job: Job) -> Estimate:
+    def _in_time(self, found: Estimate, job: Job, as_stored: bool) -> Estimate:
         """Return an estimate in the order that the photographs before and after it decide."""
         motions, here = [], (job.source, content_of(job))
         for near in job.neighbours:
             with suppress(Blur2ViewError):  # of one that cannot be read, which has a line of its own
                 there = near.source, content_of(near)
                 pair = (there, here) if near.steps < 0 else (here, there)
-                own, other = _matched(*pair, self.common.reading.max_memory)[:: near.steps]
+                own, other = _matched(*pair, self.common.reading.max_memory, as_stored)[:: near.steps]
                 motions.append(neighbour_motion(own, other, near.steps, found.camera))
         return in_time(found, motions) if job.neighbours else found
 
@@ -205,12 +205,13 @@ def _network(model: str | None, provider: str | None, digest: str) -> SmearNetwo
 
 
 @lru_cache(maxsize=2)
-def _matched(earlier: Content, later: Content, max_memory_gib: float) -> tuple[Array, Array]:
+def _matched(earlier: Content, later: Content, max_memory_gib: float, as_stored: bool) -> tuple[Array, Array]:
     """Return matched pixels of two photographs, which each of them asks for."""
-    first, second = (_features(*one, max_memory_gib) for one in (earlier, later))
+    first, second = (_features(*one, max_memory_gib, as_stored) for one in (earlier, later))
     return match_features(first, second)
 
 
 @lru_cache(maxsize=3)
-def _features(source: Source, content: bytes, max_memory_gib: float) -> Features:
-    return features_of(read_image(source.path, max_memory_gib=max_memory_gib, content=content))
+def _features(source: Source, content: bytes, max_memory_gib: float, as_stored: bool) -> Features:
+    image = read_image(source.path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
+    return features_of(image)

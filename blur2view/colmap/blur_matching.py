@@ -7,8 +7,7 @@ not found again. Everything is done in linear light, in which an exposure is a m
 residuals along the smears of RedKitchen's frames are twice as large.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -65,8 +64,7 @@ def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False
         sample = resampled(image, seen)
         for power, total in enumerate(sums):
             cv2.scaleAdd(sample, t**power, total, total)
-    means = [total / np.float32(count) for total in sums]
-    return means
+    return [total / np.float32(count) for total in sums]
 
 
 def equalised(image: Any) -> Any:
@@ -95,11 +93,6 @@ def tracked(first: Any, second: Any, points: Array, moved: Array, levels: int) -
     return np.where(good == 1, (found - start)[:, 0].astype(float), UNFOUND)
 
 
-def sampled(image: Any, points: Array) -> Array:
-    """Return an image (H, W, ...) at points (N, 2), (N, ...), bilinear."""
-    return np.asarray(resampled(image, np.asarray(points, np.float32)[:, None])[:, 0], float)
-
-
 def patches(image: Any, points: Array) -> Any:
     """Return patches (N, M, ...) of an image about points (N, 2), less their mean, float32."""
     steps = np.arange(-HALF_PATCH, HALF_PATCH + 1, SAMPLE_STEP, dtype=np.float32)
@@ -113,26 +106,13 @@ def gradients(image: Any) -> Any:
     return np.dstack([cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1))])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PatchMatches:
-    """Patches of one image at the points found in another.
+class PatchMatches(NamedTuple):
+    """Patches of one image at the points found in another."""
 
-    Parameters
-    ----------
-    moved : ndarray of shape (N, 2)
-        From the point in the first image to its place in the second, pixels.
-    correlation : ndarray of shape (N,)
-        Normalised, -1 to 1.
-    covariance : ndarray of shape (N, 2, 2)
-        Of ``moved``, pixels^2, by the patch's gradients and what differs: long along an edge or a smear.
-    found : ndarray of bool, shape (N,)
-        Found again from the other image, `MOST_BACK_PX` from the point.
-    """
-
-    moved: Array
-    correlation: Array
-    covariance: Array
-    found: NDArray[np.bool_]
+    moved: Array  # (N, 2) from the point in the first image to its place in the second, pixels
+    correlation: Array  # (N,) normalised, -1 to 1
+    covariance: Array  # (N, 2, 2) of ``moved``, pixels^2: long along an edge or a smear
+    found: NDArray[np.bool_]  # (N,) found again from the other image, `MOST_BACK_PX` from the point
 
 
 def match_patches(first: Any, second: Any, points: Array, levels: int) -> PatchMatches:
@@ -151,7 +131,7 @@ def match_patches(first: Any, second: Any, points: Array, levels: int) -> PatchM
     information = np.einsum("npi,npj->nij", slope, slope) * SAMPLE_STEP**2 + 1e-3 * np.eye(2)
     # what differs is smooth over about half a patch, so that its pixels do not err independently
     covariance = np.linalg.inv(information) * (variance * HALF_PATCH)[:, None, None]
-    return PatchMatches(moved=moved, correlation=correlation, covariance=covariance, found=found)
+    return PatchMatches(moved, correlation, covariance, found)
 
 
 def same_sense(vectors: Array, like: Array) -> Array:

@@ -28,7 +28,6 @@ from blur2view.colmap.blur_matching import (
     patches,
     resampled,
     same_sense,
-    sampled,
 )
 from blur2view.colmap.exposure_motion import (
     Motion,
@@ -57,24 +56,12 @@ FEWEST = 6  # points of which a pose is made
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class View:
-    """A photograph at the size at which it is worked on.
+    """A photograph at the size at which it is worked on."""
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W), float32
-        Grey, linear light.
-    grid : SmearGrid
-        Of the photograph in its own size.
-    camera : pycolmap.Camera
-        Of the working size.
-    pose : ndarray of shape (3, 4)
-        cam_from_world; of a photograph to be recovered where it is expected.
-    """
-
-    image: Any
-    grid: SmearGrid
-    camera: Any
-    pose: Array
+    image: Any  # (H, W) float32, grey, linear light
+    grid: SmearGrid  # of the photograph in its own size
+    camera: Any  # pycolmap.Camera of the working size
+    pose: Array  # (3, 4) cam_from_world; of a photograph to be recovered where it is expected
 
     def smears(self, points: Array) -> tuple[Array, Array]:
         """Return displacements (N, 2) and standard deviations (N,) at pixels (N, 2), of the working size."""
@@ -93,33 +80,16 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlurredPose:
-    """What neighbours say of a photograph's pose.
+    """What neighbours say of a photograph's pose, in pixels of the working size."""
 
-    Parameters
-    ----------
-    pose : ndarray of shape (3, 4)
-        cam_from_world at mid exposure.
-    information : ndarray of shape (6, 6)
-        Inverse covariance of a rotation and translation of points in the camera, as of independent matches.
-    motion : Motion
-    smear_motion : ndarray of shape (6,)
-        The rigid motion by the smears alone.
-    index, places : ndarray of shape (M,), (M, 2)
-        Points that were found, each once, and where, pixels of the working size.
-    residual_px : float
-        Median distance of the places from the projections.
-    tried : int
-        Points that were looked for.
-    """
-
-    pose: Array
-    information: Array
+    pose: Array  # (3, 4) cam_from_world at mid exposure
+    information: Array  # (6, 6) of a rotation and translation of points in it, as of independent matches
     motion: Motion
-    smear_motion: Array
-    index: NDArray[np.int_]
-    places: Array
-    residual_px: float
-    tried: int
+    smear_motion: Array  # (6,) the rigid motion by the smears alone
+    index: NDArray[np.int_]  # (M,) points that were found, each once
+    places: Array  # (M, 2) where
+    residual_px: float  # median distance of the places from the projections
+    tried: int  # points that were looked for
 
 
 class Lattice:
@@ -137,8 +107,7 @@ class Lattice:
 
     def everywhere(self, field: Array) -> Any:
         """Return a field (N, C) of the places at all pixels, (H, W, C), float32."""
-        coarse = field.reshape(*self.shape, -1).astype(np.float32)
-        return resampled(coarse, self.place)
+        return resampled(field.reshape(*self.shape, -1).astype(np.float32), self.place)
 
     def jacobian(self, field: Array) -> Array:
         """Return the derivatives (N, 2, 2) of a field (N, 2) by x and y."""
@@ -154,7 +123,6 @@ def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
     return np.asarray((weight / depth[index]).sum(axis=1) / weight.sum(axis=1))
 
 
-@dataclass(kw_only=True, eq=False)
 class Kernel:
     """Normal equations of corrections (9,) to a motion and its bend, from what differs between patches.
 
@@ -162,8 +130,8 @@ class Kernel:
     and t^2, times the change. Of each patch gain and displacement are free; they are projected out.
     """
 
-    normal: Array
-    right: Array
+    def __init__(self) -> None:
+        self.normal, self.right = np.zeros((9, 9)), np.zeros(9)
 
     def add(self, blurred: Sequence[Any], other: Any, points: Array, moved: Array, flow: Array) -> None:
         """Add patches about points (N, 2) of images weighted by 1, t, t^2; the motion's flow is (N, 2, 6)."""
@@ -193,19 +161,10 @@ class Kernel:
 def find_pose(
     view: View, neighbours: Sequence[View], world: Array, seen: Sequence[Mask], expected: Array
 ) -> BlurredPose | None:
-    """Return the pose of a photograph from its neighbours; None where too little is found in it.
+    """Return the pose of a photograph that is about where its view is; None where too little is found in it.
 
-    Parameters
-    ----------
-    view : View
-        Where it is expected to be.
-    neighbours : sequence of View
-    world : ndarray of shape (N, 3)
-        Points of the model.
-    seen : sequence of ndarray of bool, shape (N,)
-        Those that each neighbour sees.
-    expected : ndarray of shape (6,)
-        Motion from the frame before to the one after, by half: its sense in time, and its translation.
+    From points (N, 3) of the model's world, of which each neighbour sees some (N,). ``expected`` (6,) is the
+    change from the frame before to the one after, by half: its sense in time, and its translation.
     """
     lattice = Lattice(view.camera)
     search = Search.of(view, world, lattice)
@@ -214,19 +173,18 @@ def find_pose(
     flow = image_flow(view.camera, view.points(world)[search.inside])
     smear_motion = fit_smears(flow, *view.smears(search.pixels[search.inside]), expected)
     motion, tried = Motion(rigid=smear_motion, bend=np.zeros(3)), int(search.inside.sum())
-    for number, levels in enumerate(LEVELS):
-        last = number == len(LEVELS) - 1
-        found, kernel = search.matches(neighbours, seen, motion, levels, with_kernel=not last)
-        if len(np.unique(found.index)) < FEWEST:
+    for levels in LEVELS:
+        kernel = Kernel() if levels else None  # not in the last round
+        index, places, covariance = search.matches(neighbours, seen, motion, levels, kernel)
+        if len(np.unique(index)) < FEWEST:
             return None
-        fit = world[found.index], found.places, found.covariance
-        pose, information = fit_pose(view.camera, search.view.pose, *fit)
-        if not last:
+        pose, information = fit_pose(view.camera, search.view.pose, world[index], places, covariance)
+        if kernel is not None:
             motion = kernel.corrected(motion, expected)
             search = Search.of(replace(view, pose=pose), world, lattice)
             if search is None:
                 return None
-    index, places = found.means()
+    index, places = _means(index, places, covariance)
     residual = np.linalg.norm(places - replace(view, pose=pose).project(world[index]), axis=1)
     return BlurredPose(
         pose=pose,
@@ -240,22 +198,14 @@ def find_pose(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Found:
-    """Places (M, 2) of points in a photograph with covariance (M, 2, 2), from one neighbour or more each."""
-
-    index: NDArray[np.int_]
-    places: Array
-    covariance: Array
-
-    def means(self) -> tuple[NDArray[np.int_], Array]:
-        """Return each point once, and the weighted mean of its places."""
-        index, where = np.unique(self.index, return_inverse=True)
-        precision = np.linalg.inv(self.covariance)
-        total, right = np.zeros((len(index), 2, 2)), np.zeros((len(index), 2))
-        np.add.at(total, where, precision)
-        np.add.at(right, where, (precision @ self.places[..., None])[..., 0])
-        return index, np.asarray(np.linalg.solve(total, right[..., None])[..., 0], float)
+def _means(index: NDArray[np.int_], places: Array, covariance: Array) -> tuple[NDArray[np.int_], Array]:
+    """Return each point once, and the mean of its places (M, 2) by their covariances (M, 2, 2)."""
+    index, where = np.unique(index, return_inverse=True)
+    precision = np.linalg.inv(covariance)
+    total, right = np.zeros((len(index), 2, 2)), np.zeros((len(index), 2))
+    np.add.at(total, where, precision)
+    np.add.at(right, where, (precision @ places[..., None])[..., 0])
+    return index, np.asarray(np.linalg.solve(total, right[..., None])[..., 0], float)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -287,45 +237,44 @@ class Search:
         seen: Sequence[Mask],
         motion: Motion,
         levels: int,
-        *,
-        with_kernel: bool,
-    ) -> tuple[Found, Kernel]:
-        """Return what is found of the points that neighbours see, and the equations of the blur."""
+        kernel: Kernel | None,
+    ) -> tuple[NDArray[np.int_], Array, Array]:
+        """Return points (M,), of one neighbour or more each, their places (M, 2) and covariances (M, 2, 2).
+
+        What differs between the patches is added to the equations of the blur.
+        """
         flow = image_flow(self.view.camera, self.places)
         path, bend = flow @ motion.rigid, flow[:, :, :3] @ motion.bend
         warps = [self._warp(one, path) for one in neighbours]
         scene = np.dstack([one[0] for one in warps])
         fields = self.lattice.everywhere(path), self.lattice.everywhere(bend) if motion.bend.any() else None
-        blurred = blurred_along(scene, *fields, moments=with_kernel)
-        kernel, found = Kernel(normal=np.zeros((9, 9)), right=np.zeros(9)), []
+        blurred = blurred_along(scene, *fields, moments=kernel is not None)
+        found = []
         for number, (neighbour, (_, where, smears)) in enumerate(zip(neighbours, warps, strict=True)):
             index = np.flatnonzero(self.inside & seen[number])
             pixels = self.pixels[index]
-            there = neighbour.project(self.world[index]) - sampled(where, pixels)
+            warped = resampled(where, np.asarray(pixels, np.float32)[:, None])[:, 0]
+            there = neighbour.project(self.world[index]) - warped
             pictures = [np.ascontiguousarray(one[..., number]) for one in blurred]
             other = blurred_along(self.view.image, smears)[0]
             match = match_patches(pictures[0], other, pixels, levels)
             near: Mask = np.linalg.norm(there, axis=1) < MOST_WARP_PX  # False of NaN
             good = match.found & near & (match.correlation > LEAST_CORRELATION)
             found.append((index[good], (pixels + match.moved + there)[good], match.covariance[good]))
-            if with_kernel and good.any():
+            if kernel is not None and good.any():
                 best = np.flatnonzero(good)
                 best = best[:: 1 + len(best) // KERNEL_PATCHES]
                 moves = image_flow(self.view.camera, self.view.points(self.world[index[best]]))
                 kernel.add(pictures, other, pixels[best], match.moved[best], moves)
-        every = (np.concatenate(one) for one in zip(*found, strict=True))
-        index, places, covariance = every
-        covariance = covariance + FLOOR_PX**2 * np.eye(2)
-        return Found(index=index, places=places, covariance=covariance), kernel
+        index, places, covariance = (np.concatenate(one) for one in zip(*found, strict=True))
+        return index, places, covariance + FLOOR_PX**2 * np.eye(2)
 
     def _warp(self, neighbour: View, path: Array) -> tuple[Any, Any, Any]:
         """Return a neighbour's picture where this one's is, where that is in it, and its smears here."""
         R, t = relative(neighbour.pose, self.view.pose)
-        where = projected(neighbour.camera, self.places @ R.T + t)
-        where = np.nan_to_num(where, nan=-1e3)
+        where = np.nan_to_num(projected(neighbour.camera, self.places @ R.T + t), nan=-1e3)
         jacobian = self.lattice.jacobian(where) + 1e-6 * np.eye(2)
         smears = np.asarray(np.linalg.solve(jacobian, neighbour.smears(where)[0][..., None])[..., 0], float)
         field = self.lattice.everywhere(same_sense(smears, path))
         pixels = self.lattice.everywhere(where)
-        picture = resampled(neighbour.image, pixels, cv2.INTER_CUBIC)
-        return picture, pixels, field
+        return resampled(neighbour.image, pixels, cv2.INTER_CUBIC), pixels, field

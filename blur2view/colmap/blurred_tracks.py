@@ -7,7 +7,7 @@ verified matches of a copy of the project's database, from which COLMAP maps ane
 """
 
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -30,33 +30,7 @@ APART_PX = 6.0  # from a corner to the next keypoint
 SAME_PX = 1.0  # between places of one keypoint
 LEAST_MATCHES = 15  # of a pair
 VERIFY_PX = 3.0  # of two-view geometries
-
-
-class _Keypoints:
-    """Keypoints of a frame, which grow."""
-
-    def __init__(self) -> None:
-        self.places: Array = np.zeros((0, 2))
-
-    def numbers(self, places: Array) -> list[int]:
-        """Return the numbers of keypoints at places (N, 2): new ones where none is within `SAME_PX`."""
-        found = []
-        for place in places:
-            away = np.linalg.norm(self.places - place, axis=1)
-            if len(away) and away.min() < SAME_PX:
-                found.append(int(away.argmin()))
-            else:
-                self.places = np.vstack([self.places, place])
-                found.append(len(self.places) - 1)
-        return found
-
-    def add_corners(self, image: Any) -> None:
-        """Add corners of a picture, float32, that are not next to a keypoint."""
-        smooth = cv2.GaussianBlur(np.sqrt(np.maximum(image, 0)), (0, 0), SIGMA_PX)
-        corners = cv2.goodFeaturesToTrack(smooth, CORNERS, QUALITY, APART_PX)
-        for corner in np.zeros((0, 2)) if corners is None else corners[:, 0].astype(float):
-            if not len(self.places) or np.linalg.norm(self.places - corner, axis=1).min() > APART_PX:
-                self.places = np.vstack([self.places, corner])
+Keypoints = dict[str, Array]  # (N, 2) of each frame, pixels of the working size
 
 
 def track_frames(
@@ -79,7 +53,7 @@ def track_frames(
             if missing := [name for name in names if name not in ids]:
                 raise DatabaseError(f"{database}: has no image {missing[0]}; name the database of the model")
             source.backup(copy)  # pycolmap writes to what it opens
-        keypoints = {name: _Keypoints() for name in names}
+        keypoints: Keypoints = {name: np.zeros((0, 2)) for name in names}
         matches: dict[tuple[str, str], NDArray[np.uint32]] = {}
         for index, name in enumerate(names):
             show(index, len(names))
@@ -88,36 +62,33 @@ def track_frames(
                 both = _matches(sequence, view, name, one, keypoints)
                 if len(both) >= LEAST_MATCHES:
                     matches[one, name] = both
-            keypoints[name].add_corners(view.image)
+            _numbers(keypoints, name, _corners(view.image), APART_PX)
         _write_tracks(beside, sequence, ids, keypoints, matches)
         beside.replace(target)
     finally:
         beside.unlink(missing_ok=True)
 
 
-def _write_tracks(
-    path: Path,
-    sequence: FrameSequence,
-    ids: Mapping[str, int],
-    keypoints: Mapping[str, _Keypoints],
-    matches: Mapping[tuple[str, str], NDArray[np.uint32]],
-) -> None:
-    """Write keypoints of frames and matches of pairs of them into a database that holds these images."""
-    import pycolmap
+def _numbers(keypoints: Keypoints, name: str, places: Array, apart_px: float) -> list[int]:
+    """Return the numbers of a frame's keypoints at places (N, 2), new ones where none is so near."""
+    found = []
+    for place in places:
+        away = np.linalg.norm(keypoints[name] - place, axis=1)
+        if not len(away) or away.min() > apart_px:
+            keypoints[name], away = np.vstack([keypoints[name], place]), np.append(away, 0.0)
+        found.append(int(away.argmin()))
+    return found
 
-    with pycolmap.Database.open(path) as opened:
-        first = {}
-        for name, points in keypoints.items():
-            camera = sequence.view(name, sequence.poses[name]).camera
-            scale = opened.read_camera(opened.read_image(ids[name]).camera_id).width / camera.width
-            first[name] = _write_keypoints(opened, ids[name], to_colmap((points.places + 0.5) * scale - 0.5))
-        for (one, other), both in matches.items():
-            numbers = (both + (first[one], first[other])).astype(np.uint32)
-            _write_pair(opened, ids[one], ids[other], numbers)
+
+def _corners(image: Any) -> Array:
+    """Return corners (N, 2) of a picture, float32."""
+    smooth = cv2.GaussianBlur(np.sqrt(np.maximum(image, 0)), (0, 0), SIGMA_PX)
+    corners = cv2.goodFeaturesToTrack(smooth, CORNERS, QUALITY, APART_PX)
+    return np.zeros((0, 2)) if corners is None else corners[:, 0].astype(float)
 
 
 def _matches(
-    sequence: FrameSequence, view: View, name: str, before: str, keypoints: Mapping[str, _Keypoints]
+    sequence: FrameSequence, view: View, name: str, before: str, keypoints: Keypoints
 ) -> NDArray[np.uint32]:
     """Return index pairs (M, 2) of the keypoints of an earlier frame and of this one, where they are found.
 
@@ -125,14 +96,14 @@ def _matches(
     are those of mid exposure in both.
     """
     other, expected = sequence.view(before, sequence.poses[before]), sequence.expected(name)
-    world = _surfaces(other, keypoints[before].places, sequence.world(sequence.points_of(before)))
+    world = _surfaces(other, keypoints[before], sequence.world(sequence.points_of(before)))
     everything = [np.ones(len(world), bool)]
     found = None if expected is None else find_pose(view, [other], world, everything, expected.motion)
     if found is None:
         return np.zeros((0, 2), np.uint32)
-    both = np.column_stack([found.index, keypoints[name].numbers(found.places)]).astype(np.uint32)
-    _, first = np.unique(both[:, 1], return_index=True)
-    return both[np.sort(first)]
+    numbers = _numbers(keypoints, name, found.places, SAME_PX)
+    _, first = np.unique(numbers, return_index=True)
+    return np.column_stack([found.index, numbers]).astype(np.uint32)[np.sort(first)]
 
 
 def _surfaces(view: View, pixels: Array, world: Array) -> Array:
@@ -140,6 +111,27 @@ def _surfaces(view: View, pixels: Array, world: Array) -> Array:
     depth = 1 / inverse_depth_at(pixels, view.project(world), view.points(world)[:, 2])
     rays = np.column_stack([normalised_points(view.camera, pixels), np.ones(len(pixels))])
     return np.asarray((rays * depth[:, None] - view.pose[:, 3]) @ view.pose[:, :3])
+
+
+def _write_tracks(
+    path: Path,
+    sequence: FrameSequence,
+    ids: dict[str, int],
+    keypoints: Keypoints,
+    matches: dict[tuple[str, str], NDArray[np.uint32]],
+) -> None:
+    """Write keypoints of frames and matches of pairs of them into a database that holds these images."""
+    import pycolmap
+
+    with pycolmap.Database.open(path) as opened:
+        first = {}
+        for name, places in keypoints.items():
+            camera = sequence.view(name, sequence.poses[name]).camera
+            scale = opened.read_camera(opened.read_image(ids[name]).camera_id).width / camera.width
+            first[name] = _write_keypoints(opened, ids[name], to_colmap((places + 0.5) * scale - 0.5))
+        for (one, other), both in matches.items():
+            numbers = (both + (first[one], first[other])).astype(np.uint32)
+            _write_pair(opened, ids[one], ids[other], numbers)
 
 
 def _write_keypoints(opened: Any, image_id: int, places: Array) -> int:

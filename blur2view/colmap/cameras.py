@@ -49,30 +49,27 @@ def camera_of_database(
         with open_read_only(path) as database:
             rows = database.execute("SELECT camera_id, model, width, height, params FROM cameras")
             cameras = {number: row for number, *row in rows}
-            some = ", ".join(map(str, [*cameras][:10])) + " ..." * (len(cameras) > 10) or "none"
             names = image_names(database)
             name = longest_suffix(names, Path(image_name)) if image_name else None
             if camera_id is None and name is not None:
                 sql = "SELECT camera_id FROM images WHERE image_id = ?"
                 (camera_id,) = database.execute(sql, (names[name],)).fetchone()
-            if camera_id is None and len(cameras) != 1:
-                why = f"knows no image {Path(image_name).name} and has several cameras or none ({some})"
-                raise CameraError(f"{path}: {why}; name one as {path}:ID")
-            camera_id = next(iter(cameras)) if camera_id is None else camera_id
-            if camera_id not in cameras:
-                raise CameraError(f"{path}: has no camera {camera_id!r:.20}; it has {some}")
     except DatabaseError as error:
-        remedy = "; or write its line out: MODEL WIDTH HEIGHT PARAMS..." if path.suffix == ".txt" else ""
-        raise CameraError(f"{error}{remedy}") from None
+        raise CameraError(str(error)) from None
+    if camera_id is None and len(cameras) == 1:
+        (camera_id,) = cameras
+    if camera_id not in cameras:
+        some = ", ".join(map(str, [*cameras][:10])) + " ..." * (len(cameras) > 10) or "none"
+        wanted = f"no image {Path(image_name).name}" if camera_id is None else f"no camera {camera_id!r:.20}"
+        raise CameraError(f"{path}: has {wanted}; name one of its cameras ({some}) as {path}:ID")
     model, width, height, params = cameras[camera_id]  # of any type
     try:
-        name = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
+        kind = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
         values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())
-        size = int(width), int(height)
+        camera = colmap_camera(kind, int(width), int(height), values)
+        return Camera.from_colmap(camera, f"database, camera {camera_id}")
+    except CameraError as error:
+        raise CameraError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
         why = "is of a kind this pycolmap does not know; update pycolmap"
         raise CameraError(f"{path}: camera {camera_id} {why}") from None
-    try:
-        return Camera.from_colmap(colmap_camera(name, *size, values), f"database, camera {camera_id}")
-    except CameraError as error:
-        raise CameraError(f"{path}: {error}") from None

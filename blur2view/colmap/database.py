@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera.camera import Camera, colmap_camera, to_colmap
-from blur2view.colmap.project import KILLED, LOGS, MAX_IMAGES, ensure_table, open_read_only, storable
+from blur2view.colmap.project import LOGS, MAX_IMAGES, PUT_VIEW, ensure_table, open_read_only, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
@@ -29,7 +29,6 @@ UNION ALL SELECT 1 FROM descriptors
 UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
 UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
 LIMIT 1"""
-PUT_VIEW = "INSERT OR REPLACE INTO blur2view_views VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 
 Pair = tuple[int, int]
 
@@ -39,16 +38,13 @@ def write_database(
 ) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. Without F and H nothing is matched. The table
-    ``blur2view_views`` says whether time directions are known. With ``replace`` an earlier file is replaced.
-    DatabaseError if the file exists or cannot be written; ValueError if two photographs have one name,
-    or a name is no UTF-8.
+    Photographs with equal cameras share one. Without F and H nothing is matched. With ``replace`` an earlier
+    file is replaced. DatabaseError if the file exists or cannot be written; ValueError if two photographs
+    have one name, or a name is no UTF-8.
     """
     names, path = [views.name for views in photographs], Path(path)
-    if len(set(names)) != len(names):
-        raise ValueError(f"photographs must have different names, got {names}")
-    if not all(map(storable, names)):
-        raise ValueError(f"names must be UTF-8, which a database needs, got {names}")
+    if len(set(names)) != len(names) or not all(map(storable, names)):
+        raise ValueError(f"photographs must have different names, all of them UTF-8, got {names}")
     refuse_existing(path, replace=replace)
     try:
         content = _views_alone(photographs)
@@ -78,8 +74,12 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
                     number = opened.write_camera(camera)
                     rig.add_ref_sensor(pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=number))
                     opened.write_rig(rig)
-                ids.append(_write_images(opened, views.names, 1 + cameras.index(camera)))
-                write_rows(opened, views, ids[-1], {ids[-1]: _alone(views)})
+                first, last = (_write_image(opened, name, 1 + cameras.index(camera)) for name in views.names)
+                ids.append((first, last))
+                # COLMAP's mapper looks at no configuration: it would make points from a pure rotation
+                known = len(matched(views)) > 0 and translation_known(views.geometry)
+                inliers = views.geometry.inlier_mask & known
+                write_rows(opened, views, ids[-1], {ids[-1]: replace(views.geometry, inlier_mask=inliers)})
         with closing(sqlite3.connect(path, isolation_level=None)) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
             database.execute("BEGIN")
@@ -90,19 +90,16 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
         return path.read_bytes()
 
 
-def _write_images(opened: Any, names: tuple[str, str], camera_id: int) -> Pair:
-    """Write both images of a camera, whose rig has its id, each with a frame of its own; return their ids."""
+def _write_image(opened: Any, name: str, camera_id: int) -> int:
+    """Write an image of a camera, whose rig has its id, with a frame of its own; return its id."""
     import pycolmap
 
-    ids = []
-    for name in names:
-        image = pycolmap.Image(name=name, camera_id=camera_id)
-        image.image_id = opened.write_image(image)
-        frame = pycolmap.Frame(rig_id=camera_id)
-        frame.add_data_id(image.data_id)
-        opened.write_frame(frame)
-        ids.append(image.image_id)
-    return ids[0], ids[1]
+    image = pycolmap.Image(name=name, camera_id=camera_id)
+    image.image_id = opened.write_image(image)
+    frame = pycolmap.Frame(rig_id=camera_id)
+    frame.add_data_id(image.data_id)
+    opened.write_frame(frame)
+    return int(image.image_id)
 
 
 def write_rows(opened: Any, views: ExposureViews, ids: Pair, pairs: Mapping[Pair, TwoViewGeometry]) -> None:
@@ -118,23 +115,11 @@ def write_rows(opened: Any, views: ExposureViews, ids: Pair, pairs: Mapping[Pair
         opened.write_two_view_geometry(*pair, geometry.to_pycolmap())
 
 
-def put_views(
-    database: sqlite3.Connection, views: ExposureViews, ids: Pair, source: bytes | None = None
-) -> None:
-    """List both images of a photograph in the table `blur2view_views`, with what they were made from."""
-    known = views.geometry.config.name, int(views.time.known), views.time.confidence, source, views.smear_px
+def put_views(database: sqlite3.Connection, views: ExposureViews, ids: Pair) -> None:
+    """List both images of a photograph in the table ``blur2view_views``."""
+    known = views.geometry.config.name, int(views.time.known), views.time.confidence, views.smear_px
     for image_id, role in zip(ids, ("open", "close"), strict=True):
         database.execute(PUT_VIEW, (image_id, views.name, role, *known))
-
-
-def _alone(views: ExposureViews) -> TwoViewGeometry:
-    """Return the geometry of both views with the inliers that COLMAP may make points from.
-
-    Without a known translation no match is an inlier: a mapper looks at no configuration, and would make
-    points from a pure rotation, at a depth that nothing shows.
-    """
-    known = len(matched(views)) > 0 and translation_known(views.geometry)
-    return replace(views.geometry, inlier_mask=views.geometry.inlier_mask & known)
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
@@ -160,10 +145,9 @@ def refuse_existing(path: Path, *, replace: bool = False) -> None:
     if os.path.lexists(path) and not replace:
         raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
     for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):
-        if os.path.lexists(log) and not path.exists():
-            raise DatabaseError(f"{log}: is of a database that is gone; remove it, or choose another --db")
         if os.path.lexists(log):
-            raise DatabaseError(f"{path}: another program uses it; close that and try again; {KILLED}")
+            why = "of a program that uses the database or was killed; close it, or open it once with COLMAP"
+            raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 

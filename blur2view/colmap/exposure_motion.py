@@ -11,9 +11,8 @@ import numpy as np
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import from_colmap
 from blur2view.colmap.blur_matching import same_sense
-from blur2view.exposure.camera_path import changed
+from blur2view.exposure.trajectory import changed
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.rotation import rotation_matrix
 
 FIT_STEPS, POSE_STEPS = 12, 20  # of reweighting
 
@@ -30,8 +29,7 @@ class Motion:
 
     def pose_at(self, t: float, pose: Array) -> Array:
         """Return cam_from_world (3, 4) at an instant, from that of mid exposure."""
-        R = rotation_matrix(self.rigid[:3] * t + self.bend * t * t)
-        return np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + self.rigid[3:] * t])
+        return changed(pose, np.append(self.rigid[:3] * t + self.bend * t * t, self.rigid[3:] * t))
 
 
 def projected(camera: Any, points: Array) -> Array:
@@ -57,6 +55,11 @@ def relative(there: Array, here: Array) -> tuple[Array, Array]:
     return R, there[:, 3] - R @ here[:, 3]
 
 
+def doubt_of(expected: Array) -> float:
+    """Return the standard deviation of the three parts of the translation of an expected motion (6,)."""
+    return float(np.linalg.norm(expected[3:])) + TINY
+
+
 def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Array:
     """Return the rigid motion (6,) of smears (N, 2) without sign, in the sense of an expected one (6,).
 
@@ -74,11 +77,6 @@ def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Arr
     found = [_fit_from(one, flow, smears, sigma, precision) for one in starts]
     motion = min(found, key=lambda one: one[0])[1]
     return -motion if motion[:3] @ expected[:3] < 0 else motion
-
-
-def doubt_of(expected: Array) -> float:
-    """Return the standard deviation of the three parts of the translation of an expected motion (6,)."""
-    return float(np.linalg.norm(expected[3:])) + TINY
 
 
 def _fit_from(

@@ -1,19 +1,19 @@
 """Virtual views added to a COLMAP project that holds the photographs and their features.
 
 Per photograph two images, their keypoints, and three pairs: photograph-open, photograph-close, open-close.
-Rows of the user are read, never written: views go in by plain INSERT, which no row can be lost to.
+Rows of the user are read, never written: views go in by plain INSERT, which no row can be lost to. Views that
+an earlier call wrote are written anew.
 """
 
-import hashlib
 import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,6 @@ from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import half_written, remove_half_written
 
-PAIRS = "matches", "two_view_geometries"
 COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's database has
     "keypoints": "image_id, rows, cols, data",
     "matches": "pair_id, rows, cols, data",
@@ -48,34 +47,23 @@ COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's data
 }
 
 
-class Step(StrEnum):
-    """What linking does with a photograph."""
-
-    ADD = "added"
-    REPLACE = "replaced"
-    KEEP = "kept"
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ProjectImage:
-    """One image of a project, as it was read, and what linking will do with it."""
+    """One image of a project, as it was read."""
 
-    step: Step
     image_id: int
     camera_id: int
     name: str
     prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
     keypoints: NDArray[np.float64]  # our pixels (N, 2)
-    digest: bytes  # of what its views are made from, its camera and its keypoints, to notice a change
+    stored: tuple[Any, ...]  # the rows of its camera and its keypoints, to notice a change
+    linked: bool  # whether an earlier call has written its views
 
 
-def plan_links(
-    path: Path, photographs: Sequence[Path], *, replace: bool = False
-) -> list[ProjectImage | DatabaseError]:
-    """Return what linking will do with each photograph of a project, or why it cannot; nothing is written.
+def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | DatabaseError]:
+    """Return the image of each photograph of a project, or why it cannot be linked; nothing is written.
 
-    Views that an earlier call wrote are kept, unless the photograph's features or camera have changed since,
-    or with ``replace``. DatabaseError if nothing can be read.
+    DatabaseError if nothing can be read.
     """
     plan: list[ProjectImage | DatabaseError] = []
     first_of: dict[str, Path] = {}
@@ -92,40 +80,36 @@ def plan_links(
             else:
                 first_of[name] = photograph
                 try:
-                    plan.append(_plan_one(database, names, name, replace))
+                    plan.append(_read_image(database, names, name))
                 except ValueError as error:
                     plan.append(DatabaseError(f"{path}: {error}"))
     return plan
 
 
-def _plan_one(database: sqlite3.Connection, names: dict[str, int], name: str, replace: bool) -> ProjectImage:
-    """Return the plan for one image of the project; ValueError where it cannot be linked."""
+def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: str) -> ProjectImage:
+    """Return one image of the project; ValueError where it cannot be linked."""
     sql = (
-        "SELECT image_id, camera_id, prior_focal_length, model, width, height, params "
-        "FROM images LEFT JOIN cameras USING (camera_id) WHERE name = ?"
+        "SELECT image_id, camera_id, prior_focal_length, model, width, height, params, data FROM images "
+        "LEFT JOIN cameras USING (camera_id) LEFT JOIN keypoints USING (image_id) WHERE name = ?"
     )
-    image_id, camera_id, prior, *camera = database.execute(sql, (name,)).fetchone()
+    image_id, *stored = database.execute(sql, (name,)).fetchone()
+    camera_id, prior, own = stored[0], stored[1], own_views(database, name)
     keypoints = from_colmap(read_keypoints(database, image_id))
     if not len(keypoints):
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
     if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
         raise ValueError(f"image {name} has no camera, or its camera has no rig; the database is damaged")
-    (data,) = database.execute("SELECT data FROM keypoints WHERE image_id = ?", (image_id,)).fetchone()
-    stored = f"{camera_id} {(bool(prior), *camera)!r} ".encode("utf-8", "backslashreplace") + data
-    digest, own = hashlib.sha256(stored).digest(), own_views(database, name)
-    views = {number for number, _ in own.values()}
     for view in (name + OPEN, name + CLOSE):
-        if view in names and names[view] not in views:
+        if view in names and names[view] not in own.values():
             raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
-    same = [source for _, source in own.values()] == [digest] * 2 and not replace
     return ProjectImage(
-        step=Step.KEEP if same else Step.REPLACE if own else Step.ADD,
         image_id=image_id,
         camera_id=camera_id,
         name=name,
         prior_focal=bool(prior),
         keypoints=keypoints,
-        digest=digest,
+        stored=tuple(stored),
+        linked=bool(own),
     )
 
 
@@ -144,10 +128,9 @@ def write_links(
             check_schema(database)
             names = image_names(database)
             for image, _ in links:
-                again, name = image.step is Step.REPLACE, image.name
-                now = _plan_one(database, names, name, again) if name in names else None
-                if now is None or (now.step, now.digest) != (image.step, image.digest):
-                    raise ValueError(f"image {name} has changed meanwhile; run again")
+                now = _read_image(database, names, image.name) if image.name in names else None
+                if now is None or (now.image_id, now.stored) != (image.image_id, image.stored):
+                    raise ValueError(f"image {image.name} has changed meanwhile; run again")
             copy = back_up(path) if backup else None
             if copy is not None:
                 undo.callback(copy.unlink)  # it equals the database if that stays as it was
@@ -168,7 +151,7 @@ def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, E
             opened.write_camera(any_camera)
             for image, views in links:
                 ids = _put_images(database, image)
-                put_views(database, views, ids, image.digest)
+                put_views(database, views, ids)
                 for image_id in ids:
                     view = pycolmap.Image(name=f"{image_id}", camera_id=1, image_id=image_id)
                     opened.write_image(view, use_image_id=True)
@@ -188,7 +171,7 @@ def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
 
     What an earlier call wrote goes before, and its image ids are taken again. Return the ids.
     """
-    own = {role: number for role, (number, _) in own_views(database, image.name).items()}
+    own = own_views(database, image.name)
     with_frames, of_frame = has_frames(database), f"data_id = ? AND sensor_type = {CAMERA_SENSOR}"
     doomed = ["keypoints WHERE image_id = ?", "images WHERE image_id = ?"]
     if with_frames:
@@ -197,7 +180,7 @@ def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
     for rows in doomed:
         database.executemany(f"DELETE FROM {rows}", [(number,) for number in own.values()])
     for pair in combinations([image.image_id, *own.values()], 2):
-        for table in PAIRS:
+        for table in ("matches", "two_view_geometries"):
             database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (pair_id(*pair),))
     ids = []
     for role, ending in (("open", OPEN), ("close", CLOSE)):

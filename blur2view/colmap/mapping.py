@@ -3,13 +3,8 @@
 The virtual images of one exposure (:mod:`blur2view.exposure.views`) lie millimetres to centimetres apart:
 the rays of a point meet at hundredths or tenths of a degree, where COLMAP asks for 16 degrees to begin a
 model and for 1.5 to keep a point; and without other images every track has two views, which COLMAP ignores.
-A mapper weighs all smears the same: it knows neither their standard deviations, nor that the errors of
-neighbours are correlated. In a video the frames' poses say most of what the camera did while the shutter was
-open: `place_views` leans on them.
-
-Ways to map
------------
-The exposures of a fresh database, each by itself: a model of two images of each whose translation is known::
+A mapper weighs all smears the same, and knows nothing of the errors that neighbours share; `place_views`
+does. Each exposure of a fresh database by itself::
 
     import blur2view
     import pycolmap
@@ -37,32 +32,11 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 
 
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
-    """Return options for ``pycolmap.incremental_mapping`` of a database that ``blur2view to-colmap`` wrote.
+    """Return pycolmap.IncrementalPipelineOptions for a database that ``blur2view to-colmap`` wrote.
 
-    Parameters
-    ----------
-    linked : bool
-        False: a database of exposures alone, two images each, which do not determine the focal length: pass
-        it to ``to-colmap``. True: the views stand beside the photographs of an ordinary project (``--link``),
-        whose wide baselines begin the model, and only what would refuse the views is changed.
-    keep_photographs : bool
-        Of a linked project: leave the poses of photographs in the model that ``input_path`` names as they
-        are, and the intrinsics: smears, which err more than features do, cannot bend it.
-
-    Returns
-    -------
-    pycolmap.IncrementalPipelineOptions
-        The source says why each value differs from the default of pycolmap 4.2.
-
-    Raises
-    ------
-    ValueError
-        If photographs are to be kept where there are none.
-
-    Examples
-    --------
-    >>> mapper_options().triangulation.ignore_two_view_tracks
-    False
+    Of exposures alone, which do not determine the focal length; or, ``linked``, of views beside the
+    photographs of a project, whose wide baselines begin the model. With ``keep_photographs`` the poses and
+    cameras of the model that ``input_path`` names stay. ValueError if there are none to be kept.
     """
     import pycolmap
 
@@ -93,11 +67,7 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
 
 
 def global_options() -> Any:
-    """Return pycolmap.GlobalPipelineOptions for ``pycolmap.global_mapping`` of a database with linked views.
-
-    pycolmap 4.2 limits the time of neither positioning nor the whole: who needs that maps in a process that
-    can be ended.
-    """
+    """Return options for ``pycolmap.global_mapping`` of a database with linked views."""
     import pycolmap
 
     options = pycolmap.GlobalPipelineOptions()
@@ -109,13 +79,9 @@ def global_options() -> Any:
 def blurred_options() -> tuple[Any, Any]:
     """Return options with which COLMAP finds and matches features of blurred photographs, at its best.
 
-    Of RedKitchen's frames with smears of 37 px its defaults register none of 11, these 11; with 51 px none
-    and 7 of 8. They are slow: about ten seconds for a photograph of 640x480.
-
-    Returns
-    -------
-    (pycolmap.FeatureExtractionOptions, pycolmap.FeatureMatchingOptions)
-        For ``pycolmap.extract_features`` and ``pycolmap.match_exhaustive``.
+    For ``pycolmap.extract_features`` and ``pycolmap.match_exhaustive``. Of RedKitchen's frames with smears of
+    37 px its defaults register none of 11, these 11; with 51 px none and 7 of 8. They take about ten seconds
+    for a photograph of 640x480.
     """
     import pycolmap
 

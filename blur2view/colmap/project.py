@@ -1,22 +1,16 @@
 """A user's COLMAP project as SQLite sees it: read without changing a byte of it, or to be linked to.
 
 SQLite reads, and `blur2view.colmap.link` writes, because ``pycolmap.Database.open`` changes a file before
-anything is asked of it: it adds tables and columns, turns on write-ahead logging and stamps its own version,
-in no transaction with what comes after. Linking writes to the file, in one transaction: its journal outlives
-a kill at any moment. The format is that of pycolmap 4.2:
-
-- Numbers are little-endian. Keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches are uint32
-  (N, 2).
-- A pair of images is one row, of key ``2147483647 * id1 + id2`` with id1 < id2; the rows of both match
-  tables are oriented from image 1 to image 2.
-- If the table of frames has any row, every image needs a frame, or the mapper throws; if it has none
-  (databases of COLMAP 3.11 and older), the mapper makes a frame of every image itself.
-- A camera is sensor type 0 and belongs to exactly one rig.
-- The mapper drops a pair with fewer than 15 inliers; the configuration alone excludes only WATERMARK.
+anything is asked of it: it adds tables and columns, turns on write-ahead logging and stamps its own version.
+Linking writes in one transaction, whose journal outlives a kill at any moment. The format is pycolmap 4.2's:
+numbers are little-endian; keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches are uint32
+(N, 2), oriented from the image of the smaller id. If the table of frames has any row, every image needs a
+frame, or the mapper throws; if it has none (COLMAP 3.11 and older), the mapper makes them itself. A camera is
+sensor type 0 and belongs to exactly one rig.
 """
 
 import sqlite3
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Container, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from sqlite3 import Connection
@@ -25,10 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
-from blur2view.camera.camera import from_colmap
 from blur2view.errors import DatabaseError
-from blur2view.exposure.features import NO_POINTS
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
 MAX_IMAGES = 2147483647
@@ -43,20 +34,18 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
   time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB, smear_px REAL,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
-ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of 0.3.0 and before
+PUT_VIEW = (
+    "INSERT OR REPLACE INTO blur2view_views(image_id, photograph, role, config, time_known, time_confidence, "
+    "smear_px) VALUES (?, ?, ?, ?, ?, ?, ?)"
+)
+ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of 0.2.0
 LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database
 LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
 BESIDE = (*LOGS, "-shm")
-KILLED = "if a program was killed that used it, open it once with COLMAP"
-HINTS = {
-    "locked": "another program uses it; close that and try again",
-    "changed while": "another program uses it; close that and try again",
-    "readonly": f"check permissions; {KILLED}",
-    "unable to open": f"check permissions of the file and its folder; {KILLED}",
-    "Permission": "check permissions of the file and its folder",
-    "disk is full": "make room, or its image ids are used up",
-    "image_id_check": "its image ids are used up; extract features into a new database",
-}
+REMEDY = (
+    "close programs that use it; check that it is whole, permissions, room and its image ids; if a program "
+    "was killed that used it, open it once with COLMAP"
+)
 
 
 @contextmanager
@@ -95,20 +84,16 @@ def open_for_writing(path: Path) -> Iterator[Connection]:
 
 @contextmanager
 def database_errors(path: Path) -> Iterator[None]:
-    """Raise every error inside as a DatabaseError, one line with the file and the remedy.
-
-    A ValueError says itself what is wrong with the database and what the remedy is.
-    """
+    """Raise every error inside as a DatabaseError; a ValueError says itself what is wrong and the remedy."""
     if not path.is_file():
         raise DatabaseError(f"{path}: no such database; check the path")
     try:
         yield
     except (sqlite3.Error, OSError, OverflowError, ValueError, RuntimeError) as error:
-        if isinstance(error, ValueError) and not isinstance(error, UnicodeError):  # that of a damaged schema
-            raise DatabaseError(f"{path}: {error}") from None
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks
-        hint = next((hint for key, hint in HINTS.items() if key in why), "is it whole, and COLMAP's?")
-        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {hint}") from None
+        if isinstance(error, ValueError) and not isinstance(error, UnicodeError):  # that of a damaged schema
+            raise DatabaseError(f"{path}: {why}") from None
+        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {REMEDY}") from None
 
 
 def connect(path: Path, query: str) -> Connection:
@@ -130,7 +115,7 @@ def check_schema(database: Connection) -> None:
         raise ValueError(f"written by a newer COLMAP ({known}); update blur2view")
     (damage,) = database.execute("PRAGMA quick_check(1)").fetchone()
     if damage != "ok":
-        raise ValueError(f"is damaged ({' '.join(damage.split())}); restore a backup")
+        raise ValueError(f"is damaged ({damage}); restore a backup")
 
 
 def image_names(database: Connection) -> dict[str, int]:
@@ -163,15 +148,12 @@ def read_keypoints(database: Connection, image_id: int) -> NDArray[np.float64]:
     return _numbers(database.execute(query, (image_id,)).fetchone(), "<f4", f"keypoints of image {image_id}")
 
 
-def read_matches(database: Connection, table: str, id1: int, id2: int) -> NDArray[np.int64]:
-    """Return the indices (M, 2) of the matched keypoints of two images, in either order of their ids.
-
-    ``table`` is "matches", or "two_view_geometries" for the inliers. ValueError if a row contradicts itself.
-    """
-    query = f"SELECT rows, cols, data FROM {table} WHERE pair_id = ?"
+def read_matches(database: Connection, id1: int, id2: int) -> NDArray[np.int64]:
+    """Return the indices (M, 2) of matched keypoints of two images; ValueError as of `read_keypoints`."""
+    query = "SELECT rows, cols, data FROM matches WHERE pair_id = ?"
     row = database.execute(query, (pair_id(id1, id2),)).fetchone()
     index = _numbers(row, "<u4", f"matches of images {id1} and {id2}").astype(np.int64)
-    return index if id1 < id2 else index[:, ::-1]  # a row leads from the smaller id
+    return index if id1 < id2 else index[:, ::-1]
 
 
 def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray[np.float64]:
@@ -204,10 +186,7 @@ def ensure_table(database: Connection) -> None:
 
 
 def smear_lengths(path: Path) -> dict[str, float]:
-    """Return the length of the smear of each photograph with views in a database, pixels, where it is known.
-
-    Nothing of a database that cannot be read, or was written by an earlier version.
-    """
+    """Return the length of the smear of each photograph with views in a database, pixels, if known."""
     sql = "SELECT DISTINCT photograph, smear_px FROM blur2view_views WHERE smear_px IS NOT NULL"
     try:
         with open_read_only(path) as database:
@@ -216,43 +195,12 @@ def smear_lengths(path: Path) -> dict[str, float]:
         return {}
 
 
-def own_views(database: Connection, name: str) -> dict[str, tuple[int, bytes | None]]:
-    """Return id and source of the existing views of a photograph that blur2view wrote, by role."""
+def own_views(database: Connection, name: str) -> dict[str, int]:
+    """Return the ids of the existing views of a photograph that blur2view wrote, by role."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'blur2view_views'").fetchone():
         return {}
     sql = (
-        "SELECT role, image_id, source FROM blur2view_views JOIN images USING (image_id) "
+        "SELECT role, image_id FROM blur2view_views JOIN images USING (image_id) "
         "WHERE photograph = ? AND name = photograph || '#' || role"
     )
-    return {role: (image_id, source) for role, image_id, source in database.execute(sql, (name,))}
-
-
-def database_matcher(path: Path, names: Sequence[str]) -> Callable[[int, int], tuple[Array, Array]]:
-    """Return what gives matched pixels (M, 2) of two photographs of a database by the indices of their names.
-
-    Verified matches where the database has them; none of photographs that it lacks.
-    """
-
-    def matched(first: int, second: int) -> tuple[Array, Array]:
-        with open_read_only(path) as database:
-            sql = "SELECT image_id FROM images WHERE name IN (?, ?) ORDER BY name = ?"
-            ids = database.execute(sql, (names[first], names[second], names[second])).fetchall()
-            if len(ids) != 2:
-                return NO_POINTS, NO_POINTS
-            pair = [int(image_id) for (image_id,) in ids]
-            index = read_matches(database, "two_view_geometries", *pair)
-            if len(index) == 0:  # not verified
-                index = read_matches(database, "matches", *pair)
-            one, other = (from_colmap(read_keypoints(database, image_id)) for image_id in pair)
-        index = index[(index[:, 0] < len(one)) & (index[:, 1] < len(other))]
-        points = np.stack([one[index[:, 0]], other[index[:, 1]]])
-        first_points, second_points = points[:, np.isfinite(points).all(axis=(0, 2))]
-        return first_points, second_points
-
-    return matched
-
-
-def database_names(path: Path) -> list[str]:
-    """Return the names of a COLMAP database's images, by their ids; those that are no UTF-8 are left out."""
-    with open_read_only(path) as database:
-        return list(image_names(database))
+    return dict(database.execute(sql, (name,)).fetchall())

@@ -10,8 +10,9 @@ tools.evaluation.recovered`` measures what comes of it.
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -21,10 +22,10 @@ from blur2view.camera.camera import to_colmap
 from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose
 from blur2view.colmap.exposure_motion import Motion, projected
-from blur2view.colmap.models import add_image, photographs_of, read_model
+from blur2view.colmap.models import add_image, observed, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.exposure.camera_path import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
 from blur2view.exposure.time_direction import frame_times
+from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.image import read_pixels
 from blur2view.networks.protocol import SmearReader
@@ -49,55 +50,20 @@ LEAST_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err togethe
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecoveredFrame:
-    """A frame with its pose.
+    """A frame with its pose."""
 
-    Parameters
-    ----------
-    name : str
-    pose : ndarray of shape (3, 4)
-        cam_from_world at mid exposure.
-    covariance : ndarray of shape (6, 6)
-        Of a small rotation (radians) and translation (units of the model) of points in the camera.
-    motion : Motion
-        During the exposure, in the sense of time of the frames.
-    points : ndarray of shape (M,)
-        Ids of the model's points that were found.
-    places : ndarray of shape (M, 2)
-        Where, pixels of the frame's own size.
-    residual_px : float
-        Median distance of the places from the points' projections, the same.
-    """
-
-    name: str
-    pose: Array
-    covariance: Array
-    motion: Motion
-    points: Array
-    places: Array
-    residual_px: float
+    pose: Array  # (3, 4) cam_from_world at mid exposure
+    covariance: Array  # (6, 6) of a small rotation (radians) and translation of points in the camera
+    motion: Motion  # during the exposure, in the sense of time of the frames
+    points: Array  # (M,) ids of the model's points that were found
+    places: Array  # (M, 2) where, pixels of the frame's own size
+    residual_px: float  # median distance of the places from the points' projections
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Recovery:
-    """A model with the frames that it lacked.
+class Recovery(NamedTuple):
+    """A model with frames that it lacked, by name, why others are refused, and all that is known of them."""
 
-    Parameters
-    ----------
-    model : pycolmap.Reconstruction
-        As it was, with the recovered frames, their views NAME#open and NAME#close, and what frames observe
-        in the tracks of its points.
-    registered : tuple of str
-        Frames that it had.
-    recovered : dict
-        By name, in order.
-    refused : dict
-        Why others are not among them, by name.
-    sequence : FrameSequence
-        All that is known of the frames.
-    """
-
-    model: Any
-    registered: tuple[str, ...]
+    model: Any  # with views NAME#open and NAME#close of recovered frames, which observe its points
     recovered: Mapping[str, RecoveredFrame]
     refused: Mapping[str, str]
     sequence: "FrameSequence"
@@ -114,43 +80,24 @@ def recover_frames(
 ) -> Recovery:
     """Return a model with the frames of a video that it lacks.
 
-    Parameters
-    ----------
-    model : path-like
-        Folder of a COLMAP model; it is only read.
-    frames : path-like
-        Folder of the frames, COLMAP's image path.
-    names : sequence of str
-        All frames, in order, as COLMAP names them; where their numbers leave some out, none are neighbours.
-    refine : bool
-        Adjust the recovered poses and the points together at the end; other poses and cameras stay.
-    network : SmearReader, optional
-        By default the one that ships.
-    show : callable
-        Called with how many frames are done, and of how many.
-
-    Raises
-    ------
-    DatabaseError
-        If the model cannot be read or has fewer than two of the frames.
+    ``model`` is the folder of a COLMAP model, ``frames`` that of the frames, ``names`` all of them in order,
+    as COLMAP calls them; where their numbers leave some out, none are neighbours. With ``refine`` recovered
+    poses and the points are adjusted together at the end; other poses and cameras stay. ``show`` is called
+    with how many frames are done, and of how many. DatabaseError if the model cannot be read or has fewer
+    than two of the frames.
     """
     sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
-    registered = tuple(name for name in names if name in sequence.images)
-    if len(registered) < 2:
-        raise DatabaseError(
-            f"{model}: has {len(registered)} of the {len(names)} frames in {frames}; name the folder that "
-            "COLMAP read them from"
-        )
+    if len(sequence.images) < 2:
+        count = f"has {len(sequence.images)} of the {len(names)} frames in {frames}"
+        raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
     recovered, refused = sequence.recover([name for name in names if name not in sequence.images], show)
-    for frame in recovered.values():
-        _add_frame(sequence, frame)
+    for name, frame in recovered.items():
+        _add_frame(sequence, name, frame)
     if refine and recovered:
         _refine(sequence.model, recovered.keys())
-    for frame in recovered.values():
-        _add_views(sequence.model, frame)
-    return Recovery(
-        model=sequence.model, registered=registered, recovered=recovered, refused=refused, sequence=sequence
-    )
+    for name, frame in recovered.items():
+        _add_views(sequence.model, name, frame)
+    return Recovery(sequence.model, recovered, refused, sequence)
 
 
 class FrameSequence:
@@ -164,7 +111,7 @@ class FrameSequence:
         self.times = dict(zip(names, frame_times(names), strict=True))
         self.images = {name: one for name, one in photographs_of(model).items() if name in self.times}
         self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
-        self._pictures: dict[str, tuple[Any, SmearGrid, Any]] = {}  # the last few
+        self._read = lru_cache(PICTURES_KEPT)(self._read_frame)
 
     def recover(
         self, names: Sequence[str], show: Callable[[int, int], None]
@@ -173,19 +120,21 @@ class FrameSequence:
 
         Those next to registered ones first: they are known for the spline through the others.
         """
-        found: dict[str, RecoveredFrame | str] = {}
-        for name in sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name])):
-            show(len(found), len(names))
+        found, refused = dict[str, RecoveredFrame](), dict[str, str]()
+        order = sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name]))
+        for number, name in enumerate(order):
+            show(number, len(names))
             try:
-                one = found[name] = self._recover_one(name)
+                one = self._recover_one(name)
             except ImageError as error:
-                one = found[name] = str(error)
+                one = str(error)
             if isinstance(one, RecoveredFrame):
-                self.poses[name] = one.pose
-        ordered = [(name, found[name]) for name in names]
+                found[name], self.poses[name] = one, one.pose
+            else:
+                refused[name] = one
         return (
-            {name: one for name, one in ordered if isinstance(one, RecoveredFrame)},
-            {name: one for name, one in ordered if isinstance(one, str)},
+            {name: found[name] for name in names if name in found},
+            {name: refused[name] for name in names if name in refused},
         )
 
     def near(self, name: str) -> list[str]:
@@ -203,14 +152,10 @@ class FrameSequence:
 
     def view(self, name: str, pose: Array) -> View:
         """Return a frame at a pose, in the working size."""
-        known = self._pictures.pop(name) if name in self._pictures else self._read(name)
-        self._pictures[name] = known  # the latest last
-        while len(self._pictures) > PICTURES_KEPT:
-            del self._pictures[next(iter(self._pictures))]
-        light, grid, camera = known
+        light, grid, camera = self._read(name)
         return View(image=light, grid=grid, camera=camera, pose=pose)
 
-    def _read(self, name: str) -> tuple[Any, SmearGrid, Any]:
+    def _read_frame(self, name: str) -> tuple[Any, SmearGrid, Any]:
         """Return a frame in the working size, its smears and its camera, which is the nearest frame's."""
         pixels = read_pixels(self.folder / name, as_stored=True)
         height, width = pixels.shape[:2]
@@ -246,7 +191,6 @@ class FrameSequence:
         scale = view.grid.size[0] / view.camera.width
         pose, covariance = weighed(found, expected)
         return RecoveredFrame(
-            name=name,
             pose=pose,
             covariance=covariance,
             motion=found.motion,
@@ -257,9 +201,7 @@ class FrameSequence:
 
     def points_of(self, name: str) -> set[int]:
         """Return the ids of the points that a registered frame sees, or the one next to it."""
-        points = self.images[self.near(name)[0]].points2D
-        ids = {point.point3D_id for point in points if point.has_point3D()}
-        return {number for number in ids if number in self.model.points3D}
+        return set(observed(self.model, self.images[self.near(name)[0]]).values())
 
     def world(self, ids: Iterable[int]) -> Array:
         """Return points (N, 3) by their ids."""
@@ -287,46 +229,41 @@ def _shared_error(found: BlurredPose) -> Array:
 def refusal(found: BlurredPose | None, expected: Expected) -> str:
     """Return why a pose is not believed, empty if it is."""
     if found is None or len(found.index) < max(LEAST_POINTS, LEAST_FOUND * found.tried):
-        count = 0 if found is None else len(found.index)
-        tried = "" if found is None else f" of {found.tried}"
-        return f"{count}{tried} points of its neighbours are found in it"
+        return "too few points of its neighbours are found in it"
     if found.residual_px > MOST_RESIDUAL_PX:
-        return f"its points are {found.residual_px:.1f} px from where the pose has them"
+        return "its points are not where the pose has them"
     change = change_of(found.pose, expected.pose)
     turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
     moved = float(np.linalg.norm(change[3:])) / expected.position
     if max(turned, moved) > MOST_DEPARTURE * MEDIAN_OF_THREE:
-        error = f"{max(turned, moved):.0f} times the path's error"
-        degrees = np.degrees(np.linalg.norm(change[:3]))
-        return f"its pose is off its neighbours' path by {error}, {degrees:.1f} degrees"
+        return "its pose is too far off its neighbours' path"
     smears = found.smear_motion[:3]
     corrected = float(np.linalg.norm(found.motion.rigid[:3] - smears) / (np.linalg.norm(smears) + TINY))
     unsure = len(found.index) < SURE_SHARE * found.tried
     if unsure and corrected > MOST_CHANGE and np.linalg.norm(smears) > expected.rotation_rad:
-        return f"its smears differ from the blur that its neighbours show by {corrected:.0%}"
+        return "its smears differ from the blur that its neighbours show"
     return ""
 
 
-def _add_frame(sequence: FrameSequence, frame: RecoveredFrame) -> None:
+def _add_frame(sequence: FrameSequence, name: str, frame: RecoveredFrame) -> None:
     """Add a frame to a model, and what it observes to the tracks."""
     import pycolmap
 
-    beside = sequence.images[sequence.near(frame.name)[0]]
-    image = add_image(sequence.model, frame.name, frame.pose, to_colmap(frame.places), beside)
+    beside = sequence.images[sequence.near(name)[0]]
+    image = add_image(sequence.model, name, frame.pose, to_colmap(frame.places), beside)
     for place, number in enumerate(frame.points):
         sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, place))
 
 
-def _add_views(model: Any, frame: RecoveredFrame) -> None:
+def _add_views(model: Any, name: str, frame: RecoveredFrame) -> None:
     """Add both ends of a frame's exposure, with the keypoints of its points as they are seen there."""
-    image = model.find_image_with_name(frame.name)
+    image = model.find_image_with_name(name)
     world = np.array([model.points3D[int(number)].xyz for number in frame.points])
-    for name, t in ((OPEN, -0.5), (CLOSE, 0.5)):
+    for end, t in ((OPEN, -0.5), (CLOSE, 0.5)):
         pose = frame.motion.pose_at(t, image.cam_from_world().matrix())
-        seen = world @ pose[:, :3].T + pose[:, 3]
-        pixels = projected(model.cameras[image.camera_id], seen)
+        pixels = projected(model.cameras[image.camera_id], world @ pose[:, :3].T + pose[:, 3])
         keypoints = to_colmap(np.where(np.isfinite(pixels), pixels, frame.places))
-        add_image(model, frame.name + name, pose, keypoints, image)
+        add_image(model, name + end, pose, keypoints, image)
 
 
 def _refine(model: Any, recovered: Collection[str]) -> None:
@@ -336,9 +273,8 @@ def _refine(model: Any, recovered: Collection[str]) -> None:
     options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
     options.refine_focal_length = options.refine_extra_params = options.refine_principal_point = False
     options.print_summary, options.min_track_length = False, 2
-    for image in model.images.values():
-        if image.has_pose and not image.name.endswith((OPEN, CLOSE)):
-            config.add_image(image.image_id)
-            if image.name not in recovered:
-                config.set_constant_rig_from_world_pose(image.frame_id)
+    for image in photographs_of(model).values():
+        config.add_image(image.image_id)
+        if image.name not in recovered:
+            config.set_constant_rig_from_world_pose(image.frame_id)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()

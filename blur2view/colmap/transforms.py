@@ -1,46 +1,32 @@
 """A model with exposures as ``transforms.json``: what trainers of radiance fields read for blurred frames.
 
 A model as `place_views` gives it holds three poses of a photograph: at mid exposure (NAME), when the shutter
-opened (NAME#open) and when it closed (NAME#close). The world is the model's, its unit the model's, so that
-its points need no change. Both dialects share these conventions, with their sources:
+opened (NAME#open) and when it closed (NAME#close). The world is the model's, in its unit. In both dialects
+``transform_matrix`` (4x4) is world_from_camera with OpenGL's camera axes: x right, y up, z backwards
+(instant-ngp, ``colmap2nerf.py --keep_colmap_coords``; nerfstudio, ``process_data/colmap_utils.py``);
+``w``, ``h``, ``fl_x``, ``cx``, ``k1`` ... are COLMAP's numbers, above the frames if all share a camera;
+``file_path`` is relative to the folder of the file.
 
-- ``transform_matrix`` (4x4) is world_from_camera. Camera axes are OpenGL's: x right, y up, z backwards
-  (instant-ngp, ``colmap2nerf.py --keep_colmap_coords``; nerfstudio, ``process_data/colmap_utils.py``).
-- ``w``, ``h``, ``fl_x``, ``fl_y``, ``cx``, ``cy``, ``k1`` ... are COLMAP's own numbers, (0.5, 0.5) at the
-  centre of the top-left pixel (``src/nerf_loader.cu``; ``colmap_utils.py``). They stand above the frames if
-  all frames share a camera, else in every frame.
-- ``file_path`` is relative to the folder of the file.
-
-instant-ngp (``src/nerf_loader.cu``, ``include/neural-graphics-primitives/nerf_loader.h``): the camera goes
-from ``transform_matrix_start`` to ``transform_matrix_end``; its other tools look from ``transform_matrix``.
-``rolling_shutter`` [a, b, c, d] gives the time of a ray through pixel (u, v) in [0, 1]^2 as a + b u + c v +
-d r, r random in [0, 1]. ``sharpness`` is relative: a frame goes if its own is not above
-``sharpness_discard_threshold`` (0 unless written) times its neighbours' mean. Ours is 1 / (1 + smear in
-pixels). A position p becomes ``scale`` p + ``offset`` and should lie near the unit cube; here the cameras
-are put as far from the median of the points as by ``colmap2nerf.py``, in its box (``aabb_scale``).
+instant-ngp (``src/nerf_loader.cu``): the camera goes from ``transform_matrix_start`` to
+``transform_matrix_end``. ``rolling_shutter`` [a, b, c, d] gives the time of a ray through (u, v) in [0, 1]^2
+as a + b u + c v + d r, r random. ``sharpness`` is relative, here 1 / (1 + smear in pixels). A position p
+becomes ``scale`` p + ``offset``; cameras are put as far from the median of the points as by
+``colmap2nerf.py``, in its box (``aabb_scale``).
 
 nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur,
 ``process_synthetic_inputs.py`` and ``combine.py``): ``camera_linear_velocity`` is (centre at the close -
-centre at the open) / ``exposure_time``, in the model's unit per second, ``camera_angular_velocity`` the
-rotation vector from the open to the close camera over ``exposure_time``, radians per second, both in the
-camera axes of ``transform_matrix``; ``rolling_shutter_time`` is 0 here. Only velocity times exposure time
-shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names the model's
-points (``dataparsers/nerfstudio_dataparser.py``). nerfstudio's main line reads the same file and knows
-nothing of the motion, so that what is long had better be left out (``max_smear_px``).
+centre at the open) / ``exposure_time``, ``camera_angular_velocity`` the rotation vector from the open to the
+close camera over ``exposure_time``, both in the camera axes of ``transform_matrix``. Only velocity times
+exposure time shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names
+the model's points. The main line reads the same file and knows nothing of the motion.
 
-Masks: nerfstudio reads ``mask_path``, of every frame or of none (0 is left out); instant-ngp the file
-``dynamic_mask_NAME.png`` beside the photograph (what is not 0 is left out). Both want the size of the
-photograph as stored, whatever its EXIF says.
-
-A frame without views has ``transform_matrix`` alone; in nerfstudio's dialect its velocities are zero.
-
-gsplat reads COLMAP's model, of its photographs alone, at mid exposure: ``examples/datasets/colmap.py`` reads
-every image of the model in ``DIR/sparse/0`` and looks for its file below ``DIR/images``, so that views, which
-no file has, end it; of cameras it knows `KNOWN`, of masks none, and of blur nothing.
+gsplat reads COLMAP's model, of its photographs alone: ``examples/datasets/colmap.py`` reads every image of
+the model in ``DIR/sparse/0`` and looks for its file below ``DIR/images``, so that views, which no file has,
+end it; of cameras it knows `KNOWN`, of masks and of blur nothing.
 """
 
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
@@ -50,23 +36,20 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.models import database_of
+from blur2view.colmap.models import database_of, observed
 from blur2view.colmap.project import smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.output_files import SIGNED_BY
 
-Show = Callable[[int, int], None]  # how many photographs are done, and of how many
-LAST_ROW = [0, 0, 0, 1]  # of a pose (4, 4)
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
 PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")
 FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE")
 GLOBAL_SHUTTER = [0, 0, 0, 1]
 BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
 PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes the points
-MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
-KNOWN = (*PLAIN, "OPENCV_FISHEYE")  # to it
+KNOWN = (*PLAIN, "OPENCV_FISHEYE")  # to gsplat
 RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
 
 
@@ -77,41 +60,36 @@ class ExposedPhotograph:
     name: str
     camera_id: int
     middle: Array  # (4, 4), at mid exposure
-    ends: tuple[Array, Array] | None = None  # (4, 4) at shutter-open and shutter-close, None without views
-    smear_px: float | None = None  # length of its smear; None where it is unknown
+    ends: tuple[Array, Array] | None  # (4, 4) at shutter-open and shutter-close, None without views
+    smear_px: float | None  # length of its smear; None where it is unknown
 
 
-def with_views(
-    model: Any, folder: Path, max_smear_px: float = np.inf, show: Show = lambda done, count: None
-) -> list[ExposedPhotograph]:
+def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
     """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer smears.
 
     The length is that which the results of the photograph state, where the model names the database that has
-    it, else the median of what the photograph observes. A bound leaves out those whose smears are unknown,
-    for want of views or points. DatabaseError if none is left, none of the model has both views, or a name
-    leads out of the folder of photographs.
+    it, else the median of what the photograph observes. A bound leaves out those whose smears are unknown.
+    DatabaseError if none is left, none has both views, or a name leads out of the folder of photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    for path in map(PurePosixPath, images):
-        if path.is_absolute() or ".." in path.parts:  # masks and links are written by it
-            raise DatabaseError(f"{folder}: image {path} lies outside of the folder of images; rename it")
     photographs, lengths = [], smear_lengths(database_of(folder) or folder)
-    names = sorted(name for name in images if not name.endswith((OPEN, CLOSE)))
-    for number, name in enumerate(names):
-        show(number, len(names))
-        views = [images[name + end] for end in (OPEN, CLOSE) if name + end in images]
-        both = len(views) == 2
-        smear_px = lengths.get(name) if both else None
-        if both and smear_px is None:
-            smear_px = _smear_px(images[name], views)
-        one = ExposedPhotograph(
-            name=name,
-            camera_id=images[name].camera_id,
-            middle=_world_from_camera(images[name]),
-            ends=(_world_from_camera(views[0]), _world_from_camera(views[1])) if both else None,
-            smear_px=smear_px,
+    for name in sorted(name for name in images if not name.endswith((OPEN, CLOSE))):
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+            raise DatabaseError(f"{folder}: image {name} lies outside of the folder of images; rename it")
+        first, last = (images.get(name + end) for end in (OPEN, CLOSE))
+        ends, smear_px = None, None
+        if first is not None and last is not None:
+            ends = _world_from_camera(first), _world_from_camera(last)
+            smear_px = lengths.get(name, _smear_px(model, images[name], first, last))
+        photographs.append(
+            ExposedPhotograph(
+                name=name,
+                camera_id=images[name].camera_id,
+                middle=_world_from_camera(images[name]),
+                ends=ends,
+                smear_px=smear_px,
+            )
         )
-        photographs.append(one)
     if all(one.ends is None for one in photographs):
         raise DatabaseError(
             f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
@@ -119,14 +97,9 @@ def with_views(
         )
     if np.isinf(max_smear_px):
         return photographs
-    known = {one.name: one.smear_px for one in photographs if one.smear_px is not None}
-    kept = [one for one in photographs if known.get(one.name, np.inf) <= max_smear_px]
+    kept = [one for one in photographs if one.smear_px is not None and one.smear_px <= max_smear_px]
     if not kept:
-        shortest = f"the shortest {min(known.values()):.1f} px" if known else "as far as is known"
-        raise DatabaseError(
-            f"{folder}: every photograph has a longer smear than {max_smear_px:g} px, {shortest}; state more "
-            "with --max-smear"
-        )
+        raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; add to --max-smear")
     return kept
 
 
@@ -138,20 +111,17 @@ def transforms(
     images: str = "images",
     exposure_s: float = 1.0,
     max_smear_px: float = np.inf,
-    show: Show = lambda done, count: None,
 ) -> dict[str, Any]:
     """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
     Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
     of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect;
-    photographs with a longer smear are left out, and, where there is a bound, unknown ones.
-    ``show`` is called with how many are read, and of how many.
-    DatabaseError if no photograph has both views, or a camera is of a kind that these files cannot hold;
-    ValueError if the dialect is unknown or the exposure time not positive and finite.
+    photographs with a longer smear are left out. DatabaseError as of `with_views`, or if a camera is of a
+    kind that these files cannot hold; ValueError of another dialect or time.
     """
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
-    photographs = with_views(model, folder, max_smear_px, show)
+    photographs = with_views(model, folder, max_smear_px)
     cameras = {one.camera_id: intrinsics(folder, model.cameras[one.camera_id]) for one in photographs}
     kinds = sorted({one["camera_model"] for one in cameras.values()})
     if len(kinds) > 1:
@@ -163,10 +133,9 @@ def transforms(
         path = os.path.join(images, one.name).replace(os.sep, "/")
         pose = {"transform_matrix": one.middle.tolist()}
         frames.append({"file_path": path, **own, **pose, **_motion(one, dialect, exposure_s)})
-    times = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
-    points = {PLY_KEY: PLY} if model.points3D else {}
-    whole = _box(model, photographs) if dialect == INSTANT_NGP else times | points
-    return {**shared, **whole, "frames": frames}
+    whole: dict[str, Any] = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
+    whole |= {PLY_KEY: PLY} if model.points3D else {}
+    return shared | (_box(model, photographs) if dialect == INSTANT_NGP else whole) | {"frames": frames}
 
 
 def point_cloud(model: Any) -> bytes:
@@ -179,11 +148,7 @@ def point_cloud(model: Any) -> bytes:
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
     """Return the keys that describe a pycolmap.Camera; DatabaseError if a reader does not know it."""
-    if camera.model_name not in (*PLAIN, *FISHEYE):
-        raise DatabaseError(
-            f"{folder}: camera {camera.camera_id} is {camera.model_name}, which transforms.json cannot hold; "
-            "undistort the photographs first with colmap image_undistorter"
-        )
+    _require_known(folder, camera, (*PLAIN, *FISHEYE))
     kind: dict[str, Any] = {"camera_model": "OPENCV"}
     lens = ("k1", "k2", "p1", "p2")
     if camera.model_name in FISHEYE:
@@ -194,21 +159,29 @@ def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
     return kind | values | {name: 0.0 for name in lens if name not in values}
 
 
+def _require_known(folder: Path, camera: Any, known: Collection[str]) -> None:
+    """Raise DatabaseError of a camera of a kind that is not known."""
+    if camera.model_name not in known:
+        why = f"which this trainer does not know; its are {', '.join(known)}"
+        remedy = "undistort the photographs first with colmap image_undistorter"
+        raise DatabaseError(f"{folder}: has a camera {camera.model_name}, {why}; {remedy}")
+
+
 def _world_from_camera(image: Any) -> Array:
     """Return the pose (4, 4) of a pycolmap.Image with OpenGL's camera axes."""
-    return np.vstack([image.cam_from_world().inverse().matrix(), LAST_ROW]) @ OPENGL
+    return np.vstack([image.cam_from_world().inverse().matrix(), [0, 0, 0, 1]]) @ OPENGL
 
 
-def _smear_px(image: Any, views: Sequence[Any]) -> float | None:
+def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:
     """Return the median length of the smears of what an image observes, as both views' keypoints have them.
 
     Not between the poses of the views: `place_views` takes all exposures of a video to be equally long.
     """
-    seen = [place for place, point in enumerate(image.points2D) if point.has_point3D()]
-    if not seen or seen[-1] >= min(view.num_points2D() for view in views):
+    seen = [*observed(model, image)]
+    if not seen or seen[-1] >= min(first.num_points2D(), last.num_points2D()):
         return None
-    first, last = (np.array([view.points2D[place].xy for place in seen]) for view in views)
-    return float(np.median(np.linalg.norm(last - first, axis=1)))
+    ends = [np.array([view.points2D[place].xy for place in seen]) for view in (first, last)]
+    return float(np.median(np.linalg.norm(ends[1] - ends[0], axis=1)))
 
 
 def _motion(one: ExposedPhotograph, dialect: str, exposure_s: float) -> dict[str, Any]:
@@ -233,25 +206,20 @@ def _box(model: Any, photographs: list[ExposedPhotograph]) -> dict[str, Any]:
     middle = np.median(points if len(points) else centres, axis=0)
     distance = float(np.linalg.norm(centres - middle, axis=1).mean())
     scale = NERF_SCALE * MEAN_DISTANCE / distance if distance > 0 else NERF_SCALE
-    up = np.sum([one.middle[:3, 1] for one in photographs], axis=0)
-    norm = float(np.linalg.norm(up))
-    upright = {"up": (up / norm).tolist()} if norm > 0 else {}
+    up = np.mean([one.middle[:3, 1] for one in photographs], axis=0)
     place = {"aabb_scale": BOX, "scale": scale, "offset": (0.5 - scale * middle).tolist()}
-    return {"rolling_shutter": GLOBAL_SHUTTER, **place, **upright}
+    return {"rolling_shutter": GLOBAL_SHUTTER, **place, "up": up.tolist()}
 
 
 def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
     """Remove all other images from the pycolmap.Reconstruction of a folder, and points that only they saw.
 
-    DatabaseError if a camera is of a kind that gsplat does not know.
+    DatabaseError if a camera is of a kind that gsplat does not know, or the model is damaged.
     """
     posed = [image for image in model.images.values() if image.has_pose]
-    kept = [image for image in posed if image.name in names]
-    for kind in sorted({model.cameras[image.camera_id].model_name for image in kept} - set(KNOWN)):
-        raise DatabaseError(
-            f"{folder}: has a camera {kind}, which gsplat does not know; undistort the photographs first "
-            "with colmap image_undistorter"
-        )
+    for image in posed:
+        if image.name in names:
+            _require_known(folder, model.cameras[image.camera_id], KNOWN)
     try:
         for image in posed:
             if image.name not in names and image.has_pose:  # not with another of its frame

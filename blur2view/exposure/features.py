@@ -1,17 +1,12 @@
 """Matched pixels of neighbouring photographs, by OpenCV's SIFT."""
 
-from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.errors import ImageError
-from blur2view.images.image import read_image
-from blur2view.images.source import Source, read_content
 
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 MAX_SIDE = 640  # pictures are matched at no more pixels: blurred ones show no more in more
@@ -22,23 +17,6 @@ MAX_ERROR_PX = 2.0  # of the epipolar geometry that verifies them
 MIN_MATCHES = 12  # verified matches; fewer may be chance
 NO_POINTS = np.zeros((0, 2))
 NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.float32))
-
-
-def photograph_matcher(photographs: Sequence[Source]) -> Callable[[int, int], tuple[Array, Array]]:
-    """Return what gives matched pixels (M, 2) of two photographs by their indices, none where there are few.
-
-    They are as stored, as COLMAP reads them; one that cannot be read any more matches nothing.
-    """
-
-    @lru_cache(maxsize=8)
-    def features(index: int) -> Features:
-        try:
-            one = photographs[index]
-            return features_of(read_image(one.path, as_stored=True, content=read_content(one)))
-        except ImageError:
-            return NO_FEATURES
-
-    return lambda first, second: match_features(features(first), features(second))
 
 
 def features_of(image: NDArray[np.float32]) -> Features:
@@ -57,7 +35,7 @@ def features_of(image: NDArray[np.float32]) -> Features:
 
 
 def match_features(one: Features, other: Features) -> tuple[Array, Array]:
-    """Return mutual nearest neighbours that pass the ratio test and follow one epipolar geometry."""
+    """Return the matches (M, 2) of mutual nearest neighbours by the ratio test, on one epipolar geometry."""
     if min(len(one[0]), len(other[0])) < MIN_MATCHES:
         return NO_POINTS, NO_POINTS
     unit1, unit2 = (d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for _, d in (one, other))
@@ -68,13 +46,8 @@ def match_features(one: Features, other: Features) -> tuple[Array, Array]:
     similarity[rows, best] = -np.inf
     second = np.sqrt(np.maximum(2 - 2 * similarity.max(axis=1), 0))
     chosen = np.flatnonzero((near < RATIO * second) & (back[best] == rows))
-    return verified(one[0][chosen], other[0][best[chosen]])
-
-
-def verified(points1: Array, points2: Array) -> tuple[Array, Array]:
-    """Return the matches (M, 2) within MAX_ERROR_PX of one epipolar geometry, at the size of matching."""
-    kept = np.zeros(0, bool)
-    if len(points1) >= MIN_MATCHES:
+    points1, points2, kept = one[0][chosen], other[0][best[chosen]], np.zeros(0, bool)
+    if len(chosen) >= MIN_MATCHES:
         bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
         with suppress(cv2.error):  # of a few places over and over, as noise may match (usac/estimator.cpp)
             inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]

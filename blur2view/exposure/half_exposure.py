@@ -20,15 +20,14 @@ def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[
     """Return the geometry from the middle of the exposure (1) to its close (2), of that from open to close.
 
     That from the middle to the open end is the same of ``geometry.reversed()``. With a camera F is exactly
-    that of the halved pose. ``size`` is width and height of the photograph, pixels.
+    that of the halved pose; there is no H. ``size`` is width and height of the photograph, pixels.
     """
     whole = geometry.cam2_from_cam1
     pose = None if whole is None else half_pose(whole)
     F = None if geometry.F is None else half_fundamental(geometry.F, size)
     if pose is not None and pose.translation.any() and camera is not None and F is not None:
         F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
-    H = None if geometry.H is None else half_homography(geometry.H)
-    return replace(geometry, F=F, H=H, cam2_from_cam1=pose, covariance=None)
+    return replace(geometry, F=F, H=None, cam2_from_cam1=pose, covariance=None)
 
 
 def half_pose(pose: RigidTransform) -> RigidTransform:
@@ -54,16 +53,3 @@ def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
     S, a = symmetric_skew(back.T @ F @ back)
     U, singular, Vt = np.linalg.svd(0.5 * S + cross_matrix(a))
     return unit_norm(T.T @ (U * [singular[0], singular[1], 0.0]) @ Vt @ T)
-
-
-def half_homography(H: Array) -> Array | None:
-    """Return the square root of H, unit norm; None where there is no real one (not a small motion)."""
-    determinant = float(np.linalg.det(H))
-    if abs(determinant) < 1e-300:
-        return None
-    from scipy.linalg import sqrtm  # 0.05 s, so only where it is used
-
-    root = np.asarray(sqrtm(H / np.cbrt(determinant)))
-    if not np.isfinite(root).all() or np.abs(root.imag).max() > 1e-6 * np.abs(root.real).max():
-        return None
-    return unit_norm(root.real.astype(np.float64))

@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.exposure.features import NO_FEATURES, Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
-from blur2view.exposure.views import ordered_views
+from blur2view.exposure.views import views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.video import read_video
 from blur2view.networks.protocol import SmearReader
@@ -27,7 +26,7 @@ def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate
 
     Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
     """
-    views, candidates = ordered_views("frame", estimated), None
+    views, candidates = views_of("frame", replace(estimated, shutter=None)), None
     if estimated.shutter is not None:  # another motion in the other order in time, or none
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motions, candidates)
@@ -47,32 +46,11 @@ def estimate_frames(
 ) -> Iterator[Estimate]:
     """Return an iterator over estimates of a video's frames, each in the right direction of time.
 
-    Each is as of :func:`estimate`. A frame alone leaves the direction of time open; the frames before and
-    after it decide it, so each is given when the next one is there. For photographs that are no video call
-    :func:`estimate` in a loop, with one :class:`SmearNetwork`.
-
-    Parameters
-    ----------
-    frames : iterable of ndarray of shape (H, W, 3) or (H, W), or path
-        Consecutive frames, all of one size, in the order of time; or the file of a video.
-    timestamps_s : iterable of float, optional
-        When each was taken, seconds, as of `timestamps_of`: ``timestamp_s`` of its estimate.
-    ordered : bool
-        If not, the direction of time stays open, and each estimate is given before the next frame is asked
-        for: nothing lags.
-    network, select, options, camera, shutter
-        As of :func:`estimate`.
-
-    Returns
-    -------
-    iterator of Estimate
-        Its ``time`` says whether neighbours decided.
-
-    Raises
-    ------
-    ValueError, ModelError, ImageError
-        As :func:`estimate`; if the frames are one photograph, or their sizes differ; if there are fewer
-        times than frames.
+    Each is as of :func:`estimate`, with the same options. A frame alone leaves the direction of time open;
+    the frames before and after it decide it (``time`` of the estimate), so each is given when the next one is
+    there; not ``ordered``, at once and undecided. ``frames``, of one size, are pictures (H, W, 3) or (H, W)
+    in the order of time, or the file of a video; ``timestamps_s``, as of `timestamps_of`, go with them.
+    ValueError if they are one photograph, their sizes differ, or there are fewer times; else as `estimate`.
 
     Examples
     --------
@@ -87,8 +65,14 @@ def estimate_frames(
             if rate is not None and one.time.known:  # it moved, shows a pose, and its sign is known
                 publish(one.timestamp_s, rate.of_gyroscope.mean, rate.of_gyroscope.covariance)
     """
-    common: dict[str, Any] = {"select": select, "options": options, "camera": camera, "shutter": shutter}
-    one_of: Callable[[AnyArray], Estimate] = partial(estimate, network=network or SmearNetwork(), **common)
+    one_of = partial(
+        estimate,
+        network=network or SmearNetwork(),
+        select=select,
+        options=options,
+        camera=camera,
+        shutter=shutter,
+    )
     pictures = map(photograph_of, _frames_of(frames))
     found = _in_series(pictures, one_of, camera) if ordered else map(one_of, pictures)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))
@@ -101,8 +85,7 @@ def _frames_of(frames: object) -> Iterable[AnyArray]:
             raise ValueError(f"{frames}: is a folder; give map(blur2view.read_image, paths of its frames)")
         return read_video(frames)
     if isinstance(frames, np.ndarray) and frames.ndim < 4 or not isinstance(frames, Iterable):
-        got = f"an array of shape {frames.shape}" if isinstance(frames, np.ndarray) else f"{frames!r:.99}"
-        raise ValueError(f"expected the frames of a video, got {got}; one photograph goes to estimate(image)")
+        raise ValueError(f"expected the frames of a video, got {type(frames)}; of one call estimate(image)")
     return frames
 
 
@@ -117,9 +100,8 @@ def _in_series(
         one, before = estimate_one(frame), features
         features = features_of(rgb_of(frame))
         if last is not None:
-            if one.grid.shape != last.grid.shape:
-                (height, width), (rows, columns) = one.grid.shape, last.grid.shape
-                raise ValueError(f"frame {number} has {width}x{height} pixels, those before {columns}x{rows}")
+            if one.grid.size != last.grid.size:
+                raise ValueError(f"frame {number} has {one.grid.size} pixels, those before {last.grid.size}")
             earlier, later = match_features(before, features)
             yield in_time(last, [*seen, neighbour_motion(earlier, later, 1, camera)])
             seen = [neighbour_motion(later, earlier, -1, camera)]

@@ -2,19 +2,16 @@
 
 What moves right from the last frame to this one, and on to the next, moved right during this exposure too.
 Every match with a neighbour compares its displacement with the smear at its place; the longer one counts for
-more.
-
-The neighbours decide a second sign with it. With E the order of a smear follows from the rotation and from
-cheirality, which needs the sign of the translation; where the noise has decided that sign, the rotation is
-reversed relative to the translation, and no time reversal is right. So all four combinations of both signs
-are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then agreed in sign
-with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
+more. Where noise has decided the sign of a translation, the rotation is reversed relative to it, and no time
+reversal is right: so all four combinations of both signs are candidates. On 66 frames of RedKitchen with
+their intrinsics the pose's rotation then agreed in sign with the recorder's in 64 of 64 frames, with the time
+reversal alone in 45.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, chain, groupby, pairwise
+from itertools import accumulate, groupby, pairwise
 from posixpath import dirname
 
 import cv2
@@ -26,7 +23,6 @@ from blur2view.exposure.views import ExposureViews, other_translation, share_in_
 from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.two_view_geometry import TimeDirection
 
-Matched = Callable[[int, int], tuple[Array, Array]]  # indices of two photographs -> points (M, 2) in both
 MAX_DISTANCE = 0.04  # of the longer side: a match is compared with the nearest used smear within it
 MIN_MATCHES = 8  # matches; fewer have no vote
 # Errors of smears are correlated, so hundreds of matches are worth few independent ones. With 30 nothing
@@ -56,11 +52,10 @@ def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | Non
     ``steps`` are the frames from the photograph to the neighbour, negative if that is earlier; the camera is
     that of both, and used if it is known.
     """
-    if here.shape != there.shape or steps == 0:
-        raise ValueError(f"expected points (M, 2) twice and steps, got {here.shape}, {there.shape}, {steps}")
     rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
+    velocity = (there - here) / steps
     return NeighbourMotion(
-        points=here, velocity=(there - here) / steps, rotation=None if rotation is None else rotation / steps
+        points=here, velocity=velocity, rotation=None if rotation is None else rotation / steps
     )
 
 
@@ -110,7 +105,7 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
     return float(cosine.mean()), float(np.median(length))
 
 
-def rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
+def _rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
     """Return the cosine, in [-1, 1], of the pose's rotation with the neighbours'; 0 if one is unknown."""
     pose = views.geometry.cam2_from_cam1
     if pose is None:
@@ -127,8 +122,7 @@ def directed(
 ) -> ExposureViews:
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
-    Without neighbours the views stay as they are. Candidates are by default both signs of time and
-    translation.
+    Candidates are by default both signs of time and translation. Without neighbours the views stay.
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
@@ -137,7 +131,7 @@ def directed(
         candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
     def score(one: ExposureViews) -> float:
-        rotation, in_front = rotation_agreement(one, motions), share_in_front(one)
+        rotation, in_front = _rotation_agreement(one, motions), share_in_front(one)
         return agreement_of(one, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
     best = max(candidates, key=score)
@@ -148,40 +142,6 @@ def directed(
     confidence = float(2 * ndtr(agreement * np.sqrt(INDEPENDENT_SMEARS)) - 1)
     known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
-
-
-def with_time_direction(
-    sequence: Sequence[ExposureViews], runs: Sequence[Sequence[int]], matched: Matched
-) -> list[ExposureViews]:
-    """Return photographs' views, in their order, with the time direction that neighbours in time decide.
-
-    ``runs`` are those of `consecutive_runs`. Indices beyond the sequence are photographs without views, sharp
-    ones perhaps, that vote and are not voted on.
-    """
-    motions: list[list[NeighbourMotion]] = [[] for _ in sequence]
-    for first, second in chain.from_iterable(map(pairwise, runs)):
-        if min(first, second) >= len(sequence):
-            continue
-        here, there = matched(first, second)
-        for index, steps, points in ((first, 1, (here, there)), (second, -1, (there, here))):
-            if index < len(sequence):
-                motions[index].append(neighbour_motion(*points, steps, sequence[index].camera))
-    return [directed(one, seen) for one, seen in zip(sequence, motions, strict=True)]
-
-
-def consecutive_runs(names: Sequence[str], in_order: bool = False) -> list[list[int]]:
-    """Return the runs of photographs that follow one another in time, as indices in order of time.
-
-    With ``in_order`` they are the frames of one video as they stand. Otherwise those follow one another whose
-    names differ by one in the last number of the file's own name and in nothing else ("left/frame_0041.jpg",
-    "left/frame_0042.jpg"). Photographs without a neighbour are in none.
-    """
-    if in_order:
-        return [list(range(len(names)))] if len(names) > 1 else []
-    numbered = sorted((*place_of(name), index) for index, name in enumerate(names))
-    of_run = ((frame, number - rank, index) for rank, (frame, number, index) in enumerate(numbered))
-    runs = [[index for *_, index in run] for _, run in groupby(of_run, lambda one: one[:2])]
-    return [run for run in runs if len(run) > 1]
 
 
 def frame_times(names: Sequence[str]) -> list[int]:

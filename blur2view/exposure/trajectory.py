@@ -1,24 +1,30 @@
-"""The motion of a camera during exposures whose place in a trajectory is known.
+"""A camera's path through the poses of frames, and its motion during exposures whose place on it is known.
 
-Where a reconstruction holds the photographs of a video, two things are known beside the smears: how far away
-every feature is, which makes its smear linear in the camera's rotation and translation; and how the camera
-moves from frame to frame, of which the exposure is a fraction, the same in every frame. So the smears measure
-that fraction, and where this frame's rotation departs from it. Both are weighed. A cubic spline through the
-poses says what the camera did between them; smears of all frames say how sure that is. Positions are those of
-the spline alone: smears err by more than a short exposure's parallax. ``python -m tools.evaluation.placed``
-measures what comes of it.
+Where a reconstruction holds a video's frames, every feature's depth is known, which makes its smear linear in
+the camera's rotation and translation; and an exposure is the same fraction of the way from frame to frame in
+all of them. So smears measure that fraction, and where a frame's rotation departs from the path. Both are
+weighed; positions are those of the path alone, as smears err by more than a short exposure's parallax.
+``python -m tools.evaluation.placed`` measures what comes of it.
+
+Poses are cam_from_world (3, 4); a *change* (6,) from one to another is a rotation vector and a translation of
+points in the first camera.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import TINY, Array
-from blur2view.exposure.camera_path import CameraPath, change_of, changed
-from blur2view.geometry.rotation import rotation_flow
+from blur2view.geometry.rotation import rotation_flow, rotation_matrix, rotation_vector
 from blur2view.two_view.least_squares import reweighted_motion
 
+KNOTS = 4  # frames on each side through which the spline goes
+MOST_BEYOND = 0.5  # frames beyond the last to which the cubic goes, and a line farther
+TRIALS = 40  # frames, the nearest, that say how far off the spline is
+MEDIAN_OF_THREE = 1.54  # median length of a vector of three standard deviations of one
 MOST_INDEPENDENT = 4  # at most: with more, smears are called surer than tools.evaluation.placed shows them
 MIN_SMEARS = 8  # smears; with fewer a frame's own rotation is not estimated
 STEPS = 15  # of reweighting: from a trajectory that is far off it takes ten
@@ -29,6 +35,90 @@ FREEDOM = 4  # degrees, of Student's t: some frames are outliers
 FIRST_GUESS, ROUNDS, LONGEST = 0.5, 5, 1.0  # of exposure over frame interval
 LEAST_SHARE = 0.1  # of the length that a given exposure has: shorter smears measure nothing
 BIAS = 0.1  # by which smears of a photograph may all be too long or too short, of their length
+
+
+def change_of(first: Array, second: Array) -> Array:
+    """Return the change (6,) that leads from one pose (3, 4) to another."""
+    R = second[:, :3] @ first[:, :3].T
+    return np.append(rotation_vector(R), second[:, 3] - R @ first[:, 3])
+
+
+def changed(pose: Array, change: Array) -> Array:
+    """Return a pose (3, 4) after a change (6,)."""
+    R = rotation_matrix(change[:3])
+    return np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + change[3:]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Expected:
+    """Where a path expects a frame: a pose (3, 4), how it errs, and the change of a frame about it."""
+
+    pose: Array
+    rotation_rad: float  # standard deviation of each of three
+    position: float  # the same, units of the model
+    motion: Array  # (6,)
+
+
+class CameraPath:
+    """Poses (N, 3, 4) of frames at times (N,), in frames, and a spline through those within ``reach``."""
+
+    def __init__(self, times: Array, poses: Array, reach: float) -> None:
+        order = np.argsort(times)
+        self.times, self.poses, self.reach = np.asarray(times, float)[order], np.asarray(poses)[order], reach
+
+    def at(self, time: float, used: NDArray[np.bool_] | None = None) -> Array | None:
+        """Return the pose at a time by a cubic through frames before and after, None of fewer than two.
+
+        By a line where one side is empty. Rotations are those from the nearest frame's, as vectors. ``used``
+        are the frames (N,), bool, that it goes through: by default all.
+        """
+        known: NDArray[np.bool_] = np.abs(self.times - time) <= self.reach
+        if used is not None:
+            known &= used
+        times, poses = self.times[known], self.poses[known]
+        if len(times) < 2:
+            return None
+        split = int(np.searchsorted(times, time))
+        near = slice(max(0, split - KNOTS), split + KNOTS)
+        if split in (0, len(times)) and np.abs(times - time).min() > MOST_BEYOND:
+            near = slice(0, 2) if split == 0 else slice(len(times) - 2, len(times))
+        times, poses = times[near], poses[near]
+        middle = poses[np.argmin(np.abs(times - time))]
+        turns = [rotation_vector(pose[:, :3] @ middle[:, :3].T) for pose in poses]
+        centres = [-pose[:, :3].T @ pose[:, 3] for pose in poses]
+        spline = make_interp_spline(times, np.column_stack([turns, centres]), k=min(3, len(times) - 1))
+        place = spline(time)
+        R = rotation_matrix(place[:3]) @ middle[:, :3]
+        return np.column_stack([R, -R @ place[3:]])
+
+    def sides(self, time: float, used: NDArray[np.bool_] | None = None) -> tuple[bool, bool]:
+        """Return whether there are frames within reach before a time, and after it."""
+        steps = (self.times if used is None else self.times[used]) - time
+        before, after = (steps < 0) & (steps >= -self.reach), (steps > 0) & (steps <= self.reach)
+        return bool(before.any()), bool(after.any())
+
+    def expected(self, time: float) -> Expected | None:
+        """Return where the path expects a frame at a time, and how far off it is; None as of `at`.
+
+        How far frames that are known are off a path without them and their neighbours, as far as those of
+        the time are away.
+        """
+        pose, first, last = (self.at(time + step) for step in (0.0, -0.5, 0.5))
+        if pose is None or first is None or last is None:
+            return None
+        before, after = self.times[self.times < time], self.times[self.times > time]
+        gap = (time - before[-1] if len(before) else np.inf), (after[0] - time if len(after) else np.inf)
+        errors = []
+        for index in np.argsort(np.abs(self.times - time), kind="stable")[:TRIALS]:
+            there = self.times[index]
+            others = (self.times <= there - gap[0]) | (self.times >= there + gap[1])
+            found = self.at(there, others) if self.sides(there, others) == self.sides(time) else None
+            if found is not None:
+                change = change_of(self.poses[index], found)
+                errors.append((np.linalg.norm(change[:3]), np.linalg.norm(change[3:])))
+        spread = np.median(errors, axis=0) / MEDIAN_OF_THREE if errors else np.full(2, np.inf)
+        turn, move = map(float, np.maximum(spread, TINY))
+        return Expected(pose=pose, rotation_rad=turn, position=move, motion=change_of(first, last))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,11 +176,10 @@ def exposures(
     than a guess: a camera that shakes faster than the frames shows none.
     """
     if fraction is not None:
-        frames = _of_known_exposure(frames, path, fraction)
-        return _placed(frames, path, fraction)[0], fraction, True
+        return _placed(_of_known_exposure(frames, path, fraction), path, fraction)[0], fraction, True
     fraction = FIRST_GUESS
     for _ in range(ROUNDS):
-        shares = _shares(frames, motions_between(ends_on(path, frames, fraction)))
+        shares = _shares(frames, path, fraction)
         if not len(shares):
             return np.full((len(frames), 2, 6), np.nan), float("nan"), True
         fraction = float(np.clip(fraction * np.median(shares), 1e-3, LONGEST))
@@ -104,7 +193,7 @@ def _of_known_exposure(
     frames: Sequence[ExposedFrame], path: CameraPath, fraction: float
 ) -> Sequence[ExposedFrame]:
     """Return frames with smears as long as a known exposure's, as far as these show it; or without any."""
-    shares = _shares(frames, motions_between(ends_on(path, frames, fraction)))
+    shares = _shares(frames, path, fraction)
     if not len(shares):
         return frames
     logs, none = np.log(shares + TINY), np.zeros((0, 2))
@@ -116,17 +205,15 @@ def _of_known_exposure(
     return [replace(frame, displacement=scale * frame.displacement) for frame in frames]
 
 
-def _shares(frames: Sequence[ExposedFrame], motions: Array) -> Array:
-    """Return how long smears are, over those of motions (N, 6), of the frames that show it."""
+def _shares(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -> Array:
+    """Return how long smears are, over those of an exposure on the path, of the frames that show it."""
+    motions = motions_between(ends_on(path, frames, fraction))
     found = np.abs([frame.share(motion) for frame, motion in zip(frames, motions, strict=True)])
     return found[np.isfinite(found)]
 
 
 def _placed(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -> tuple[Array, float]:
-    """Return the ends of `exposures`, and which share of the trajectory's rotations is to be expected.
-
-    The share, 0 to 1, is a median.
-    """
+    """Return the ends of `exposures`, and the median share, 0 to 1, of the path's rotations to expect."""
     ends = ends_on(path, frames, fraction)
     motions = motions_between(ends)
     doubts = np.array([1.0 if all(path.sides(frame.time)) else BEYOND for frame in frames])
@@ -160,13 +247,9 @@ def _turn(frame: ExposedFrame, motion: Array, precision: float) -> tuple[Array, 
     def scale(missed: Array) -> float:
         return max(float(np.median(missed)), 1e-6)
 
+    prior = motion[:3], np.full(3, precision / share)
     turn, missed = reweighted_motion(
-        rows,
-        moved.T / length,
-        steps=STEPS,
-        scale=scale,
-        start=motion[:3],
-        prior=(motion[:3], np.full(3, precision / share)),
+        rows, moved.T / length, steps=STEPS, scale=scale, start=motion[:3], prior=prior
     )
     weight = share / (scale(missed) ** 2 + missed**2)
     return turn, np.einsum("idn,jdn,n->ij", rows, rows, weight), sense

@@ -30,96 +30,40 @@ STILL_PX = 1.5  # as short as that a smear need not be known better
 class ExposureViews:
     """Two virtual images of one photograph.
 
-    Parameters
-    ----------
-    name : str
-        Of the photograph, as the database names it ("a.jpg", "left/a.jpg").
-    size : (int, int)
-        Width and height, pixels.
-    points_open, points_close : ndarray of shape (N, 2)
-        Both ends of the N used smears, pixels (0, 0 at the centre of the top-left one), index-aligned: one
-        scene point each, as seen at shutter-open and at shutter-close.
-    sampson_px : ndarray of shape (N,)
-        Standard deviations of the points' Sampson distances, as of `SmearMatches`.
-    geometry : TwoViewGeometry
-        From open (1) to close (2): ``points_close^T F points_open = 0``.
-    camera : Camera or None
-        Known intrinsics, or approximate ones from EXIF; None leaves them to COLMAP's default.
-    time : TimeDirection
-        Unknown, and so arbitrary, by default.
-    usable : ndarray of bool, shape (N,), or None
-        Points that are matched; None: all, where F or H is known.
-    smear_px : float or None
-        Length of the photograph's smear, pixels, 0 where the camera did not move; None where it is unknown.
-
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
+    Pixels (0, 0 at the centre of the top-left one) of both ends of N smears: one scene point each, as seen at
+    shutter-open and at shutter-close, where ``points_close^T F points_open = 0``.
     """
 
-    name: str
-    size: tuple[int, int]
-    points_open: Array
-    points_close: Array
-    sampson_px: Array
-    geometry: TwoViewGeometry
-    camera: Camera | None
+    name: str  # of the photograph, as the database names it
+    size: tuple[int, int]  # width and height, pixels
+    points_open: Array  # (N, 2)
+    points_close: Array  # (N, 2)
+    sampson_px: Array  # (N,) standard deviations of Sampson distances, as of `SmearMatches`
+    geometry: TwoViewGeometry  # from open (1) to close (2)
+    camera: Camera | None  # known intrinsics, or approximate ones; None leaves them to COLMAP's default
     time: TimeDirection = field(default_factory=TimeDirection)
-    usable: NDArray[np.bool_] | None = None
-    smear_px: float | None = None
-
-    def __post_init__(self) -> None:
-        of_each = (self.sampson_px,) if self.usable is None else (self.sampson_px, self.usable)
-        shapes = self.points_open.shape, self.points_close.shape, *((*one.shape, 2) for one in of_each)
-        if len(set(shapes)) != 1 or self.points_open.ndim != 2:
-            raise ValueError(f"expected points (N, 2) twice, sampson_px and usable (N,), got {shapes}")
-        if not np.isfinite([self.points_open, self.points_close]).all():
-            raise ValueError("points must be finite")
-        if not self.name or min(self.size) < 1:
-            raise ValueError(f"need a name and a positive size, got {self.name!r} and {self.size}")
+    usable: NDArray[np.bool_] | None = None  # (N,) points that are matched; None: all, where F or H is known
+    smear_px: float | None = None  # length of the photograph's smear, 0 of a camera that did not move
 
     @property
     def names(self) -> tuple[str, str]:
-        """Return the names of both images: the photograph's with "#open" and "#close" appended.
-
-        No file has these names; COLMAP's text formats take "#" for a comment only at the beginning of a line.
-        """
+        """Return the names of both images: the photograph's with "#open" and "#close" appended."""
         return self.name + OPEN, self.name + CLOSE
 
     def reversed(self) -> Self:
         """Return the views under time reversal: ends exchanged, F and E transposed, the pose inverted."""
-        return replace(
-            self,
-            points_open=self.points_close,
-            points_close=self.points_open,
-            geometry=self.geometry.reversed(),
-        )
+        first, last, geometry = self.points_close, self.points_open, self.geometry.reversed()
+        return replace(self, points_open=first, points_close=last, geometry=geometry)
 
 
 def views_of(name: str, estimate: Estimate) -> ExposureViews:
     """Return both virtual images of an estimate, in the time direction that the estimator happened to choose.
 
-    Parameters
-    ----------
-    name : str
-        Of the photograph, as the database is to name it.
-    estimate : Estimate
-        Also one without F: then the order of the ends is arbitrary.
-
-    Raises
-    ------
-    ValueError
-        If the estimate has a rolling shutter: its F is not that of the ends as recorded, and no camera of
-        one time saw the points of all rows where they are.
+    ``name`` is the photograph's, as the database is to name it. ValueError if the estimate has a rolling
+    shutter: no camera of one time saw the points of all rows where they are.
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
-    return ordered_views(name, estimate)
-
-
-def ordered_views(name: str, estimate: Estimate) -> ExposureViews:
-    """Return both ends of the smears of an estimate in the order of its geometry, as virtual images."""
     matches, geometry = estimate.matches, estimate.geometry
     points_open, points_close = open_and_close(matches.ends, geometry.second_end_is_open)
     return ExposureViews(
@@ -144,11 +88,9 @@ def keypoint_views(
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Each by half of its smear: so a track that holds the feature holds both ends of its smear; where the
-    camera did not move they stay. Usable are those whose smear is known well enough. What lies beyond the
-    picture stays where it is and is not usable; what is not finite is put at 0. Nor is usable what lies on
-    pixels (H, W) that are ``excluded``, as they move by themselves. ``options`` are those of the estimate:
-    what counts as an inlier.
+    Each by half of its smear; where the camera did not move they stay. Usable are those whose smear is known
+    well enough, within the picture, and not on pixels (H, W) that are ``excluded``, as they move by
+    themselves; what is not finite is put at 0. ``options`` are those of the estimate.
     """
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)

@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap.link import ProjectImage, Step, plan_links, write_links
+from blur2view.colmap.link import ProjectImage, plan_links, write_links
 from blur2view.colmap.project import image_names, open_for_writing, smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
@@ -20,35 +20,22 @@ FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]
 
 
+def link(path: Path, *names: str, backup: bool = False, seed: int = 0) -> Path | None:
+    plans = plan_links(path, [Path(name) for name in names])
+    return write_links(path, [link_of(plan, seed) for plan in plans], backup=backup)
+
+
+def only_plan(path: Path, name: str = "a_001.jpg") -> ProjectImage | DatabaseError:
+    (plan,) = plan_links(path, [Path(name)])
+    return plan
+
+
 def link_of(plan: ProjectImage | DatabaseError, seed: int = 0) -> tuple[ProjectImage, ExposureViews]:
     assert isinstance(plan, ProjectImage)
     rng = np.random.default_rng(seed)
     views = random_views(plan.name, FEATURES, rng)
     usable = views.geometry.inlier_mask | (rng.random(FEATURES) < 0.5)
     return plan, replace(views, usable=usable)
-
-
-def link(path: Path, *names: str, replace: bool = False, backup: bool = False, seed: int = 0) -> Path | None:
-    plans = plan_links(path, [Path(name) for name in names], replace=replace)
-    return write_links(path, [link_of(plan, seed) for plan in plans], backup=backup)
-
-
-def only_plan(path: Path, name: str = "a_001.jpg", replace: bool = False) -> ProjectImage | DatabaseError:
-    (plan,) = plan_links(path, [Path(name)], replace=replace)
-    return plan
-
-
-def is_kept(path: Path, name: str = "a_001.jpg") -> bool:
-    plan = only_plan(path, name)
-    return isinstance(plan, ProjectImage) and plan.step is Step.KEEP
-
-
-def test_views_of_an_earlier_version_stay_beside_new_ones(path: Path) -> None:
-    link(path, "a_000.jpg")
-    run_sql(path, "ALTER TABLE blur2view_views DROP COLUMN smear_px")  # as of 0.3.0
-    plan, views = link_of(only_plan(path))
-    write_links(path, [(plan, replace(views, smear_px=7.5))], backup=False)
-    assert smear_lengths(path) == {"a_001.jpg": 7.5} and is_kept(path, "a_000.jpg")
 
 
 ROLLBACK = pytest.mark.parametrize("path", [ProjectOptions(wal=False)], indirect=True, ids=["journal"])
@@ -113,35 +100,22 @@ def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
     np.testing.assert_allclose(to_open, -whole, atol=1e-9)
 
 
-@ROLLBACK
-def test_a_second_run_changes_no_byte(tmp_path: Path, path: Path) -> None:
-    link(path, "a_000.jpg", "a_001.jpg")
-    before = path.read_bytes()
-    plans = plan_links(path, [Path("a_000.jpg"), Path("a_001.jpg")])
-    assert [plan.step for plan in plans if isinstance(plan, ProjectImage)] == [Step.KEEP, Step.KEEP]
-    assert write_links(path, []) is None
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["project.db"]
-
-
 def names_of(path: Path) -> dict[str, int]:
     with open_for_writing(path) as database:
         return image_names(database)
 
 
-@pytest.mark.parametrize(
-    "edit",
-    [
-        "UPDATE keypoints SET data = (SELECT data FROM keypoints WHERE image_id = 1) WHERE image_id = 2",
-        "UPDATE cameras SET params = zeroblob(length(params))",
-    ],
-)
-def test_views_of_what_has_changed_are_made_again(path: Path, edit: str) -> None:
-    link(path, "a_001.jpg")
-    assert is_kept(path)
-    run_sql(path, edit)
+def test_linking_again_writes_views_anew_under_their_ids_also_beside_those_of_an_earlier_version(
+    path: Path,
+) -> None:
     before = user_rows(path)
-    link(path, "a_001.jpg")
-    assert user_rows(path) == before
-    assert is_kept(path)
-    assert not [line for line in check_database(path) if "#" in line]  # about our views
+    link(path, "a_000.jpg", "a_001.jpg")
+    ids = names_of(path)
+    run_sql(path, "ALTER TABLE blur2view_views DROP COLUMN smear_px")  # as of 0.2.0
+    plan, views = link_of(only_plan(path), seed=1)
+    write_links(path, [(plan, replace(views, smear_px=7.5))], backup=False)
+    assert smear_lengths(path) == {"a_001.jpg": 7.5} and names_of(path) == ids and user_rows(path) == before
+    assert check_database(path) == []
+    with pycolmap.Database.open(path) as database:
+        keypoints = database.read_keypoints(ids["a_001.jpg#open"])
+    np.testing.assert_allclose(keypoints, views.points_open + 0.5, atol=1e-4)

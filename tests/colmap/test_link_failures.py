@@ -76,7 +76,7 @@ def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch:
     planned = link_of(only_plan(path))
     with closing(sqlite3.connect(path, timeout=0, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
-        with pytest.raises(DatabaseError, match="another program uses it"):
+        with pytest.raises(DatabaseError, match="close programs that use it"):
             write_links(path, [planned], backup=False)
         other.execute("ROLLBACK")
         locked = pytest.raises(sqlite3.OperationalError, match="locked")

@@ -40,14 +40,13 @@ def model(tmp_path: Path) -> Path:
 
 
 def test_a_whole_model_is_read_in_both_forms(model: Path) -> None:
-    assert find_model(model).registered == 2
+    assert find_model(model) == model and len(read_model(model).images) == 3
     (model / "text").mkdir()
     pycolmap.Reconstruction(model).write_text(model / "text")
-    assert find_model(model / "text").registered == 2
+    assert len(read_model(model / "text").images) == 3
 
 
-@pytest.mark.parametrize("name", ["images.bin", "points3D.bin", "frames.bin"])
-@pytest.mark.parametrize("cut", [0, 1, 100])
+@pytest.mark.parametrize(("name", "cut"), [("points3D.bin", k) for k in (0, 1, 100)] + [("frames.bin", 100)])
 def test_a_file_that_ends_early_is_refused_before_pycolmap_takes_memory(
     model: Path, name: str, cut: int
 ) -> None:
@@ -62,7 +61,7 @@ def test_a_pipe_is_not_waited_for(model: Path, name: str) -> None:
     (model / name).unlink(missing_ok=True)
     os.mkfifo(model / name)
     with pytest.raises(DatabaseError, match="is no regular file"):
-        find_model(model)
+        read_model(model)
 
 
 @pytest.mark.parametrize(
@@ -82,7 +81,7 @@ def test_a_model_that_contradicts_itself_is_one_line(model: Path, name: str, at:
         read_model(model)
 
 
-def test_a_model_is_replaced_only_where_it_is_as_it_was_written(model: Path, tmp_path: Path) -> None:
+def test_a_model_of_an_earlier_call_is_replaced_and_no_other(model: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for _ in range(2):
         refuse_other_model(out)
@@ -90,11 +89,6 @@ def test_a_model_is_replaced_only_where_it_is_as_it_was_written(model: Path, tmp
     assert (pictures_of(out), database_of(out)) == (tmp_path, tmp_path / "walk.db")
     with pytest.raises(OutputError, match=r"rigs\.bin: is not of an earlier call"):
         refuse_other_model(model)
-    refined = pycolmap.Reconstruction(out)
-    refined.cameras[1].params = (1.01 * refined.cameras[1].params).tolist()
-    refined.write(out)
-    with pytest.raises(OutputError, match="was changed since it was written"):
-        refuse_other_model(out)
 
 
 FULL = """

@@ -43,10 +43,5 @@ def test_gyroflow_turns_the_camera_as_it_turned() -> None:
 
 
 def test_what_is_no_series_is_refused() -> None:
-    for times, rates in (
-        ([0.0], np.zeros((2, 3))),
-        ([0.0, 0.0], np.zeros((2, 3))),
-        ([np.nan], np.ones((1, 3))),
-    ):
-        with pytest.raises(ValueError, match="times"):
-            gyroflow_log(times, rates, "a.mp4")
+    with pytest.raises(ValueError, match="times"):
+        gyroflow_log([0.0, 0.0], np.zeros((2, 3)), "a.mp4")

@@ -14,11 +14,9 @@ from blur2view.exposure.time_direction import (
     FAR_APART,
     NeighbourMotion,
     agreement_of,
-    consecutive_runs,
     directed,
     frame_times,
     neighbour_motion,
-    with_time_direction,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
 from blur2view.geometry.epipolar import fundamental_from_pose
@@ -153,39 +151,6 @@ def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> N
     ):
         assert found.time == TimeDirection(known=False, confidence=0.0)
         np.testing.assert_array_equal(found.points_open, given.points_open)
-
-
-def test_a_video_is_put_right_frame_by_frame_and_others_are_left() -> None:
-    scene = clip(np.random.default_rng(10))
-    sequence = [views(scene, sign) for sign in (1, -1, -1, 1)]
-
-    def matched(first: int, second: int) -> tuple[Array, Array]:
-        assert {first, second} <= {3, 0, 1}  # frame 2 is in no run
-        order = {3: 0, 0: 1, 1: 2}
-        return scene.seen(0.0), scene.seen(INTERVAL * (order[second] - order[first]))
-
-    found = with_time_direction(sequence, [[3, 0, 1]], matched)
-    assert [open_first(frame, scene) for frame in found] == [1, 1, 0, 1]
-    assert [frame.time.known for frame in found] == [True, True, False, True]
-    twice = with_time_direction(found, [[3, 0, 1]], matched)
-    assert [open_first(frame, scene) for frame in twice] == [1, 1, 0, 1]
-
-
-@pytest.mark.parametrize(
-    ("names", "runs"),
-    [
-        (["f_2.jpg", "f_1.jpg", "f_10.jpg", "f_3.jpg"], [[1, 0, 3]]),
-        (["a/000009.png", "a/000010.png", "b/000011.png"], [[0, 1]]),
-        (["f_1.jpg", "f_2.png"], []),
-        (["IMG_7.jpg", "IMG_8.jpg", "IMG_20.jpg", "IMG_21.jpg"], [[0, 1], [2, 3]]),
-        (["cam1/f_1.jpg", "cam2/f_1.jpg", "cam1/f_2.jpg"], [[0, 2]]),
-        (["c1.mp4/000000", "c1.mp4/000001", "c2.mp4/000002"], [[0, 1]]),
-        ([], []),
-    ],
-)
-def test_runs_follow_the_numbers_in_names(names: list[str], runs: list[list[int]]) -> None:
-    assert consecutive_runs(names) == runs
-    assert consecutive_runs(names, in_order=True) == ([list(range(len(names)))] if names else [])
 
 
 def test_frames_that_are_left_out_leave_a_gap() -> None:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.exposure.camera_path import CameraPath, change_of
 from blur2view.exposure.trajectory import (
     PATH_REACH,
+    CameraPath,
     ExposedFrame,
     _placed,
+    change_of,
     ends_on,
     exposures,
     motions_between,

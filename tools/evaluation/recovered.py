@@ -24,7 +24,7 @@ from blur2view.arrays import Array
 from blur2view.camera.camera import from_colmap
 from blur2view.colmap.blur_matching import GAMMA, blurred_along, linear_light
 from blur2view.colmap.recovery import NEAR_FRAMES, recover_frames
-from blur2view.exposure.camera_path import CameraPath, change_of
+from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import run
@@ -196,7 +196,7 @@ def drawn(case: Case, name: str, network: SmearNetwork) -> Picture:
     """
     found = recover_frames(case.folder / "model", case.folder / "frames", sorted(case.true), network=network)
     order = sorted(case.true)
-    near = min(found.registered, key=lambda one: abs(order.index(one) - order.index(name)))
+    near = min(found.sequence.images, key=lambda one: abs(order.index(one) - order.index(name)))
     images = [found.model.find_image_with_name(one) for one in (name, near)]
     seen = [{point.point3D_id for point in one.points2D if point.has_point3D()} for one in images]
     world = [found.model.points3D[number].xyz for number in sorted(seen[0] & seen[1])]
