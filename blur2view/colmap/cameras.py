@@ -61,7 +61,7 @@ def camera_of_database(
     if camera_id not in cameras:
         some = ", ".join(map(str, [*cameras][:10])) + " ..." * (len(cameras) > 10) or "none"
         wanted = f"no image {Path(image_name).name}" if camera_id is None else f"no camera {camera_id!r:.20}"
-        raise CameraError(f"{path}: has {wanted}; name one of its cameras ({some}) as {path}:ID")
+        raise CameraError(f"{path}: has {wanted}; it has cameras {some}; name one as {path}:ID")
     model, width, height, params = cameras[camera_id]  # of any type
     try:
         kind = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name

@@ -102,7 +102,7 @@ def test_a_focal_length_must_be_possible(focal: float) -> None:
 @pytest.mark.parametrize(
     ("edit", "camera_id", "image", "words"),
     [
-        ("SELECT 1", 7, "", "no camera 7; it has 1, 2"),
+        ("SELECT 1", 7, "", "no camera 7; it has cameras 1, 2"),
         ("SELECT 1", None, "a.jpg", "name one as"),
         ("UPDATE images SET camera_id = zeroblob(99)", None, "walks/b.jpg", "has no camera b"),
         ("UPDATE cameras SET model = 999", 1, "", "update pycolmap"),

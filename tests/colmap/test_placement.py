@@ -124,10 +124,7 @@ def test_every_linked_frame_is_placed_or_refused_with_the_reason(tmp_path: Path)
         NAMES[1]: "COLMAP did not register them, or calls them otherwise",
         NAMES[6]: "they are not in the folder of the frames",
     }
-    with pytest.raises(
-        DatabaseError,
-        match="can be placed: they are not in the folder of the frames",
-    ):
+    with pytest.raises(DatabaseError, match="can be placed: they are not in the folder of the frames"):
         place_views(database, model, ["a.png"])
 
 
