@@ -43,17 +43,11 @@ NAMED = {"rotation": "rotation", "plane": "plane", "still": "no motion", "genera
 SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
 SHARED = NoiseModel(effective_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
-INDEPENDENT = (
-    "Synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to 30 % outliers. "
-    "Right answers are bold."
-)
-CORRELATED = (
+WORDS = (
+    "Synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to 30 % outliers.",
     f"The same with errors that neighbours share besides (direction {SHARED_DEG:.0f} degrees, length "
-    f"{LENGTH_SHARE:.0%}, correlated over 40 px). Small parallax looks the same and is left open."
-)
-RENDERED = (
-    "Photographs of four kinds of motion (`datasets.testset --kinds`); general motion has a parallax of a "
-    "fifth of the smears or more. Beside an F parallax of rotations and planes is undecided."
+    f"{LENGTH_SHARE:.0%}, correlated over 40 px). Small parallax looks the same and is left open.",
+    "Photographs of four kinds of motion; general motion has a parallax of a fifth of the smears or more.",
 )
 
 
@@ -116,12 +110,12 @@ def main(
         found = mapped(partial(name_scene, direction_deg=direction_deg), tasks, jobs, 4)
         return confusions(list(found), {str(kind): name for kind, name in RIGHT.items()})
 
-    blocks = [INDEPENDENT, named(count, 0.0), CORRELATED, named(max(count // 5, 1), SHARED_DEG)]
+    blocks = [WORDS[0], named(count, 0.0), WORDS[1], named(max(count // 5, 1), SHARED_DEG)]
     if kinds:
         found = list(rendered(kinds))
         proven = Counter(kind for kind, one in found if one.parallax is Parallax.PROVEN)
         said = ", ".join(f"{proven[kind]} of {kind}" for kind in NAMED)
-        blocks += [RENDERED, confusions([(kind, outcome(one)) for kind, one in found], NAMED)]
+        blocks += [WORDS[2], confusions([(kind, outcome(one)) for kind, one in found], NAMED)]
         blocks += [f"Parallax is proven in {said}."]
     publish(out, *blocks)
 

@@ -94,7 +94,7 @@ def make_inputs(folder: Path) -> None:
 
 
 def damaged(folder: Path, rng: Rng) -> list[str]:
-    """Damage one input, or put a folder, a pipe or a link in its place; return a command that reads it."""
+    """Damage one input, or put a link in its place; return a command that reads it."""
     ways = [(GOOD, f"{one} {GOOD} other.jpg") for one in READING]
     ways += [("list.txt", f"{READING[1]} @list.txt"), ("clip.mp4", f"{READING[5]} clip.mp4")]
     ways += [("smear.onnx", f"{READING[0]} --model smear.onnx {GOOD}")]
@@ -102,13 +102,9 @@ def damaged(folder: Path, rng: Rng) -> list[str]:
     ways += [(f"model/{name}.bin", drawn(rng, (PLACE, RECOVER))) for name in ("images", "points3D", "frames")]
     ways += [(f"views/{name}.bin", SPLAT) for name in ("images", "points3D", "cameras")]
     name, words = drawn(rng, ways)
-    path, data, way = folder / name, (folder / name).read_bytes(), int(rng.integers(20))
+    path, data = folder / name, (folder / name).read_bytes()
     path.unlink()
-    if way == 0:
-        path.mkdir()
-    elif way == 1:
-        os.mkfifo(path)
-    elif way == 2:
+    if rng.random() < 0.1:
         path.symlink_to(drawn(rng, ("/dev/zero", "/dev/null", "/", "nowhere", path.name)))
     else:
         path.write_bytes(mutated(data, rng))
