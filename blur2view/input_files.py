@@ -6,18 +6,16 @@ import os
 import stat
 from contextlib import ExitStack
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, BinaryIO, NoReturn
+from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
 MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
-# Of a photograph: above medium-format sensors (150 megapixels), just below where Pillow itself refuses (179).
-MAX_PIXELS = 175_000_000
+MAX_PIXELS = 105_000_000  # of a photograph, as medium-format sensors have; an estimate takes 64 bytes of each
 # What is read, by Pillow's names. Of the others it calls Ghostscript for one, PostScript, which is a program.
 FORMATS = ("JPEG", "PNG", "BMP", "GIF", "PPM", "TIFF", "WEBP", "AVIF", "JPEG2000", "TGA")
 BY_EXTRAS = ("HEIF",)  # where pillow-heif has been registered
-MAX_MEMORY_GIB = 2.0  # what an estimate may take unless the user allows more
 
 
 def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
@@ -30,9 +28,8 @@ def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
     except ValueError as error:  # a null character in the path
         raise OSError(errno.EINVAL, str(error)) from None
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-    file = os.fdopen(os.open(path, flags), "rb")
     with ExitStack() as unused:
-        unused.callback(file.close)
+        file = unused.enter_context(os.fdopen(os.open(path, flags), "rb"))
         size = _require_regular(os.fstat(file.fileno()))  # now of what nobody can exchange any more
         if not size and os.read(file.fileno(), 1):
             raise OSError(errno.EINVAL, "is no regular file")
@@ -52,9 +49,20 @@ def _require_regular(status: os.stat_result) -> int:
 def read_regular(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
     """Return a regular file's content; OSError of any other, or if it has more bytes than allowed."""
     with open_regular(path) as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(0)
-        return file.read(size) if size <= most else _refuse_size(most)
+        _allow(os.fstat(file.fileno()).st_size, most)
+        return file.read()
+
+
+def read_stream(stream: BinaryIO, most: int) -> bytes:
+    """Return what is left of a stream, which may never end; OSError if that is more bytes than allowed."""
+    content = stream.read(most + 1)
+    _allow(len(content), most)
+    return content
+
+
+def _allow(size: int, most: int) -> None:
+    if size > most:
+        raise OSError(errno.EFBIG, f"is larger than {most >> 20} MiB")
 
 
 def open_picture(content: bytes) -> "ImageFile":
@@ -68,13 +76,3 @@ def open_picture(content: bytes) -> "ImageFile":
     known = [one for one in FORMATS if one != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
     extras = [one for one in BY_EXTRAS if one in Image.OPEN]
     return Image.open(io.BytesIO(content), formats=[*known, *extras])
-
-
-def read_stream(stream: BinaryIO, most: int) -> bytes:
-    """Return what is left of a stream, which may never end; OSError if that is more bytes than allowed."""
-    content = stream.read(most + 1)
-    return content if len(content) <= most else _refuse_size(most)
-
-
-def _refuse_size(most: int) -> NoReturn:
-    raise OSError(errno.EFBIG, f"is larger than {most >> 20} MiB")

@@ -1,33 +1,24 @@
-"""What a call that was killed leaves beside results is gone after the next one."""
+"""Files that are written: what a killed call leaves, and what cannot be written."""
 
 import errno
 import os
 from pathlib import Path
 
 from blur2view.colmap.database import write_database
-from blur2view.output_files import half_written, remove_half_written, unwritable
+from blur2view.output_files import half_written, unwritable, write_file
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project, some_views
 
 
-def test_the_next_call_on_a_database_removes_what_a_killed_one_left_beside_it(tmp_path: Path) -> None:
+def test_the_next_call_replaces_what_a_killed_one_left_half_written(tmp_path: Path) -> None:
     project = tmp_path / "project.db"
     make_project(project)
-    for name in (".new.db.999999999.blur2view.tmp", ".project.db.999999999.blur2view.tmp"):
-        (tmp_path / name).write_text("half")
+    for path in (project, tmp_path / "new.db", tmp_path / "a.json"):
+        half_written(path).write_text("half")
     write_database(tmp_path / "new.db", [some_views("a.jpg", 30)])
     link(project, "a_000.jpg", backup=True)
-    assert not list(tmp_path.glob(".*"))
-
-
-def test_what_running_processes_write_stays(tmp_path: Path) -> None:
-    running = half_written(tmp_path / "a.json")
-    parent, mine = tmp_path / f".b.json.{os.getppid()}.blur2view.tmp", tmp_path / ".c.blur2view.tmp"
-    dead = tmp_path / ".d.json.999999999.blur2view.tmp"
-    for path in (running, parent, mine, dead):
-        path.touch()
-    remove_half_written(tmp_path)
-    assert set(tmp_path.iterdir()) == {running, parent, mine}
+    write_file(tmp_path / "a.json", b"whole")
+    assert (tmp_path / "a.json").read_bytes() == b"whole" and not list(tmp_path.glob(".*"))
 
 
 def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:

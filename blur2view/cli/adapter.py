@@ -9,7 +9,6 @@ a colon, what stands above its options; those that it lists as ``either`` exclud
 """
 
 import argparse
-import copy
 import inspect
 import re
 import shutil
@@ -28,12 +27,13 @@ from blur2view.errors import CameraError
 CONVERT: dict[Any, Callable[[str], Any]] = {Path: file_path, int: whole(1), float: float}
 """What makes a value of a word, by the type of the field; ValueError or ArgumentTypeError of a wrong one."""
 ENTRY, RARELY = re.compile(r"((?:-[\w-]+(?:, )?)*) ?([A-Z]*): (.*)"), "Rarely:"
-INPUTS = "common.reading.images"  # where the words are found that may stand on both sides of options
+SHORT = re.compile(r"; |\. |, see below| \(default")  # where the first words of an explanation end
 ALIKE = 0.8  # of what was meant to what was written
 MESSAGES = {
     "^argument ": "",
     "^the following arguments are required: INPUT": "name photographs, a folder or a video",
     "^the following arguments are required: ": "name ",
+    "^unrecognized arguments: (.*)": r"\1 is too much; name one",
     r"invalid \w+ value: ": "expected a number, got ",
 }
 """What argparse says, and what is printed."""
@@ -82,29 +82,53 @@ class Layout(argparse.HelpFormatter):
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
-class PrintingParser(argparse.ArgumentParser):
-    """A parser that says so where its help cannot be printed."""
+class Parser(argparse.ArgumentParser):
+    """A parser that says so where its help cannot be printed, and of wrong usage one line."""
 
     def _print_message(self, message: str, file: Any = None) -> None:
         (file or sys.stderr).write(message)
 
+    def error(self, message: str) -> NoReturn:
+        """Exit with one line, in which what a terminal would obey is written as escapes."""
+        for said, printed in MESSAGES.items():
+            message = re.sub(said, printed, message)
+        self.exit(2, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
 
-class CommandParser(PrintingParser):
+    def add_table(self, title: str, rows: str | Mapping[str, str]) -> None:
+        """Add a titled list to the help below the options; further lines of a row are indented."""
+        if isinstance(rows, str):
+            rows = dict(line.split(": ", 1) for line in re.sub(r"\n +", " ", rows).splitlines() if line)
+        section = self.add_argument_group(title)
+        for name, text in rows.items():
+            section._group_actions.append(argparse.Action([], "", metavar=name, help=text.replace("%", "%%")))
+
+
+class CommandParser(Parser):
     """The parser of a command's dataclass.
 
-    ``--help`` has the options that are not rare, in a few words each, and the examples; ``--help-all`` all,
-    and the ``tables()`` of the command: titles with lines "name: explanation", or mappings of these.
+    Its help has the options that are not rare, in a few words each, and the examples; with ``everything`` all
+    of them, and the ``tables()`` of the command: titles with lines "name: explanation", or mappings of these.
     """
 
-    def __init__(self, command: str, kind: Any) -> None:
+    def __init__(self, command: str, kind: Any, *, everything: bool = False) -> None:
         super().__init__(prog=f"blur2view {command}", formatter_class=Layout, allow_abbrev=False)
-        self.command, self.kind = command, kind
+        self.command, self.kind, self.everything = command, kind, everything
         self.description = " ".join(described(kind)[0].partition("\n\n")[2].split())
-        self.epilog = "\n  ".join(["examples:", *kind.examples])
-        text = "show all options, files and JSON keys, and exit"
-        self.add_argument("--help-all", nargs=0, action=_HelpAll, help=text)
-        self._sections: dict[str, Any] = {}
+        more = f"all options and files: {self.prog} --help-all"
+        self.epilog = "\n  ".join(["examples:", *kind.examples]) + f"\n\n{more}" * (not everything)
+        text = "show all options and files, and exit"
+        self.add_argument("--help-all", action="help", help=text)
+        self._sections: dict[str, Any] = {"options": self._optionals}
         self._add(kind, "")
+        needed = [
+            [*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}"]
+            for one in self._actions
+            if one.required
+        ]
+        self.usage = " ".join([self.prog, "[OPTIONS]", *(" ".join(one) for one in needed)])
+        if everything:
+            for title, rows in (kind.tables() | {"exit codes": EXIT_CODES}).items():
+                self.add_table(title, rows)
 
     def _add(self, kind: Any, place: str) -> None:
         """Add the options of a dataclass, whose values are found at a ``place`` in the command."""
@@ -112,7 +136,7 @@ class CommandParser(PrintingParser):
         title, _, about = about.removesuffix(".").partition(": ") if place else ("options", "", "")
         own = [one for one in fields(kind) if not is_dataclass(one.type)]
         if own and title not in self._sections:
-            text = f"{' '.join(about.split())}." if about else None
+            text = f"{' '.join(about.split())}." if about and self.everything else None
             self._sections[title] = self.add_argument_group(title, text)
         either = None
         for one, entry in zip(own, entries, strict=True):
@@ -120,8 +144,10 @@ class CommandParser(PrintingParser):
             if one.name in getattr(kind, "either", ()):
                 section = either = either or section.add_mutually_exclusive_group()
             names, settings = _settings(one, entry, f"{place}{one.name}")
+            text = entry.help if self.everything else SHORT.split(entry.help)[0]
             action = section.add_argument(*names, **settings)
-            vars(action).update(help=entry.help, metavar=entry.metavar or None, rare=entry.rare)
+            action.help = argparse.SUPPRESS if entry.rare and not self.everything else text
+            action.metavar = entry.metavar or None
         for one in fields(kind):
             if is_dataclass(one.type):
                 self._add(one.type, f"{place}{one.name}.")
@@ -130,68 +156,24 @@ class CommandParser(PrintingParser):
         """Return the options that words state; wrong usage ends the program with one line."""
         if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
             self.error("an argument is empty; is it a variable that is not set?")  # or the current folder
-        parsed, unknown = self.parse_known_args(words)
-        values = vars(parsed)
-        names = list(self._option_string_actions)
-        before = list(words)[: list(words).index("--")] if "--" in words else words
-        for word in (word.partition("=")[0] for word in before if word[0] == "-" != word):
-            near = [name for name in names if len(word) > 2 and name.startswith((word, f"-{word}"))]
-            near = [] if word in names else near  # -out is no -o ut
-            if near or any(other.partition("=")[0] == word for other in unknown):
-                near += get_close_matches(word, names, 1, ALIKE)
-                remedy = "".join(f"; did you mean {name}?" for name in near[:1])
-                self.error(f"{word} is no option of {self.command}{remedy}")
-        if unknown and INPUTS not in values:
-            self.error(f"{' '.join(unknown)} is too much; name one")
-        if unknown:  # argparse takes those on one side of an option alone
-            values[INPUTS] = [*values[INPUTS], *unknown]
+        for word in words[: words.index("--")] if "--" in words else words:
+            if re.match(r"-[^\d.]", word):
+                self._refuse_unknown(word.partition("=")[0])
+        values = vars(self.parse_intermixed_args(words))
         try:
             return _made(self.kind, values, "")
         except (ValueError, CameraError) as error:
             self.error(str(error))
 
-    def format_help(self) -> str:
-        """Return the help on what matters most."""
-        formatter = self._get_formatter()
-        others = argparse.Action([], "", metavar="[OPTIONS]")
-        formatter.add_usage(None, [others, *(action for action in self._actions if action.required)], [])
-        formatter.add_text(self.description)
-        formatter.start_section("options")
-        for action in sorted(self._actions, key=lambda action: action.dest.startswith("help")):
-            if not getattr(action, "rare", False):
-                short = copy.copy(action)
-                short.help = re.split(r"; |\. |, see below| \(default", action.help or "")[0]
-                formatter.add_argument(short)
-        formatter.end_section()
-        formatter.add_text(self.epilog)
-        formatter.add_text(f"all options, files and JSON keys: {self.prog} --help-all")
-        return formatter.format_help()
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with one line, in which what a terminal would obey is written as escapes."""
-        for said, printed in MESSAGES.items():
-            message = re.sub(said, printed, message)
-        self.exit(2, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
-
-
-class _HelpAll(argparse.Action):
-    """The option ``--help-all``."""
-
-    def __call__(self, parser: Any, *_: Any) -> None:
-        """Print everything and end the program."""
-        for title, rows in (parser.kind.tables() | {"exit codes": EXIT_CODES}).items():
-            add_table(parser, title, rows)
-        print(argparse.ArgumentParser.format_help(parser), end="")
-        parser.exit()
-
-
-def add_table(parser: Any, title: str, rows: str | Mapping[str, str]) -> None:
-    """Add a titled list to what the help shows below the options; further lines of a row are indented."""
-    if isinstance(rows, str):
-        rows = dict(line.split(": ", 1) for line in re.sub(r"\n +", " ", rows).splitlines() if line)
-    section = parser.add_argument_group(title)
-    for name, text in rows.items():
-        section._group_actions.append(argparse.Action([], "", metavar=name, help=text.replace("%", "%%")))
+    def _refuse_unknown(self, name: str) -> None:
+        """Refuse an option that is none, with the one that may be meant; -out is not -o ut."""
+        options = list(self._option_string_actions)
+        near = [one for one in options if len(name) > 2 and one.startswith((name, f"-{name}"))]
+        if name in options or (name[:2] in options and not near):
+            return
+        near += get_close_matches(name, options, 1, ALIKE)
+        remedy = "".join(f"; did you mean {one}?" for one in near[:1])
+        self.error(f"{name} is no option of {self.command}{remedy}")
 
 
 def _settings(one: Field[Any], entry: Entry, dest: str) -> tuple[list[str], dict[str, Any]]:

@@ -1,7 +1,7 @@
 """``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,9 +10,12 @@ import numpy as np
 
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Common, Folder, InTime
-from blur2view.cli.run import FAILURES, Photographs, run_into_folder, wrote
+from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.cli.work import Estimated, Setup
+from blur2view.errors import OutputError
+from blur2view.exposure.gyroflow import gyroflow_log
+from blur2view.output_files import write_file
 from blur2view.results.overlay import draw_overlay, png
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import fit_line
@@ -98,11 +101,38 @@ class EstimateOptions:
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
-        photographs = Photographs.of("estimate", self)
-        work = partial(estimate_one, photographs.setup)
-        return run_into_folder(
-            photographs, work, self.folder, listed="estimates", endings=ENDINGS, log=self.log.gyroflow
+        photographs, folder, log = Photographs.of("estimate", self), self.folder, self.log.gyroflow
+        jobs = photographs.jobs(folder.output, ENDINGS)
+        if log is not None and not photographs.inputs.one_video:
+            raise OutputError(
+                f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
+            )
+        with photographs.writing(jobs, {"--gyroflow": log}):
+            work = partial(estimate_one, photographs.setup)
+            finished = photographs.run(jobs, work, summaries=not folder.json, resume=folder.resume)
+            if folder.json:
+                finished.print_json("estimates")
+            photographs.close(finished, folder.output, summaries=not folder.json)
+            records = [one.photograph for one in finished.done]
+            if log is not None and records and not finished.ended_early:
+                write_file(log, gyroflow_of(records, jobs[0].source.path.name).encode())
+        return finished.exit_code
+
+
+def gyroflow_of(records: Sequence[Photograph], video: str) -> str:
+    """Return Gyroflow's log of the frames of a video whose rates and direction of time are known.
+
+    OutputError without any, or if the video gives two of them one time.
+    """
+    known = [one for one in records if one.time_known and one.exposure_s and one.timestamp_s is not None]
+    rates = {one.timestamp_s or 0.0: (one.wx, one.wy, one.wz) for one in known if one.wx is not None}
+    if not rates:
+        raise OutputError(
+            "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"
         )
+    times = sorted(rates)  # frames may be named in any order
+    # a gyroscope shows the negative of the scene's rates
+    return gyroflow_log(times, -np.array([rates[time] for time in times], float), video)
 
 
 def estimate_one(setup: Setup, job: Job) -> Outcome:

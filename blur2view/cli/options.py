@@ -11,20 +11,11 @@ from typing import Annotated
 
 from blur2view.camera.intrinsics import Intrinsics
 from blur2view.cli.adapter import group
-from blur2view.cli.values import (
-    dask_address,
-    exposure_s,
-    focal_px,
-    frame_or_seconds,
-    positive,
-    seconds,
-    whole,
-)
+from blur2view.cli.values import dask_address, exposure_s, focal_px, frame_or_seconds, seconds, whole
 from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
-from blur2view.input_files import MAX_MEMORY_GIB
 from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.consensus import EstimatorOptions
 
@@ -56,9 +47,6 @@ class Reading:
     Rarely:
     --from FRAME: the first frame of a video: a number from 0, or a time as 12.5s
     --to FRAME: the last frame, included
-    --max-memory GIB: refuse photographs whose estimate takes more memory of its process, of which --jobs
-        starts many; masks take up to half as much again (default: %(default)s, enough for 32 megapixels,
-        with masks for 24)
     """
 
     effect = False
@@ -67,7 +55,6 @@ class Reading:
     every: int = 1
     first: Annotated[float, frame_or_seconds] = 0
     last: Annotated[float | None, frame_or_seconds] = None
-    max_memory: Annotated[float, positive] = MAX_MEMORY_GIB
 
     def inputs(self) -> Inputs:
         """Return the photographs; ImageError of a list that cannot be read."""
@@ -122,26 +109,19 @@ class InTime:
         its exposure came first, so that rates are one series; with --no-sequence not even the frames of a
         video do (default: those of a video)
     Rarely:
-    --timestamps TABLE: times of photographs that are no frames of a video: a table that names each in one
-        column and has its time in another, as EuRoC's data.csv and TUM's rgb.txt (default: a name that is a
-        time, as 1403636579.763.png)
     --readout S: of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the
         first row to that of the last one; rows are those of the file as stored. A point that moves with the
         rows is seen for longer, so the motion differs with the order in time: one is given, of both that
         which has less parallax, the other is backward in the JSON document
-    --gyroscope: with --focal or --camera: give rates the sign that a gyroscope along the camera's axes
-        shows, which is the negative of the scene's
     """
 
     exposure: Annotated[float | None, exposure_s] = None
     sequence: bool | None = None
-    timestamps: Path | None = None
     readout: Annotated[float | None, seconds] = None
-    gyroscope: bool = False
 
     def check(self, lens: Lens) -> None:
         """Raise ValueError where rates are asked for without intrinsics, or no shutter is as slow."""
-        for name in ("exposure", "readout", "gyroscope"):
+        for name in ("exposure", "readout"):
             if getattr(self, name) and not lens.stated:
                 raise ValueError(f"--{name} is about rates and poses, which need --focal or --camera")
         if self.readout is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from blur2view import __version__
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Common, InTime
-from blur2view.cli.run import End, Photographs
+from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import Setup
 from blur2view.movers.mask import segment
@@ -60,13 +60,13 @@ class ReportOptions:
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
         photographs, page = Photographs.of("report", self), self.page.output
-        with photographs.writing({"-o": (page, "page")}):
-            work = partial(entry_one, photographs.setup, mask=self.page.mask)
-            finished = photographs.run(photographs.jobs(), work)
-            if finished.end is not End.STOPPED and finished.done:
+        jobs = photographs.jobs()
+        with photographs.writing(jobs, {"-o": page}):
+            finished = photographs.run(jobs, partial(entry_one, photographs.setup, mask=self.page.mask))
+            photographs.close(finished)
+            if finished.done:
                 shown = [(one.photograph, one.besides.get("section", "")) for _, one in finished.outcomes]
                 write_file(page, report(shown, __version__))
-                photographs.print_total(finished)
                 if not self.common.printing.quiet:
                     print(f"wrote {printable(str(page))}")
         return finished.exit_code

@@ -12,7 +12,7 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Common, Folder
-from blur2view.cli.run import FAILURES, Photographs, run_into_folder, wrote
+from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import printable
 from blur2view.cli.values import one_of, probability
 from blur2view.cli.work import Setup
@@ -21,7 +21,7 @@ from blur2view.movers.mask import segment
 from blur2view.movers.moving import THRESHOLD
 from blur2view.results.overlay import draw_motion, mask_verdict, png
 from blur2view.results.photograph import explanations
-from blur2view.runs.jobs import Job, Outcome, content_of
+from blur2view.runs.jobs import Job, Outcome
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
@@ -80,16 +80,17 @@ class SegmentOptions:
 
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        photographs = Photographs.of("segment", self)
+        photographs, folder = Photographs.of("segment", self), self.folder
         work = partial(segment_one, photographs.setup, threshold=self.threshold, programs=self.programs)
-        return run_into_folder(
-            photographs,
-            work,
-            self.folder,
-            listed="masks",
-            endings=ENDINGS,
-            beside=lambda name: [FOLDER / program.path(name) for program in self.programs],
+        jobs = photographs.jobs(
+            folder.output, ENDINGS, lambda name: [FOLDER / program.path(name) for program in self.programs]
         )
+        with photographs.writing(jobs, {}):
+            finished = photographs.run(jobs, work, summaries=not folder.json, resume=folder.resume)
+            if folder.json:
+                finished.print_json("masks")
+            photographs.close(finished, folder.output, summaries=not folder.json)
+        return finished.exit_code
 
 
 def segment_one(setup: Setup, job: Job, *, threshold: float, programs: Sequence[MaskFormat]) -> Outcome:
@@ -100,7 +101,7 @@ def segment_one(setup: Setup, job: Job, *, threshold: float, programs: Sequence[
     record = setup.record(one, job, mask=mask)
     files = {}
     if job.files:
-        stored = as_stored(mask.labels, io.BytesIO(content_of(job)))  # programs turn nothing by its EXIF
+        stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF
         masks = [to.picture(stored) for to in programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
         pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]

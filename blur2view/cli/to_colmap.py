@@ -10,7 +10,7 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
 from blur2view.cli.options import Common
-from blur2view.cli.run import End, Photographs
+from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.work import Setup
 from blur2view.colmap.cameras import camera_of_database
@@ -22,7 +22,7 @@ from blur2view.colmap.database import (
     written_photographs,
 )
 from blur2view.colmap.link import ProjectImage, plan_links, write_links
-from blur2view.colmap.project import BESIDE, storable
+from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError, OutputError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
@@ -126,18 +126,21 @@ class ToColmapOptions:
         return {"what is written": WRITTEN, "JSON document of --json": DOCUMENT}
 
     def execute(self) -> int:
-        """Return the exit code, after estimating every photograph and writing all of them at once."""
+        """Return the exit code, after estimating every photograph and writing all of them at once.
+
+        A run that ends early writes nothing.
+        """
         photographs, db = Photographs.of("to-colmap", self), self.database.db
         project = db if self.link else None
         jobs, backup = linked_jobs(photographs.jobs(), project), None
-        beside = [Path(f"{db}{end}") for end in BESIDE]
-        with photographs.writing({"--db": (db, "")}, taken=beside):
+        with photographs.writing(jobs, {}, beside=db):
             by_name = {job.name: job for job in jobs if job.refusal is None}
             self._refuse_loss(by_name.keys())
             work = partial(views_one, photographs.setup, project=project, skip_movers=self.skip_movers)
-            finished = photographs.run(jobs, work, show=lambda job, outcome: "")
+            finished = photographs.run(jobs, work, summaries=False)
             views: list[ExposureViews] = [one.besides["views"] for one in finished.done]
-            if finished.end is not End.WHOLE or not views:
+            photographs.close(finished, summaries=False)
+            if finished.ended_early or not views:
                 return finished.exit_code
             self._refuse_loss([one.name for one in views])
             with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):

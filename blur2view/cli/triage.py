@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from math import inf
@@ -14,8 +14,8 @@ import cv2
 from blur2view.cli import values
 from blur2view.cli.adapter import group
 from blur2view.cli.options import Common
-from blur2view.cli.run import End, Finished, Photographs
-from blur2view.cli.terminal import plural, printable, waiting
+from blur2view.cli.run import Finished, Photographs
+from blur2view.cli.terminal import plural, printable
 from blur2view.cli.work import Setup
 from blur2view.errors import OutputError
 from blur2view.images.source import Source, read_content
@@ -27,8 +27,14 @@ from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Limits, Use,
 from blur2view.runs.jobs import Job, Outcome
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
-COUNTED = {Use.SHARP: "sharp", Use.BLURRED: "blurred but of use", Use.UNUSABLE: "unusable"}
-COUNTED_IF_ANY = {Use.OUT_OF_FOCUS: "out of focus", Use.UNCLEAR: "unclear: smooth or dark", "": "failed"}
+COUNTED = {
+    Use.SHARP: "sharp",
+    Use.BLURRED: "blurred but of use",
+    Use.UNUSABLE: "unusable",
+    Use.OUT_OF_FOCUS: "out of focus",
+    Use.UNCLEAR: "unclear",
+    "": "failed",
+}
 USES = """
 sharp: the smear of the picture is at most --max-smear, and the radius out of focus of what is in focus, if
     anything is, at most --max-defocus; kept
@@ -38,14 +44,11 @@ unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kep
     only
 out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
 unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
-compression: frames that were compressed again have shorter smears than those of their video; --extract
-    compresses nothing
 """
 LIST = """
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
     takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
-    for blur2view, as @frames/keep.txt, from anywhere. Nothing else is in it; which of them are blurred stands
-    in the table. No list that is there is replaced
+    for blur2view, as @frames/keep.txt, from anywhere. No list that is there is replaced
 --extract: files for COLMAP, ns-process-data and blur2view: frame 120 of a video (from 0) is frame_00120.png,
     with the pixels that were looked at, below the video's name if there are several; photographs are copied.
     The folder must be empty or new
@@ -72,13 +75,8 @@ class Choice:
     every_best: int | None = None
 
     def __post_init__(self) -> None:
-        if self.selects and self.keep is None and self.extract is None:
+        if (self.best or self.every_best) and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
-
-    @property
-    def selects(self) -> bool:
-        """Whether photographs are kept by their order of blur, whatever they are of use for."""
-        return self.best is not None or self.every_best is not None
 
     def selected(self, rows: Mapping[Source, Photograph]) -> list[Source]:
         """Return the photographs to keep, in order."""
@@ -93,7 +91,7 @@ class Choice:
         elif self.every_best is not None:
             size, runs = self.every_best, [list(run) for _, run in groupby(read, lambda one: one.folder)]
             groups = [run[first : first + size] for run in runs for first in range(0, len(run), size)]
-            chosen = {min(group, key=width) for group in groups}
+            chosen = {min(few, key=width) for few in groups}
         else:
             wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
             chosen = {one for one, row in read.items() if row.use in wanted}
@@ -112,11 +110,6 @@ class Sharp:
     effect = False
     max_smear: Annotated[float, values.length] = MAX_SMEAR_PX
     max_defocus: Annotated[float, values.radius] = MAX_DEFOCUS_PX
-
-    @property
-    def limits(self) -> Limits:
-        """Up to where a photograph is called sharp."""
-        return Limits(max_smear_px=self.max_smear, max_defocus_px=self.max_defocus)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,46 +140,41 @@ class TriageOptions:
     def execute(self) -> int:
         """Return the exit code, after looking at every photograph and writing table, list and pictures.
 
-        A run that was ended early extracts nothing, and chooses nothing of neighbours.
+        A run that ends early writes the table of what is done.
         """
         photographs, choice = Photographs.of("triage", self), self.choice
         jobs = photographs.jobs()
-        if choice.keep is not None:
-            jobs = [replace(job, refusal=job.refusal or unlistable(job)) for job in jobs]
-        with photographs.writing({"--extract": (choice.extract, ""), "--keep": (choice.keep, "list")}):
+        with photographs.writing(jobs, {"--keep": choice.keep}, beside=choice.extract):
             if choice.extract is not None:
                 refuse_filled(choice.extract)
-            finished = photographs.run(jobs, partial(look_at, photographs.setup, self.sharp.limits))
-            if finished.end is not End.STOPPED and finished.done:
+            limits = Limits(max_smear_px=self.sharp.max_smear, max_defocus_px=self.sharp.max_defocus)
+            finished = photographs.run(jobs, partial(look_at, photographs.setup, limits))
+            photographs.close(finished, summaries=False)
+            if finished.done and not finished.ended_early:
                 self._write(finished)
         return finished.exit_code
 
     def _write(self, finished: Finished) -> None:
         """Write list and pictures, and print the closing line."""
-        choice, whole = self.choice, finished.end is End.WHOLE
-        names = {job.source: job.name for job in finished.records}
-        rows = {job.source: one for job, one in finished.records.items()}
-        with waiting("choosing photographs"):
-            kept = choice.selected(rows)
-        written = [self.common.table.csv] if finished.has_table else []
-        if choice.keep is not None and (whole or not choice.selects):
+        keep, folder = self.choice.keep, self.choice.extract
+        records = finished.records
+        names = {job.source: job.name for job in records}
+        kept = self.choice.selected({job.source: one for job, one in records.items()})
+        if keep is not None:
             text = "".join(f"{names[one]}\n" for one in kept)
-            write_file(choice.keep, text.encode("utf-8", "surrogateescape"))
-            written.append(choice.keep)
-        if choice.extract is not None and whole and kept:
-            with waiting(f"writing {len(kept)} pictures"):
-                extract(choice.extract, {one: names[one] for one in kept})
-            written.append(choice.extract)
-        if not self.common.printing.quiet:
-            counts = Counter(row.use for row in rows.values())
-            uses = [f"{counts[use]} {words}" for use, words in COUNTED.items()]
-            uses += [f"{counts[use]} {words}" for use, words in COUNTED_IF_ANY.items() if counts[use]]
-            parts = [", ".join(uses)]
-            if choice.keep is not None or choice.extract is not None:
-                parts.append(f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}")
-            paths = " and ".join(printable(str(path)) for path in written if path is not None)
-            parts += [f"wrote {paths}"] * bool(paths)
-            print(f"{plural(len(rows), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")
+            write_file(keep, text.encode("utf-8", "surrogateescape"))
+        if folder is not None:
+            extract(folder, {one: names[one] for one in kept})
+        if self.common.printing.quiet:
+            return
+        counts = Counter(str(one.use) for one in records.values())
+        parts = [", ".join(f"{counts[use]} {words}" for use, words in COUNTED.items() if counts[use])]
+        if keep is not None or folder is not None:
+            parts.append(f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}")
+        written = [self.common.table.csv, keep, folder if kept else None]
+        paths = " and ".join(printable(str(path)) for path in written if path is not None)
+        parts += [f"wrote {paths}"] * bool(paths)
+        print(f"{plural(len(records), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")
 
     @property
     def _remedy(self) -> str:
@@ -226,11 +214,3 @@ def extract(folder: Path, names: Mapping[Source, str]) -> None:
             below = folder / Path(name).parent if several else folder
             content = bytes(cv2.imencode(".png", read_frame(one.path, one.frame))[1])
             write_file(below / f"frame_{one.frame:0{FRAME_DIGITS}d}.png", content)
-
-
-def unlistable(job: Job) -> OutputError | None:
-    """Return why COLMAP's list of images, one name a line, cannot hold a photograph, if so."""
-    if job.name.splitlines() == [job.name.strip()]:
-        return None
-    why = "has a line break in its name, or a blank at its end, which no list holds; rename it"
-    return OutputError(f"{job.source}: {why}")

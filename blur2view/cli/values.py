@@ -9,7 +9,6 @@ from pathlib import Path
 from blur2view.geometry.rolling_shutter import LONG_S
 
 SHORT_PX = 100.0  # a focal length below, as an exposure beyond LONG_S, needs its unit
-SHORTEST_S = 1e-9  # no shutter and no flash is as short
 Allowed = Callable[[float, str], object]
 
 
@@ -61,9 +60,7 @@ SECONDS = "seconds as 0.04 or 1/25, more than 2 with their unit as 3s or 40ms"
 share = quantity("a share above 0 and at most 1", lambda value, _: 0 < value <= 1)
 probability = quantity("a probability above 0 and below 1", lambda value, _: 0 < value < 1)
 seconds = quantity(SECONDS, lambda value, unit: unit or value <= LONG_S, ms=1000, s=1)
-exposure_s = quantity(
-    SECONDS, lambda value, unit: value > SHORTEST_S and (unit or value <= LONG_S), ms=1000, s=1
-)
+exposure_s = quantity(SECONDS, lambda value, unit: value > 1e-9 and (unit or value <= LONG_S), ms=1000, s=1)
 focal_px = quantity(
     "pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres from the photograph)",
     lambda value, unit: unit or value >= SHORT_PX,
@@ -78,11 +75,6 @@ def frame_or_seconds(text: str) -> int | float:
     expected = "a frame as 120 or a time as 12.5s"
     value, unit = measured(text, expected, lambda value, unit: unit or value.is_integer(), "s")
     return value if unit else int(value)
-
-
-def positive(text: str) -> float:
-    """Return a number above 0."""
-    return measured(text, "a number above 0", lambda value, _: value)[0]
 
 
 def dask_address(text: str) -> str:

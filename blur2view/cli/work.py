@@ -34,7 +34,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.output_files import file_digest
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph
-from blur2view.runs.jobs import Job, content_of
+from blur2view.runs.jobs import Job
 
 Content = tuple[Source, bytes]
 CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
@@ -56,10 +56,8 @@ class Setup:
 
     Parameters
     ----------
-    common : Common
-        The options of every command.
-    in_time : InTime
-        Those of exposure and order in time.
+    common, in_time : Common, InTime
+        The options of every command; those of exposure and order in time.
     network_sha256 : str
         Of the network's file.
     options_sha256 : str
@@ -75,14 +73,13 @@ class Setup:
     def of(cls, command: str, options: Any) -> "Setup":
         """Return the setup of a command with these options, which have groups of the names used here."""
         common: Common = options.common
-        path, camera = model_path(common.estimating.model), common.lens.database
-        digest = file_digest(path) if path.is_file() else ""
-        files = [digest, file_digest(camera) if camera is not None and camera.is_file() else ""]
+        files = [model_path(common.estimating.model), common.lens.database]
+        digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
         return cls(
             common=common,
             in_time=getattr(options, "in_time", InTime(sequence=getattr(options, "sequence", False))),
-            network_sha256=digest,
-            options_sha256=_sha256([command, __version__, files, _settings(options)]),
+            network_sha256=digests[0],
+            options_sha256=_sha256([command, __version__, digests, _settings(options)]),
         )
 
     def network(self) -> SmearNetwork:
@@ -104,11 +101,10 @@ class Setup:
         is as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of
         options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
         """
-        source, path, content = job.source, Path(str(job.source)), content_of(job)
         estimating, lens, exposure_s = self.common.estimating, self.common.lens, self.in_time.exposure
-        most = self.common.reading.max_memory
-        image = read_pixels(path, as_stored=as_stored, max_memory_gib=most, content=content)
-        exif = read_exif(path, content)
+        path = Path(str(job.source))
+        image = read_pixels(path, as_stored=as_stored, content=job.content)
+        exif = read_exif(path, job.content)
         camera = (camera_of or lens.intrinsics().of)(path, (image.shape[1], image.shape[0]), exif)
         found = estimate(
             image,
@@ -117,7 +113,7 @@ class Setup:
             options=estimating.options(),
             rng=np.random.default_rng(estimating.seed),
             camera=camera,
-            shutter=self._shutter(source, exif),
+            shutter=self._shutter(job.source, exif),
             detail=detail,
         )
         focal_px = camera.focal_px if camera else None
@@ -144,13 +140,15 @@ class Setup:
 
     def _in_time(self, found: Estimate, job: Job, as_stored: bool) -> Estimate:
         """Return an estimate in the order that the photographs before and after it decide."""
-        motions, here = [], (job.source, content_of(job))
-        for near in job.neighbours:
-            with suppress(Blur2ViewError):  # of one that cannot be read, which has a line of its own
-                there = near.source, content_of(near)
-                pair = (there, here) if near.steps < 0 else (here, there)
-                own, other = _matched(*pair, self.common.reading.max_memory, as_stored)[:: near.steps]
-                motions.append(neighbour_motion(own, other, near.steps, found.camera))
+        motions, here = [], (job.source, job.content)
+        for steps, near in job.neighbours:
+            if near not in job.contents:  # it cannot be read, and has a line of its own
+                continue
+            with suppress(Blur2ViewError):  # likewise
+                there = near, job.contents[near]
+                pair = (there, here) if steps < 0 else (here, there)
+                own, other = _matched(*pair, as_stored)[::steps]
+                motions.append(neighbour_motion(own, other, steps, found.camera))
         return in_time(found, motions) if job.neighbours else found
 
     def key(self, job: Job) -> str:
@@ -164,7 +162,6 @@ class Setup:
             "frame": job.source.frame,
             "timestamp_s": time_s,
             "exposure_s": one.exposure_s,
-            "gyroscope": self.in_time.gyroscope,
             "beta": self.common.estimating.beta,
             "max_error_px": self.common.estimating.max_error,
             "seed": self.common.estimating.seed,
@@ -177,14 +174,12 @@ class Setup:
 
 def _settings(options: Any) -> dict[str, Any]:
     """Return the values of a dataclass of options by their names, of groups that have an effect alone."""
-    settings: dict[str, Any] = {}
-    for one in fields(options):
-        value = getattr(options, one.name)
-        if not is_dataclass(one.type):
-            settings[one.name] = value
-        elif getattr(one.type, "effect", True):
-            settings[one.name] = _settings(value)
-    return settings
+    values = {one: getattr(options, one.name) for one in fields(options)}
+    return {
+        one.name: _settings(value) if is_dataclass(value) else value
+        for one, value in values.items()
+        if getattr(one.type, "effect", True)
+    }
 
 
 def _sha256(value: Any) -> str:
@@ -205,13 +200,11 @@ def _network(model: str | None, provider: str | None, digest: str) -> SmearNetwo
 
 
 @lru_cache(maxsize=2)
-def _matched(earlier: Content, later: Content, max_memory_gib: float, as_stored: bool) -> tuple[Array, Array]:
+def _matched(earlier: Content, later: Content, as_stored: bool) -> tuple[Array, Array]:
     """Return matched pixels of two photographs, which each of them asks for."""
-    first, second = (_features(*one, max_memory_gib, as_stored) for one in (earlier, later))
-    return match_features(first, second)
+    return match_features(_features(*earlier, as_stored), _features(*later, as_stored))
 
 
 @lru_cache(maxsize=3)
-def _features(source: Source, content: bytes, max_memory_gib: float, as_stored: bool) -> Features:
-    image = read_image(source.path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
-    return features_of(image)
+def _features(source: Source, content: bytes, as_stored: bool) -> Features:
+    return features_of(read_image(source.path, as_stored=as_stored, content=content))

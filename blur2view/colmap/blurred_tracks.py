@@ -47,6 +47,7 @@ def track_frames(
     """
     names = sorted(sequence.poses, key=lambda name: sequence.times[name])
     beside = half_written(target)
+    beside.unlink(missing_ok=True)  # of a call that was killed
     try:
         with open_read_only(database) as source, closing(sqlite3.connect(beside)) as copy:
             ids = image_names(source)

@@ -17,7 +17,7 @@ from blur2view.colmap.project import LOGS, MAX_IMAGES, PUT_VIEW, ensure_table, o
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
-from blur2view.output_files import remove_half_written, write_files
+from blur2view.output_files import write_files
 from blur2view.two_view.constants import GUESSED_FOCAL
 
 # A row that is not of views, and of matches that are not of one photograph's both views.
@@ -50,7 +50,6 @@ def write_database(
         content = _views_alone(photographs)
         refuse_existing(path, replace=replace)  # may have come meanwhile
         target = path.resolve()  # a link stays one
-        remove_half_written(target.parent)
         write_files({target: content})
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())

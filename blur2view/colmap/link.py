@@ -38,7 +38,7 @@ from blur2view.colmap.project import (
 from blur2view.errors import DatabaseError
 from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
-from blur2view.output_files import half_written, remove_half_written
+from blur2view.output_files import half_written
 
 COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's database has
     "keypoints": "image_id, rows, cols, data",
@@ -204,7 +204,7 @@ def back_up(path: Path) -> Path:
     """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
     copy = path.with_name(f"{path.name}.{datetime.now():%Y%m%dT%H%M%S.%f}.bak")
     beside = half_written(path)
-    remove_half_written(path.parent)
+    beside.unlink(missing_ok=True)  # of a call that was killed
     try:
         # not `open_read_only`, whose look at the header would end the lock of this process's transaction
         with closing(connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:

@@ -2,7 +2,6 @@
 
 import io
 import logging
-import math
 import os
 import warnings
 from importlib import import_module
@@ -22,8 +21,6 @@ from blur2view.input_files import MAX_PIXELS, open_picture
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 # Anything smaller shows no smear.
 MIN_SIDE_PX = 16
-# Of an estimate with its files; measured 43 on 24 megapixels and 53 on 6, where 0.2 GiB are the program's.
-BYTES_PER_PIXEL = 64
 # Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
 HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
 RAW_SUFFIXES = frozenset(
@@ -39,11 +36,7 @@ logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless s
 
 
 def read_image(
-    path: str | os.PathLike[str],
-    *,
-    as_stored: bool = False,
-    max_memory_gib: float = math.inf,
-    content: bytes | None = None,
+    path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
 ) -> NDArray[np.float32]:
     """Return a photograph as upright float32 sRGB-coded RGB.
 
@@ -57,8 +50,6 @@ def read_image(
         The file.
     as_stored : bool
         Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
-    max_memory_gib : float
-        Refuse photographs whose estimate takes more (`BYTES_PER_PIXEL`), before they are decoded.
     content : bytes, optional
         The file's content, where it has been read already.
 
@@ -73,17 +64,13 @@ def read_image(
         If the file is missing, damaged, not an image, or of a size that cannot be used: one line that names
         the path and the remedy.
     """
-    pixels = read_pixels(path, as_stored=as_stored, max_memory_gib=max_memory_gib, content=content)
+    pixels = read_pixels(path, as_stored=as_stored, content=content)
     with within_memory(Path(path)):
         return pixels if pixels.dtype == np.float32 else _scaled(pixels)
 
 
 def read_pixels(
-    path: str | os.PathLike[str],
-    *,
-    as_stored: bool = False,
-    max_memory_gib: float = math.inf,
-    content: bytes | None = None,
+    path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
 ) -> AnyArray:
     """Return a photograph as `read_image` does, (H, W, 3), with the 8 or 16 bits of its file.
 
@@ -95,7 +82,7 @@ def read_pixels(
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored, max_memory_gib))
+        values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored))
         if values.shape[2] in (2, 4):
             values = over_backdrop(_scaled(values))
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
@@ -106,15 +93,15 @@ def _scaled(pixels: AnyArray) -> NDArray[np.float32]:
     return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
 
 
-def _decode(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> Pixels:
+def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
     """Return pixels (H, W) or (H, W, C), upright unless wanted as stored."""
     try:
         if path.suffix.lower() in RAW_SUFFIXES:
-            return _develop(path, encoded, as_stored, max_memory_gib)
+            return _develop(path, encoded, as_stored)
         if encoded[4:8] == b"ftyp" and any(brand in encoded[8:64] for brand in HEIC_BRANDS):
             _extra(path, "HEIC", "pillow_heif").register_heif_opener()
         with open_picture(encoded) as photo:
-            _check_size(path, *photo.size, max_memory_gib)
+            _check_size(path, *photo.size)
             _refuse_rare(path, photo)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = len(photo.getbands()) > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
@@ -178,12 +165,12 @@ def _extra(path: Path, kind: str, module: str) -> Any:
         raise ImageError(f"{path}: is {kind}; {remedy}") from None
 
 
-def _develop(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float) -> NDArray[np.uint16]:
+def _develop(path: Path, encoded: bytes, as_stored: bool) -> NDArray[np.uint16]:
     """Return a RAW photograph (H, W, 3): sRGB with the camera's white balance, not brightened."""
     rawpy, flip = _extra(path, "RAW", "rawpy"), 0 if as_stored else None
     try:
         with rawpy.imread(io.BytesIO(encoded)) as raw:
-            _check_size(path, raw.sizes.width, raw.sizes.height, max_memory_gib)
+            _check_size(path, raw.sizes.width, raw.sizes.height)
             options = {"use_camera_wb": True, "no_auto_bright": True, "gamma": (2.4, 12.92)}
             pixels: NDArray[np.uint16] = raw.postprocess(output_bps=16, user_flip=flip, **options)
     except rawpy.LibRawError as error:
@@ -192,14 +179,10 @@ def _develop(path: Path, encoded: bytes, as_stored: bool, max_memory_gib: float)
     return pixels
 
 
-def _check_size(path: Path, width: int, height: int, max_memory_gib: float) -> None:
+def _check_size(path: Path, width: int, height: int) -> None:
     """Refuse sizes that cannot hold a smear or do not fit in memory."""
     size = f"{path}: is {width}x{height} pixels"
     if min(width, height) < MIN_SIDE_PX:
         raise ImageError(f"{size}; use the original photograph, at least {MIN_SIDE_PX}x{MIN_SIDE_PX}")
     if width * height > MAX_PIXELS:
         raise ImageError(f"{size}; {_TOO_LARGE}")
-    need_gib = width * height * BYTES_PER_PIXEL / 2**30
-    if need_gib > max_memory_gib:
-        more = f"--max-memory {math.ceil(need_gib)}"
-        raise ImageError(f"{size}, which take about {need_gib:.1f} GiB of memory; resize it or add {more}")

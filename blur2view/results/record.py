@@ -59,7 +59,7 @@ class Record:
     width: int | None = explained("Width in pixels, upright.")
     height: int | None = explained("Height in pixels, upright.")
     frame: int | None = explained("Number of the frame in its video, from 0.")
-    timestamp_s: float | None = explained("Its time in the video, of --timestamps or its file name, seconds.")
+    timestamp_s: float | None = explained("Its time in the video or of its file name, seconds.")
 
     blur: str = explained(
         """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of
@@ -129,7 +129,6 @@ class Record:
 
     exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
     readout_s: float | None = explained("From --readout: all is then of an exposure of all rows at once.")
-    gyroscope: bool = explained("Whether wx, wy and wz have the sign of a gyroscope, see --gyroscope.", False)
     time_known: bool = explained(
         """Whether neighbouring frames decided which end of the exposure came first: else F, H, E, the pose,
         wx, wy, wz and the order of every smear may all be of the reverse.""",
@@ -228,7 +227,7 @@ class Record:
         from blur2view.geometry.rotation import rotation_vector
 
         vector = rotation_vector(np.array(self.cam2_from_cam1["rotation"])).tolist()
-        return [(-1 if self.gyroscope else 1) * angle / self.rated_s for angle in vector]
+        return [angle / self.rated_s for angle in vector]
 
     @property
     def rate_sigmas(self) -> list[float] | None:

@@ -1,23 +1,25 @@
-"""What does jobs: this process, several, each of which runs the network in one thread, or a Dask cluster."""
+"""What does jobs: this process, several, each of which runs the network in one thread, or a Dask cluster.
+
+All of them have the interface of `concurrent.futures`.
+"""
 
 import logging
 import os
 import signal
 import threading
-import warnings
-from collections.abc import Generator, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from functools import partial
+from itertools import islice
 from multiprocessing import get_context, parent_process
 from queue import Empty, Queue
 from typing import Any
 
 import cv2
 
-from blur2view.errors import ImageError, RunError
-from blur2view.runs.jobs import Done, Executor, Job, Outcome, Work, failed, perform
+from blur2view.errors import Blur2ViewError, ImageError, RunError
+from blur2view.runs.jobs import Done, Job, Outcome, Work, failed, perform
 
 CONNECT_S = 5  # for the scheduler to answer
 WORKERS_S = 10  # and then for a worker to be there
@@ -25,76 +27,88 @@ LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application"
 AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
 
 
-def executor(count: int) -> Executor:
-    """Return what does jobs: as many processes, or this one if one is enough."""
-    return in_this_process if count == 1 else partial(in_processes, count=count)
-
-
-def in_this_process(work: Work, jobs: Iterator[Job]) -> Done:
-    """Yield the jobs with their outcomes, one after another, done by a thread beside.
-
-    So Ctrl-C is answered at once, and not when a network has run.
-    """
-    for job in jobs:
-        done: list[Outcome | BaseException] = []
-        thread = threading.Thread(target=_note, args=(done, work, job), daemon=True)
-        thread.start()
-        thread.join()
-        (outcome,) = done
-        if isinstance(outcome, BaseException):
-            raise outcome
-        yield job, outcome
-
-
-def _note(done: list[Outcome | BaseException], work: Work, job: Job) -> None:
-    """Append what comes of a job, which may be an error of the program."""
-    try:
-        done.append(perform(work, job))
-    except BaseException as error:
-        done.append(error)
-
-
 def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
-    """Yield the jobs with their outcomes, done by several processes, which are killed when it is closed.
+    """Yield jobs with their outcomes, done by as many processes, or by a thread if one is enough.
 
-    A process that dies (of too little memory, of a damaged file that crashes a decoder) takes the jobs in
-    hand with it; each of them is tried once more, alone. RunError where no process can be started.
+    So Ctrl-C is answered at once, and not when a network has run. RunError where no process can be started.
     """
-    pool = _pool(count)
-    pending: dict[Future[Outcome], Job] = {}
+    if count == 1:
+        yield from _done(work, jobs, partial(ThreadPoolExecutor, 1), lambda: 1)
+        return
     try:
-        while True:
-            while len(pending) < AHEAD * count and (job := next(jobs, None)) is not None:
-                try:
-                    future = pool.submit(perform, work, job)
-                except BrokenProcessPool:  # the processes have died meanwhile
-                    _end(pool)
-                    pool = _pool(count)
-                    future = pool.submit(perform, work, job)
-                pending[future] = job
-            if not pending:
-                return
-            for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                job = pending.pop(future)
-                lost = isinstance(future.exception(), BrokenProcessPool)
-                yield job, _alone(work, job) if lost else future.result()
+        yield from _done(work, jobs, partial(_pool, count), lambda: AHEAD * count)
     except OSError as error:
         reason = f"{error.strerror or error}; give it fewer with --jobs"
         raise RunError(f"no processes can be started ({reason})") from None
+
+
+def in_cluster(work: Work, jobs: Iterator[Job], *, address: str) -> Done:
+    """Yield jobs with their outcomes, done by the workers of a Dask cluster (``tcp://HOST:8786``).
+
+    A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
+    not installed, no scheduler answers, there is no worker, or whatever else keeps it from going on.
+    """
+    client, killed = _connected(address)
+    try:
+        start = partial(client.get_executor, pure=False)
+        slots = lambda: AHEAD * max(sum(client.nthreads().values()), 1)  # noqa: E731
+        yield from _done(work, jobs, start, slots, lost=killed)
+    except Blur2ViewError:
+        raise
+    except Exception as error:  # of any type, as the scheduler is gone, or a worker lacks a module
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RunError(
+            f"{address}: cannot go on ({reason}); see that its scheduler runs and its workers have this "
+            "blur2view"
+        ) from None
     finally:
-        _end(pool)
+        threading.Thread(target=client.close, daemon=True).start()  # it may wait for a scheduler that is gone
+
+
+def _done(
+    work: Work,
+    jobs: Iterator[Job],
+    start: Callable[[], Executor],
+    slots: Callable[[], int],
+    lost: type[Exception] = BrokenProcessPool,
+) -> Done:
+    """Yield jobs with their outcomes, in any order, done by the executor that ``start`` returns.
+
+    As many as there are ``slots`` are given to it at a time. A process that dies (of too little memory, of a
+    damaged file that crashes a decoder) is ``lost`` with the jobs in hand; each is tried once more, alone.
+    """
+    executor, pending = start(), dict[Future[Outcome], Job]()
+    try:
+        while True:
+            for job in islice(jobs, max(slots() - len(pending), 0)):
+                try:
+                    future = executor.submit(perform, work, job)
+                except lost:  # meanwhile
+                    executor = start()
+                    future = executor.submit(perform, work, job)
+                pending[future] = job
+            if not pending:
+                return
+            finished = wait(pending, return_when=FIRST_COMPLETED).done
+            if any(isinstance(one.exception(), lost) for one in finished):
+                finished, executor = wait(pending).done, start()
+            for future in finished:
+                job = pending.pop(future)
+                yield job, _alone(work, job) if isinstance(future.exception(), lost) else future.result()
+    finally:
+        for future in pending:
+            future.cancel()
+        executor.shutdown(wait=False)
 
 
 def _alone(work: Work, job: Job) -> Outcome:
     """Return the outcome of a job in a process of its own, a failure if that dies."""
-    pool = _pool(1)
-    try:
-        return pool.submit(perform, work, job).result()
-    except BrokenProcessPool:
-        why = "the process that read it died, perhaps of too little memory; resize it"
-        return failed(job, ImageError(f"{job.source}: {why}"))
-    finally:
-        _end(pool)
+    with _pool(1) as pool:
+        try:
+            return pool.submit(perform, work, job).result()
+        except BrokenProcessPool:
+            why = "the process that read it died, perhaps of too little memory; resize it"
+            return failed(job.name, ImageError(f"{job.source}: {why}"))
 
 
 def _pool(count: int) -> ProcessPoolExecutor:
@@ -102,18 +116,8 @@ def _pool(count: int) -> ProcessPoolExecutor:
 
     They import no module of the current folder, whatever it is called.
     """
-    os.environ["PYTHONSAFEPATH"], os.environ["PYTHONPATH"] = "1", _search_path()
-    try:
-        return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
-    except OSError as error:
-        raise RunError(f"no processes can be started ({error.strerror}); add --jobs 1") from None
-
-
-def _search_path() -> str:
-    """Return PYTHONPATH without the current folder, unless that is the program's own."""
-    here, root = os.path.realpath("."), os.path.realpath(os.path.join(__file__, "..", "..", ".."))
-    found = [os.path.realpath(one or ".") for one in os.environ.get("PYTHONPATH", "").split(os.pathsep)]
-    return os.pathsep.join(one for one in found if one == root or one != here)
+    os.environ["PYTHONSAFEPATH"] = "1"
+    return ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
 
 
 def _begin() -> None:
@@ -131,105 +135,35 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _end(pool: ProcessPoolExecutor) -> None:
-    """Kill the processes, which write nothing."""
-    processes, results = list((pool._processes or {}).values()), pool._result_queue
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in processes:
-        process.kill()
-        process.join()
-    # without it a thread of the pool waits for ever for the rest of a result (CPython gh-94777)
-    results._writer.close()  # type: ignore[attr-defined]
+def _connected(address: str) -> tuple[Any, type[Exception]]:
+    """Return a client of a Dask scheduler, and the error of a job that killed its workers.
 
-
-class Cluster:
-    """A Dask cluster that is asked to do jobs; an `Executor`.
-
-    A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
-    not installed, no scheduler answers at the address (``tcp://HOST:8786``) or there is no worker.
+    A scheduler that does not answer in time is RunError, as another program at the address may wait for ever.
     """
+    try:
+        import distributed
+    except ImportError:
+        raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
+    for name in LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    answers: Queue[Any] = Queue()
 
-    def __init__(self, address: str) -> None:
-        import asyncio  # which takes time to import
-
+    def connect() -> None:
         try:
-            import distributed
-        except ImportError:
-            raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
-        self.address, self._dask = address, distributed
-        self._lost = Exception, asyncio.CancelledError  # of a scheduler that is gone
-        for name in LOGGERS:
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-        self._client = self._connected()
-        try:
-            self._client.wait_for_workers(1, timeout=WORKERS_S)
-        except TimeoutError:
-            self._client.close()
-            raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
+            answers.put(distributed.Client(address, timeout=CONNECT_S))
+        except BaseException as error:  # of any type, where no scheduler answers
+            answers.put(error)
 
-    def _connected(self) -> Any:
-        """Return a client of the scheduler; RunError if none answers in time, as another program may."""
-        answers: Queue[Any] = Queue()
-
-        def connect() -> None:
-            try:
-                answers.put(self._dask.Client(self.address, timeout=CONNECT_S))
-            except BaseException as error:  # of any type, where no scheduler answers
-                answers.put(error)
-
-        threading.Thread(target=connect, daemon=True).start()
-        try:
-            answer = answers.get(timeout=CONNECT_S)
-        except Empty:
-            answer = TimeoutError(f"in {CONNECT_S} s")
-        if isinstance(answer, BaseException):
-            reason = " ".join(str(answer).split()) or type(answer).__name__
-            raise RunError(f"{self.address}: no Dask scheduler answers ({reason}); is there one?") from None
-        return answer
-
-    def __call__(self, work: Work, jobs: Iterator[Job]) -> Done:
-        """Yield the jobs, which must have their contents, with their outcomes."""
-        pending: dict[Any, Job] = {}
-        try:
-            while True:
-                with self._in_touch():
-                    slots = AHEAD * max(sum(self._client.nthreads().values()), 1)
-                while len(pending) < slots and (job := next(jobs, None)) is not None:
-                    with self._in_touch(), warnings.catch_warnings():
-                        warnings.simplefilter("ignore")  # of large arguments; scattered they could be lost
-                        future = self._client.submit(perform, work, job, pure=False)
-                    pending[future] = job
-                if not pending:
-                    return
-                with self._in_touch():
-                    done = self._dask.wait(list(pending), return_when="FIRST_COMPLETED").done
-                for future in done:
-                    yield pending[future], self._outcome(pending.pop(future), future)
-        finally:
-            with suppress(*self._lost):
-                self._client.cancel(list(pending))
-            with suppress(*self._lost):
-                self._client.close()
-
-    def _outcome(self, job: Job, future: Any) -> Outcome:
-        with self._in_touch():
-            try:
-                outcome: Outcome = future.result()
-            except self._dask.scheduler.KilledWorker:
-                why = "every worker that read it died; resize it or give them memory"
-                outcome = failed(job, ImageError(f"{job.source}: {why}"))
-        return outcome
-
-    @contextmanager
-    def _in_touch(self) -> Generator[None]:
-        """Raise RunError for whatever keeps the cluster from going on: no module, no scheduler."""
-        try:
-            yield
-        except RunError:
-            raise
-        except self._lost as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise RunError(
-                f"{self.address}: cannot go on ({reason}); see that its scheduler runs and its workers have "
-                "this blur2view"
-            ) from None
+    threading.Thread(target=connect, daemon=True).start()
+    try:
+        client = answers.get(timeout=CONNECT_S)
+    except Empty:
+        client = TimeoutError(f"in {CONNECT_S} s")
+    if isinstance(client, BaseException):
+        reason = " ".join(str(client).split()) or type(client).__name__
+        raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?")
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError:
+        raise RunError(f"{address}: has no worker; start some with: dask worker {address}") from None
+    return client, distributed.scheduler.KilledWorker

@@ -1,11 +1,9 @@
 """``blur2view estimate``: what it prints and writes."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from blur2view.geometry.epipolar import serrmin
 from blur2view.images.image import read_image
@@ -76,16 +74,3 @@ def test_same_seed_gives_the_same_bytes(run: Call, moving: Path, still: Path, tm
     assert run(still, moving, "-o", tmp_path / "second", "--seed", 7) == 0
     for name in ("moving.smear.npz", "moving.png"):
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
-
-
-def test_many_photographs_show_progress_to_a_person(
-    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    captured = run(still, moving)
-    assert captured == 0 and captured.err.startswith("\r\x1b[K0 of 2 photographs")
-    assert "2 of 2 photographs, " in captured.err
-    assert " a second, 0:00 left" in captured.err and captured.err.endswith("\r\x1b[K")
-    assert captured.out.startswith(f"{still}: Sharp")
-    done = run(still)
-    assert done == 0 and done.err == ""

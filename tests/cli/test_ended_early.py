@@ -11,7 +11,7 @@ import pytest
 
 from blur2view.cli import work
 from blur2view.images.image import read_pixels
-from blur2view.output_files import write_files
+from blur2view.output_files import half_written, write_files
 from blur2view.runs import jobs
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
@@ -58,10 +58,11 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
         done = call("estimate", folder, "-o", tmp_path / "out")
         assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
         assert call("estimate", folder / "003.png").err == "blur2view: interrupted\n"
+        assert call("to-colmap", folder, "--db", tmp_path / "new.db") == 130
     assert done == 130 and done.err == (
         "blur2view: interrupted after 3 of 5 photographs; the same call with --resume does the rest\n"
     )
-    assert "3 photographs" in (tmp_path / "page.html").read_text()
+    assert "3 photographs" in (tmp_path / "page.html").read_text() and not (tmp_path / "new.db").exists()
     done = call("estimate", folder, "-o", tmp_path / "out", "--resume")
     assert done == 0 and "2 done, 3 done before" in done.out
 
@@ -79,7 +80,7 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     before = len(list((tmp_path / "out").glob("*.json")))
-    (tmp_path / "out" / ".019.json.999999999.blur2view.tmp").touch()  # as a process leaves it that is killed
+    half_written(tmp_path / "out" / "023.json").touch()  # as a process leaves it that is killed
     code, printed, _ = finish("estimate", *words, "--jobs", jobs, "-o", tmp_path / "out", "--resume")
     assert code == 0 and 3 <= before < 24
     assert f"{24 - before} done, {before} done before" in printed

@@ -24,11 +24,13 @@ class CountOptions:
 
     Count.
 
+    THING: what to count
     Rarely:
     --floor SHARE: least share that moves
         (default: %(default)s)
     """
 
+    things: list[str]
     floor: float = 0.5
     printing: Printing = group(Printing)
     examples = ("blur2view count",)
@@ -40,20 +42,17 @@ class CountOptions:
 
 
 def test_an_option_is_declared_once(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = CommandParser("count", CountOptions)
-    for words, code, printed in (
-        (["--help-all"], 0, "--floor SHARE least share that moves (default: 0.5)"),
-        (["--help-all"], 0, "blue as the sea"),
-        (["--floor", "x"], 2, "count: --floor: expected a number, got 'x' (see blur2view count --help)"),
-    ):
-        with pytest.raises(SystemExit) as caught:
-            parser.read(words)
-        captured = capsys.readouterr()
-        assert caught.value.code == code and printed in " ".join((captured.out + captured.err).split())
-    assert "--floor" not in parser.format_help()
-    options = parser.read(["--floor", "0.25", "-v"])
-    assert options == CountOptions(floor=0.25, printing=Printing(verbose=True))
-    assert parser.read([]) == CountOptions()
+    short, whole = (CommandParser("count", CountOptions, everything=one) for one in (False, True))
+    text = " ".join(whole.format_help().split())
+    assert "--floor SHARE least share that moves (default: 0.5)" in text and "blue as the sea" in text
+    assert "--floor" not in short.format_help() and "count [OPTIONS] THING..." in text
+    with pytest.raises(SystemExit, match="2"):
+        short.read(["a", "--floor", "x"])
+    complaint = "blur2view count: --floor: expected a number, got 'x' (see blur2view count --help)\n"
+    assert capsys.readouterr().err == complaint
+    options = short.read(["a", "--floor", "0.25", "-v", "b", "--", "-c"])
+    assert options == CountOptions(things=["a", "b", "-c"], floor=0.25, printing=Printing(verbose=True))
+    assert short.read(["a"]) == CountOptions(things=["a"])
 
 
 def test_help_imports_no_network_and_no_colmap() -> None:
@@ -75,10 +74,12 @@ print([name for name in {HEAVY} if name in sys.modules])
 def test_help_has_groups_exit_codes_and_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = call_program(capsys, command, "--help-all").out
     own = () if command in WITHOUT_ESTIMATE else ("input:", "output:", "camera:", "estimation:")
-    assert all(f"\n{section}\n" in text for section in (*own, "exit codes:", "examples:"))
+    sections = (*own, "options:", "exit codes:", "examples:")
+    assert all(text.count(f"\n{section}\n") == 1 for section in sections)
     assert f"blur2view {command} " in text[text.index("examples:") :]
+    assert own or not {"--json", "--resume"} & set(text.split())
     short = call_program(capsys, command, "--help").out
-    assert short.startswith(f"usage: blur2view {command} ") and "[OPTIONS]" in short
+    assert short.startswith(f"usage: blur2view {command} [OPTIONS] ")
     assert len(short) < len(text) and "--help-all" in short
     if command in ("estimate", "segment", "triage"):
         words = text.replace(",", " ").split()

@@ -9,7 +9,6 @@ import pytest
 from blur2view.cli import commands as cli
 
 MISTAKES = [
-    ("estimate a.png --timestamps no.csv", "no.csv: cannot be read"),
     ("", "name a command"),
     ("estimat a.png", "estimat is no command; did you mean estimate?"),
     ("estimate a.png --fokal 800", "--fokal is no option of estimate; did you mean --focal?"),
@@ -27,7 +26,7 @@ MISTAKES = [
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),
     ("estimate @missing.txt", "name a file that holds one name on each line"),
     ("estimate a.png -o notes.txt", "notes.txt: is no folder"),
-    ("report a.png -o mine.html", "is no page of an earlier call"),
+    ("report a.png -o mine.html", "mine.html: is not by an earlier call"),
     ("estimate a.png --focal 300 --readout 0.03", "add --exposure S"),
     ("to-colmap a.png", "name --db"),
     ("to-colmap a.png --db project.db --link", "project.db: "),
@@ -38,12 +37,12 @@ MISTAKES = [
     ("estimate a\0.png", "a\\x00.png: "),
     ("report a.png -o a\0", "a path has no null character"),
     ("estimate a.png -o o2 --csv o2/a.json", "two results would be one file"),
-    ("to-colmap a.png --db a.db --csv a.db-wal", "two results would be one file"),
+    ("to-colmap a.png --db a.db --csv a.db", "two results would be one file"),
     ("triage a.png --csv a.png", "would replace an input"),
     ("triage @names.txt --keep names.txt", "would replace an input"),
     ("triage a.png --keep endless", "endless: is no regular file"),
-    ("estimate a.png -o new --csv notes.txt", "is no table of an earlier call"),
-    ("triage a.png --keep names.txt", "names.txt: is there; no list is replaced"),
+    ("estimate a.png -o new --csv notes.txt", "notes.txt: is not by an earlier call"),
+    ("triage a.png --keep names.txt", "names.txt: is not by an earlier call"),
     ("triage a.png --csv /dev/full", "/dev/full: is no regular file"),
     ("estimate a.png --dask tls://127.0.0.1:9", "expected tcp://HOST:PORT"),
     ("estimate a.png --max-blur 3", "--max-blur is no option of estimate (see"),
@@ -51,7 +50,6 @@ MISTAKES = [
     ("to-transforms model --masks out", "did you mean --masks-from?"),
 ]
 WRONG_VALUES = [
-    "estimate a.png --max-memory nan",
     "estimate a.png --focal 300 --exposure 1/0",
     "estimate a.png --focal 300 --readout 25",
     "triage a.png --keep k --best 1.5",

@@ -130,22 +130,3 @@ def test_neighbour_that_cannot_be_read_costs_its_own_line_only(call: Call, tmp_p
         done = call(*words, *paths, "--json")
         assert len(done.document[listed]) == 2 and len(done.document["failures"]) == 1
         assert done == 1 and str(paths[1]) in done.line
-
-
-def test_times_of_a_table_and_the_sign_of_a_gyroscope(run: Call, tmp_path: Path) -> None:
-    for name, frame in zip("ab", swinging().frames[10:12], strict=True):
-        cv2.imwrite(str(tmp_path / f"{name}.png"), frame[..., ::-1])
-    (tmp_path / "data.csv").write_text("#timestamp [ns],filename\n1403636579763555584,a.png\n")
-    words = (tmp_path, *CAMERA, "--model", "default", "--csv", tmp_path / "t.csv")
-    refused = run(*words, "--timestamps", tmp_path / "data.csv")
-    assert refused != 0 and "b.png" in refused.line and "data.csv has no time of it" in refused.line
-    with (tmp_path / "data.csv").open("a") as file:
-        file.write("1403636579813555584,b.png\n")
-    found = []
-    for more in ((), ("--gyroscope", "--timestamps", tmp_path / "data.csv")):
-        assert run(*words, *more) == 0
-        found.append(table(tmp_path / "t.csv"))
-    np.testing.assert_array_equal(rates_of(found[0]), -rates_of(found[1]))
-    stamps = [row["timestamp_s"] for row in found[1]]
-    assert stamps == ["1403636579.763556", "1403636579.813556"]
-    assert "--gyroscope is about rates" in run(tmp_path, "--gyroscope").line

@@ -76,7 +76,8 @@ def test_programs_get_their_masks(
     run: Call, walker: Path, tmp_path: Path, program: str, name: str, moving: int, static: int
 ) -> None:
     out = tmp_path / "out"
-    assert run(walker, "-o", out, "--masks", program, "--masks", "colmap") == 0
+    done = run(walker, "-o", out, "--masks", program, "--masks", "colmap")
+    assert done == 0 and str(out / "masks" / name) in done.out
     grey, mask = (np.asarray(Image.open(out / path)) for path in ("a.mask.png", f"masks/{name}"))
     assert (mask[grey == 255] == moving).all() and (mask[grey != 255] == static).all()
 

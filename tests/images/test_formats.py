@@ -47,8 +47,6 @@ def test_raw_is_developed_upright_in_linear_light_whatever_its_name(tmp_path: Pa
     path.write_bytes(b"II*\0" + bytes(100))
     with pytest.raises(ImageError, match=r"a\.NEF: cannot be developed"):
         read_image(path)
-    with pytest.raises(ImageError, match="--max-memory"):
-        read_image(dng(path, (600, 800)), max_memory_gib=0.01)
 
 
 def test_heic_is_read(tmp_path: Path) -> None:
