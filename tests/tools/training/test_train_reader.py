@@ -24,8 +24,8 @@ def test_resumed_run_ends_with_the_weights_of_one_without_a_stop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     shards, sources = tmp_path / "examples", noise_and_disc(np.random.default_rng(0))
-    monkeypatch.setattr(reader_data, "SHARD_PX", 2 * 320 * 256)
-    write_shards(shards, (2, 3), partial(examples, sources=sources, rendered_share=0.0))
+    monkeypatch.setattr(reader_data, "SHARD_PX", 320 * 256)
+    write_shards(shards, (7, 8), partial(examples, sources=sources, rendered_share=0.0))
     words: dict[str, Any] = {"train": shards, "val": shards, "steps": 2, "batch": 2, "every": 1}
     out = tmp_path / "whole", tmp_path / "parted"
     main(out=out[0], **words)
