@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from blur2view.runs import executors
 from tests.cli.test_ended_early import wait_for
+from tests.support.calls import call_program
 from tests.support.many_photographs import contents, environment, finish, start, write_photographs
 
 pytest.importorskip("distributed", reason="--dask needs the extra dask")
@@ -94,12 +96,15 @@ def test_photographs_and_network_need_not_lie_where_the_workers_are(cluster: Clu
     assert "3 photographs: 2 done, 1 failed" in printed
 
 
-def test_nobody_at_the_address_is_one_line(tmp_path: Path) -> None:
+def test_nobody_at_the_address_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(executors, "CONNECT_S", 1)
     (photograph,) = write_photographs(tmp_path, 1)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         for port in (9, silent.getsockname()[1]):
             address, start_s = f"tcp://127.0.0.1:{port}", time.monotonic()
-            code, printed, complaints = finish("estimate", photograph, "--dask", address)
-            assert code == 1 and printed == "" and complaints.count("\n") == 1
-            assert f"{address}: no Dask scheduler answers" in complaints
+            done = call_program(capsys, "estimate", photograph, "--dask", address)
+            assert done == 1 and done.out == ""
+            assert f"{address}: no Dask scheduler answers" in done.line
             assert time.monotonic() - start_s < 60  # and not for ever
