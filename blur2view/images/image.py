@@ -38,31 +38,15 @@ logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless s
 def read_image(
     path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
 ) -> NDArray[np.float32]:
-    """Return a photograph as upright float32 sRGB-coded RGB.
+    """Return a photograph as upright float32 sRGB-coded RGB (H, W, 3).
 
     JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA; 8 or 16 bits; grey, colour, palette or
     CMYK; of several pictures the first. Alpha is composited over mid-grey, embedded colour profiles are
     ignored, 16-bit colour with an EXIF rotation is read with 8 bits. RAW and HEIC need their extras.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    as_stored : bool
-        Leave the picture as its pixels are stored, as COLMAP does, instead of rotating it upright by EXIF.
-    content : bytes, optional
-        The file's content, where it has been read already.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float32
-        RGB in [0, 1], sRGB-coded.
-
-    Raises
-    ------
-    ImageError
-        If the file is missing, damaged, not an image, or of a size that cannot be used: one line that names
-        the path and the remedy.
+    ``as_stored`` leaves the picture as its pixels lie, as COLMAP does, instead of rotating it by EXIF;
+    ``content`` is that of the file, where it has been read already. ImageError, one line that names the path
+    and the remedy, if the file is missing, damaged, not an image, or of a size that cannot be used.
     """
     pixels = read_pixels(path, as_stored=as_stored, content=content)
     with within_memory(Path(path)):

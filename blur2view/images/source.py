@@ -21,21 +21,11 @@ MAX_TABLE_BYTES = 1 << 25
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Where a photograph is read from.
+    """Where a photograph is read from: a file as the user named it, or a frame of a video."""
 
-    Parameters
-    ----------
-    path : Path
-        The photograph's file as the user named it, or that of its video.
-    frame : int or None
-        Number of the frame in the video, from 0; None of a photograph.
-    time_s : float or None
-        When it was taken, seconds, where that is known; it distinguishes no sources.
-    """
-
-    path: Path
-    frame: int | None = None
-    time_s: float | None = field(default=None, compare=False)
+    path: Path  # of the photograph, or of its video
+    frame: int | None = None  # its number in the video, from 0
+    time_s: float | None = field(default=None, compare=False)  # when it was taken, where that is known
 
     def __str__(self) -> str:
         return str(self.path) if self.frame is None else f"{self.path}/{self.name}"

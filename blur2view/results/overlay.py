@@ -48,25 +48,11 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
 
     Inlier smears are coloured by orientation, outliers grey; those no longer than their standard deviation
     are not drawn. Where no H explains the smears, too, white lines are epipolar lines of F through a spread
-    of inliers, and rings mark the epipoles in the picture. The panel below holds the verdict.
+    of inliers, and rings mark the epipoles in the picture. The panel below holds the verdict, that of the
+    record ``one`` if it is given.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3) or (H, W)
-        The photograph, as it was estimated.
-    estimate : Estimate
-    one : Photograph, optional
-        Its record, whose verdict the panel has; by default that of the estimate alone.
-
-    Returns
-    -------
-    ndarray of shape (H', W', 3), uint8
-        RGB; the photograph's longer side is 640 to 1280 pixels.
-
-    Raises
-    ------
-    ValueError
-        If the estimate is of a photograph of another size.
+    ``image`` is the photograph as it was estimated, (H, W, 3) or (H, W). Returns (H', W', 3), uint8 RGB; the
+    photograph's longer side becomes 640 to 1280 pixels. ValueError if the estimate is of another size.
     """
     if (shape := estimate.grid.shape) != np.shape(image)[:2]:
         raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {shape}")
@@ -84,8 +70,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
 def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     """Return the picture of a motion mask over its photograph (H, W, 3), as uint8 RGB.
 
-    What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched. A
-    caption below says how much moves. The photograph's longer side becomes 640 to 1280 pixels.
+    What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched.
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")

@@ -14,11 +14,11 @@ ALONG_SMEAR = math.sqrt(3)
 """Length of the smear that spreads as widely, along itself, as a disc of radius 1 does."""
 
 
-def explained(text: str, default: Any = None, *, factory: Any = MISSING) -> Any:
+def explained(text: str, default: Any = None) -> Any:
     """Return the field of a record with what explains it, optional unless ``default`` is `MISSING`."""
     metadata = {"help": " ".join(text.split())}
-    if factory is not MISSING:
-        return field(default_factory=factory, metadata=metadata)
+    if default == []:
+        return field(default_factory=list, metadata=metadata)
     return field(default=default, metadata=metadata)
 
 
@@ -68,24 +68,17 @@ class Record:
     )
     nothing_seen: str = explained("Why its blur is unknown: too dark, overexposed, one colour.", "")
     smear_px: float | None = explained(
-        """Length of the photograph's smear: the median over the picture, each place weighed by how well it
-        shows its smear, pixels; null where nothing shows texture."""
+        "Length of its smear, pixels: the median, each place weighed by how well it shows its own."
     )
     smear_sigma_px: float | None = explained("Its standard deviation: a smear below it may be none.")
-    direction_deg: float | None = explained(
-        "Direction of the smears, 0 to 180 degrees, from x (right) towards y (down); null where in many."
-    )
-    defocus_px: float | None = explained(
-        "Radius of the disc that spreads as widely as the lens, of what is in focus, pixels; 1 if sharp."
-    )
+    direction_deg: float | None = explained("Of the smears, from x towards y, 0 to 180; null where in many.")
+    defocus_px: float | None = explained("Radius out of focus of what is most in focus, pixels; 1 if sharp.")
     defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
     moving_share: float | None = explained("Share of the picture that moves by itself; null if not asked.")
     use: str = explained("sharp, blurred (geometry can use it), out of focus, unclear or unusable.", "")
 
     K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
-    camera: dict[str, Any] | None = explained(
-        "The intrinsics as COLMAP has them: model, params (in COLMAP's pixels), source, known."
-    )
+    camera: dict[str, Any] | None = explained("As COLMAP has it: model, params (its pixels), source, known.")
     config: str = explained(
         """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all that follows from
         geometry is empty of triage, which looks less closely.""",
@@ -97,18 +90,14 @@ class Record:
         of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
         "",
     )
-    models: list[dict[str, Any]] = explained(
-        "The models, likeliest first: model, parameters, log_likelihood, probability.", factory=list
-    )
+    models: list[Any] = explained("Likeliest first: model, parameters, log_likelihood, probability.", [])
     independent_smears: float = explained("How many smears of independent errors weigh as much.", 0.0)
     F: Matrix | None = explained(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
         shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
         hold for undistorted pixels."""
     )
-    H: Matrix | None = explained(
-        "Homography, points2 ~ H points1, where one explains the smears; beside F parallax is undecided."
-    )
+    H: Matrix | None = explained("Homography, points2 ~ H points1; beside F parallax is undecided.")
     num_matches: int | None = explained("Smears that were used.")
     num_inliers: int | None = explained("Smears that fit, see --max-error.")
     support_by_chance: float | None = explained("Share that would fit if directions were random.")
@@ -119,8 +108,8 @@ class Record:
         the one that explains the smears alone, or the mean over all directions."""
     )
     pose_covariance: dict[str, Any] | None = explained(
-        """Covariance of the pose: matrix (5x5: rotation vector in radians, translation's direction along two
-        tangents), tangents, rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
+        """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
+        rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
     backward: dict[str, Any] | None = explained(
         """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
@@ -129,11 +118,7 @@ class Record:
 
     exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
     readout_s: float | None = explained("From --readout: all is then of an exposure of all rows at once.")
-    time_known: bool = explained(
-        """Whether neighbouring frames decided which end of the exposure came first: else F, H, E, the pose,
-        wx, wy, wz and the order of every smear may all be of the reverse.""",
-        False,
-    )
+    time_known: bool = explained("Whether neighbouring frames decided which end came first.", False)
     time_confidence: float = explained("How sure that decision is, 0 to 1.", 0.0)
     mask: dict[str, Any] | None = explained(
         """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
@@ -143,7 +128,7 @@ class Record:
     max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option of this name.")
     version: str = explained("The version of blur2view.", "")
-    model_ids: list[str] = explained("The networks that were used, by their weights.", factory=list)
+    model_ids: list[str] = explained("The networks that were used, by their weights.", [])
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
     options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
 

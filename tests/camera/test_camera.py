@@ -1,7 +1,6 @@
 """Cameras: from a focal length, a COLMAP string or database, or EXIF; their rays, and what is refused."""
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,10 +22,10 @@ RADIAL = "SIMPLE_RADIAL 640 480 525 320 240 0.05"
 CAMERAS = [
     "SIMPLE_PINHOLE 640 480 525 320 240",
     RADIAL,
-    "OPENCV 640 480 525 520 320 240 0.05 -0.01 0.001 0.002",
     "OPENCV_FISHEYE 640 480 525 520 320 240 0.05 -0.01 0.001 0.002",
     "FULL_OPENCV,640,480,525,520,320,240,0.05,-0.01,0.001,0.002,0.001,0,0,0",
 ]
+POINTS = np.random.default_rng(0).uniform(0, [639, 479], (50, 2))
 
 
 @pytest.fixture
@@ -41,37 +40,22 @@ def database(tmp_path: Path) -> Path:
     return path
 
 
-def points(count: int = 50) -> np.ndarray:
-    return np.random.default_rng(0).uniform(0, [639, 479], (count, 2))
-
-
 @pytest.mark.parametrize("text", CAMERAS)
-def test_rays_are_pycolmaps_half_a_pixel_on(text: str) -> None:
+def test_rays_are_pycolmaps_half_a_pixel_on_also_of_a_resized_picture(text: str) -> None:
     camera = Camera.from_string(text)
     model, width, height, params = parse_camera(text)
     reference = pycolmap.Camera(model=model, width=width, height=height, params=params)
-    rays = camera.rays(points())
-    expected = np.array([reference.cam_from_img(p + 0.5) for p in points()])
-    np.testing.assert_allclose(rays, expected, atol=1e-12)
-    np.testing.assert_allclose(distorted_points(reference, rays), points(), atol=1e-6)
-    ideal = np.linalg.inv(camera.K) @ np.c_[camera.undistorted(points()), np.ones(50)].T
+    rays = camera.rays(POINTS)
+    np.testing.assert_allclose(rays, [reference.cam_from_img(p + 0.5) for p in POINTS], atol=1e-12)
+    np.testing.assert_allclose(distorted_points(reference, rays), POINTS, atol=1e-6)
+    ideal = np.linalg.inv(camera.K) @ np.c_[camera.undistorted(POINTS), np.ones(50)].T
     np.testing.assert_allclose(ideal[:2].T, rays, atol=1e-12)
-
-
-@pytest.mark.parametrize("text", CAMERAS)
-@pytest.mark.parametrize("scale", [0.5, 2.0])
-def test_a_resized_picture_has_the_same_rays(text: str, scale: float) -> None:
-    camera = Camera.from_string(text)
-    resized = camera.for_image((round(640 * scale), round(480 * scale)))
-    moved = from_colmap(scale * to_colmap(points()))
-    np.testing.assert_allclose(resized.rays(moved), camera.rays(points()), atol=1e-9)
+    resized = camera.for_image((1280, 960))
+    np.testing.assert_allclose(resized.rays(from_colmap(2 * to_colmap(POINTS))), rays, atol=1e-9)
     assert "scaled" in resized.source and camera.for_image(SIZE) is camera
-
-
-@pytest.mark.parametrize("size", [(480, 640), (640, 400), (1000, 480)])
-def test_a_picture_of_another_shape_is_refused(size: tuple[int, int]) -> None:
-    with pytest.raises(CameraError, match="is for 640x480 pixels.* cropped, or turned"):
-        Camera.from_string(RADIAL).for_image(size)
+    for size in ((480, 640), (640, 400)):
+        with pytest.raises(CameraError, match="is for 640x480 pixels.* cropped, or turned"):
+            camera.for_image(size)
 
 
 @pytest.mark.parametrize(
@@ -79,11 +63,10 @@ def test_a_picture_of_another_shape_is_refused(size: tuple[int, int]) -> None:
     [
         ("nonsense", "neither"),
         ("SIMPLE_RADIAL 640 480 525 320 240", "has the parameters f, cx, cy, k"),
-        ("SIMPLE 640 480 525", "unknown model"),
+        ("EQUIRECTANGULAR 640 480 640 480", "unknown model"),
         ("PINHOLE 640 480 nan 525 320 240", "finite"),
         ("PINHOLE 640 480 -525 525 320 240", "focal length must be"),
         ("PINHOLE 0 480 525 525 320 240", "positive"),
-        ("EQUIRECTANGULAR 640 480 640 480", "unknown model"),
     ],
 )
 def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
@@ -92,7 +75,7 @@ def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("focal", [0.0, -1.0, np.nan, np.inf, 1e300, 1e-300])
+@pytest.mark.parametrize("focal", [0.0, -1.0, np.nan, 1e300])
 def test_a_focal_length_must_be_possible(focal: float) -> None:
     for make in (lambda: Camera.from_focal(focal, SIZE), lambda: Intrinsics(focal_px=focal)):
         with pytest.raises(ValueError, match="focal length must be"):
@@ -104,9 +87,7 @@ def test_a_focal_length_must_be_possible(focal: float) -> None:
     [
         ("SELECT 1", 7, "", "no camera 7; it has cameras 1, 2"),
         ("SELECT 1", None, "a.jpg", "name one as"),
-        ("UPDATE images SET camera_id = zeroblob(99)", None, "walks/b.jpg", "has no camera b"),
         ("UPDATE cameras SET model = 999", 1, "", "update pycolmap"),
-        ("UPDATE cameras SET width = 9e999", 1, "", "camera 1 is of a kind"),
         ("UPDATE cameras SET params = zeroblob(800000)", 1, "", "SIMPLE_RADIAL has the parameters"),
     ],
 )
@@ -119,13 +100,10 @@ def test_a_camera_that_a_database_has_not_or_that_is_none(
     assert str(caught.value).startswith(f"{database}: ")
 
 
-def photograph(path: Path, **tags: Any) -> Path:
-    Image.new("RGB", SIZE).save(path, exif=exif_of(**tags))
-    return path
-
-
 def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
-    values = read_exif(photograph(tmp_path / "film.jpg", FocalLengthIn35mmFilm=26, ExposureTime=0.04))
+    path = tmp_path / "film.jpg"
+    Image.new("RGB", SIZE).save(path, exif=exif_of(FocalLengthIn35mmFilm=26, ExposureTime=0.04))
+    values = read_exif(path)
     assert values.focal_px == pytest.approx(26 * 800 / 43.2666, rel=1e-4)
     assert values.exposure_s == pytest.approx(0.04)
 
@@ -135,16 +113,16 @@ def test_intrinsics_choose_the_camera(database: Path) -> None:
     assert Intrinsics().of(path, SIZE, ExifValues()) is None
     hint = Intrinsics().of(path, SIZE, exif)
     assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
-    taken = Intrinsics(camera="exif").of(path, SIZE, exif)
-    assert taken is not None and taken.known and taken.focal_px == pytest.approx(600)
-    stated = Intrinsics(focal_px=525.0).of(path, SIZE, exif)
-    assert stated is not None and stated.focal_px == pytest.approx(525) and stated.source == "focal"
-    stored = Intrinsics(camera=stored_camera(str(database))).of(path, SIZE, exif)
-    assert stored is not None and stored.source == "database, camera 2"
-    first = Intrinsics(camera=stored_camera(f"{database}:1")).of(path, SIZE, exif)
-    assert first is not None and first.source == "database, camera 1"
-    string = Intrinsics(camera=RADIAL).of(path, SIZE, exif)
-    assert string is not None and string.distorted
+    for stated, focal_px, source in (
+        (Intrinsics(camera="exif"), 600, "exif (FocalLengthIn35mmFilm)"),
+        (Intrinsics(focal_px=525.0), 525, "focal"),
+        (Intrinsics(camera=stored_camera(str(database))), 525, "database, camera 2"),
+        (Intrinsics(camera=stored_camera(f"{database}:1")), 525, "database, camera 1"),
+        (Intrinsics(camera=RADIAL), 525, "camera string"),
+    ):
+        camera = stated.of(path, SIZE, exif)
+        assert camera is not None and camera.known and camera.source == source
+        assert camera.focal_px == pytest.approx(focal_px)
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8])
@@ -155,7 +133,7 @@ def test_camera_of_opencv_has_its_rays(count: int) -> None:
     points = np.column_stack([rays, np.ones(40)])
     distorted = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, dist if count else None)[0]
     pixels: Array = np.asarray(distorted, float)[:, 0]
-    found = Camera.from_opencv(K, dist[None] if count else None, (640, 480))
+    found = Camera.from_opencv(K, dist[None] if count else None, SIZE)
     np.testing.assert_allclose(found.rays(pixels), rays, atol=1e-9)
     np.testing.assert_allclose(found.K, K)
     assert found.known and found.source == "opencv"
