@@ -5,7 +5,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -59,29 +58,23 @@ def room_of(path: Path) -> str:
 
 
 @cache
-def imported(path: Path) -> tuple[str, ...]:
+def imported(path: Path) -> frozenset[str]:
     """Return the dotted name of every import in a file, also of those inside functions."""
-    return tuple(imports(path))
-
-
-def imports(path: Path) -> Iterator[str]:
-    """Yield what `imported` returns."""
+    found = set[str]()
     for node in ast.walk(ast.parse((ROOT / path).read_text())):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            assert node.module is not None
+            assert node.level == 0 and node.module, f"{path}: relative import"
             # "from blur2view.smears import field" imports a module too
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return frozenset(found)
 
 
 def own_imports(path: Path) -> set[str]:
     """Return the modules of the repository that a file imports, whenever it does."""
-    found = set()
-    for name in imported(path):
-        if name.split(".")[0] in {"blur2view", "tools"}:
-            found.add(name if name in MODULE else name.rpartition(".")[0])
+    own = [name for name in imported(path) if name.split(".")[0] in {"blur2view", "tools"}]
+    found = {name if name in MODULE else name.rpartition(".")[0] for name in own}
     assert found <= set(MODULE), f"{path} imports {found - set(MODULE)}"
     return {name for name in found if MODULE[name] != path}
 
