@@ -61,10 +61,10 @@ class PlaceOptions:
         """Return the exit code, after writing the model."""
         from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
 
-        with waiting("placing views") as show:
+        with waiting("placing views"):
             names, model = frame_names(self.photographs), find_model(self.model)
             refuse_other_model(self.output)
-            found = place_views(self.database, model, names, self.fraction, show)
+            found = place_views(self.database, model, names, self.fraction)
             if not found.placed:
                 count = plural(len(found.refused), "frame")
                 raise DatabaseError(

@@ -9,7 +9,7 @@ from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
 from blur2view.cli.place import frame_names, refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.colmap.models import database_of, find_model, refuse_other_model, write_model
+from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, OutputError
 
 TRACKS = "tracks.db"
@@ -69,7 +69,7 @@ class RecoverOptions:
                 raise DatabaseError(
                     f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
                 )
-            write_model(found.model, self.output, self.photographs, database_of(model))
+            write_model(found.model, self.output, self.photographs, noted(model, DATABASE))
         if self.tracks is not None:
             with waiting("matching blurred patches") as show:
                 track_frames(found.sequence, self.tracks, tracks, show)

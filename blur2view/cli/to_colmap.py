@@ -1,7 +1,7 @@
 """``blur2view to-colmap``: blurred photographs as images that COLMAP can use; its options, help and work."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,18 +15,17 @@ from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.work import Setup
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import (
+    holds_views_alone,
     matched,
     refuse_existing,
     translation_known,
     write_database,
-    written_photographs,
 )
 from blur2view.colmap.link import ProjectImage, plan_links, write_links
 from blur2view.colmap.project import storable
-from blur2view.errors import CameraError, DatabaseError, OutputError
+from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.movers.mask import MotionLabel, segment
 from blur2view.runs.jobs import Job, Outcome
 
 WRITTEN = """
@@ -98,16 +97,12 @@ class ToColmapOptions:
     --link: add to a database that holds the photographs and their features
     --sequence: the photographs are a video in this order: those before and after each one show which view
         came first; with --no-sequence not even the frames of a video do (default: those of a video)
-    Rarely:
-    --skip-movers: with --link: leave features on what moves by itself unmatched, as blur2view segment marks
-        it
     """
 
     common: Common
     database: Database
     link: bool = False
     sequence: bool | None = None
-    skip_movers: bool = False
 
     examples = (
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
@@ -115,8 +110,8 @@ class ToColmapOptions:
     )
 
     def __post_init__(self) -> None:
-        if not self.link and (self.skip_movers or not self.database.backup):
-            raise ValueError("--skip-movers and --no-backup go with --link")
+        if not self.link and not self.database.backup:
+            raise ValueError("--no-backup goes with --link")
         if self.link and self.common.many.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
 
@@ -133,16 +128,17 @@ class ToColmapOptions:
         photographs, db = Photographs.of("to-colmap", self), self.database.db
         project = db if self.link else None
         jobs, backup = linked_jobs(photographs.jobs(), project), None
+        if not self.link:
+            refuse_existing(db, replace=holds_views_alone(db))
         with photographs.writing(jobs, {}, beside=db):
             by_name = {job.name: job for job in jobs if job.refusal is None}
-            self._refuse_loss(by_name.keys())
-            work = partial(views_one, photographs.setup, project=project, skip_movers=self.skip_movers)
-            finished = photographs.run(jobs, work, summaries=False)
+            finished = photographs.run(
+                jobs, partial(views_one, photographs.setup, project=project), summaries=False
+            )
             views: list[ExposureViews] = [one.besides["views"] for one in finished.done]
             photographs.close(finished, summaries=False)
             if finished.ended_early or not views:
                 return finished.exit_code
-            self._refuse_loss([one.name for one in views])
             with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
                 if self.link:
                     links = [(plan, one) for one in views if (plan := by_name[one.name].plan) is not None]
@@ -176,21 +172,8 @@ class ToColmapOptions:
         kept = "" if backup is None else f"; backup {printable(str(backup))}"
         return [*lines, f"{printable(str(self.database.db))}: wrote {count}{kept}"]
 
-    def _refuse_loss(self, names: Collection[str]) -> None:
-        """Refuse to write photographs of these names where a database is there that holds anything else."""
-        if self.link or not self.database.db.exists():
-            return
-        before = written_photographs(self.database.db)
-        refuse_existing(self.database.db, replace=before is not None)
-        if lost := sorted((before or set()).difference(names)):
-            views = f"{plural(len(lost), 'photograph')} ({', '.join(lost[:3])})"
-            raise OutputError(
-                f"{self.database.db}: holds the views of {views}, which this call does not write again; name "
-                "all that it holds, from the same folder, or choose another --db"
-            )
 
-
-def views_one(setup: Setup, job: LinkJob, *, project: Path | None, skip_movers: bool) -> Outcome:
+def views_one(setup: Setup, job: LinkJob, *, project: Path | None) -> Outcome:
     """Return the record of one photograph, and its views."""
     plan, lens = job.plan, setup.common.lens
 
@@ -204,9 +187,7 @@ def views_one(setup: Setup, job: LinkJob, *, project: Path | None, skip_movers: 
     if plan is None:
         views = views_of(job.name, one.estimate)
     else:
-        moving = segment(one.estimate, one.image).labels == MotionLabel.MOVING if skip_movers else None
-        options = setup.common.estimating.options()
-        views = keypoint_views(job.name, plan.keypoints, one.estimate, options, moving)
+        views = keypoint_views(job.name, plan.keypoints, one.estimate, setup.common.estimating.options())
     record = setup.record(one, job)
     return Outcome(photograph=record, besides={"views": views}, warnings=one.warnings)
 

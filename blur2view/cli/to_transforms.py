@@ -14,7 +14,7 @@ from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable
 from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
-from blur2view.colmap.models import pictures_of, read_model, refuse_other_model, write_model
+from blur2view.colmap.models import PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.transforms import PLY_KEY, keep_photographs, point_cloud, transforms, with_views
 from blur2view.errors import OutputError
 from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
@@ -93,7 +93,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     """Write the file, masks, and the points beside it where it names them; return what was written."""
     target = options.output
     check_file(target, "file")
-    images = options.photographs or pictures_of(options.model) or target.parent / PHOTOGRAPHS
+    images = options.photographs or noted(options.model, PICTURES) or target.parent / PHOTOGRAPHS
     model = read_model(options.model)
     content = transforms(
         model,
@@ -167,9 +167,9 @@ def _write_model(options: ToTransformsOptions) -> str:
     if options.masks is not None or options.output.suffix == ".json":
         raise OutputError("gsplat reads a folder, named with -o, and no masks")
     folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
-    images = options.photographs or pictures_of(options.model) or link
+    images = options.photographs or noted(options.model, PICTURES) or link
     model = read_model(options.model)
-    kept = [one.name for one in with_views(model, options.model, options.max_smear or float("inf"))]
+    kept = [image.name for image, _, _ in with_views(model, options.model, options.max_smear or float("inf"))]
     names = set(_present({images / name: name for name in kept}).values())
     keep_photographs(model, options.model, names)
     refuse_other_model(folder)

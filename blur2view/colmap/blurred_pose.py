@@ -9,6 +9,7 @@ RedKitchen with smears of 52 px is 0.15 degrees away in the median.
 """
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -47,7 +48,7 @@ NEAREST, SMOOTH_PX = 8, 8.0  # points whose inverse depth is averaged at a place
 BORDER_PX = 3.0  # a point must be as far within the picture
 LEAST_CORRELATION = 0.8
 MOST_WARP_PX = 6.0  # from where a point is in a neighbour to where the smooth depth puts it
-LEVELS = (3, 1, 0)  # of the tracker's pyramid in each round
+ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # part of the working size, and levels of the tracker's pyramid
 FLOOR_PX = 0.3  # standard deviation of a place beside what the patch itself says
 KERNEL_PATCHES = 600  # of a neighbour, from which the blur is corrected
 KERNEL_DOUBT = 0.3  # standard deviation of a correction of the blur, of its rotation
@@ -68,6 +69,16 @@ class View:
         scale = self.camera.width / self.grid.size[0]
         smears = self.grid.at((points + 0.5) / scale - 0.5)
         return smears.displacement * scale, np.maximum(smears.sigma_px * scale, FLOOR_PX)
+
+    def scaled(self, scale: float) -> "View":
+        """Return the view in another size."""
+        if scale == 1:
+            return self
+        size = round(self.camera.width * scale), round(self.camera.height * scale)
+        camera = deepcopy(self.camera)
+        camera.rescale(*size)
+        image = cv2.resize(self.image, size, interpolation=cv2.INTER_AREA)
+        return replace(self, image=image, camera=camera)
 
     def points(self, world: Array) -> Array:
         """Return points (N, 3) of the world in this camera's frame."""
@@ -113,6 +124,12 @@ class Lattice:
         """Return the derivatives (N, 2, 2) of a field (N, 2) by x and y."""
         values = field.reshape(*self.shape, 2)
         return np.stack([np.gradient(values, CELL, axis=axis) for axis in (1, 0)], axis=-1).reshape(-1, 2, 2)
+
+
+def within(camera: Any, pixels: Array) -> Mask:
+    """Return which pixels (N, 2) are `BORDER_PX` or more within a camera's picture."""
+    last = np.array([camera.width, camera.height]) - 1
+    return np.asarray(np.all((pixels > BORDER_PX) & (pixels < last - BORDER_PX), axis=1))
 
 
 def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
@@ -166,24 +183,25 @@ def find_pose(
     From points (N, 3) of the model's world, of which each neighbour sees some (N,). ``expected`` (6,) is the
     change from the frame before to the one after, by half: its sense in time, and its translation.
     """
-    lattice = Lattice(view.camera)
-    search = Search.of(view, world, lattice)
-    if search is None:
+    pixels = view.project(world)
+    inside = within(view.camera, pixels)
+    if not inside.any():
         return None
-    flow = image_flow(view.camera, view.points(world)[search.inside])
-    smear_motion = fit_smears(flow, *view.smears(search.pixels[search.inside]), expected)
-    motion, tried = Motion(rigid=smear_motion, bend=np.zeros(3)), int(search.inside.sum())
-    for levels in LEVELS:
+    flow, pose = image_flow(view.camera, view.points(world)[inside]), view.pose
+    smear_motion = fit_smears(flow, *view.smears(pixels[inside]), expected)
+    motion = Motion(rigid=smear_motion, bend=np.zeros(3))
+    for scale, levels in ROUNDS:
+        here, there = view.scaled(scale), [one.scaled(scale) for one in neighbours]
+        search = Search.of(replace(here, pose=pose), world)
+        if search is None:
+            return None
         kernel = Kernel() if levels else None  # not in the last round
-        index, places, covariance = search.matches(neighbours, seen, motion, levels, kernel)
+        index, places, covariance = search.matches(there, seen, motion, levels, kernel)
         if len(np.unique(index)) < FEWEST:
             return None
-        pose, information = fit_pose(view.camera, search.view.pose, world[index], places, covariance)
+        pose, information = fit_pose(here.camera, pose, world[index], places, covariance)
         if kernel is not None:
             motion = kernel.corrected(motion, expected)
-            search = Search.of(replace(view, pose=pose), world, lattice)
-            if search is None:
-                return None
     index, places = _means(index, places, covariance)
     residual = np.linalg.norm(places - replace(view, pose=pose).project(world[index]), axis=1)
     return BlurredPose(
@@ -194,7 +212,7 @@ def find_pose(
         index=index,
         places=places,
         residual_px=float(np.median(residual)),
-        tried=tried,
+        tried=int(inside.sum()),
     )
 
 
@@ -220,11 +238,12 @@ class Search:
     places: Array  # (L, 3): the lattice's places at the smooth depth, in the camera
 
     @classmethod
-    def of(cls, view: View, world: Array, lattice: Lattice) -> "Search | None":
+    def of(cls, view: View, world: Array) -> "Search | None":
         """Return the search about a pose, None if hardly a point is in the picture."""
-        points, size = view.points(world), np.array([view.camera.width, view.camera.height])
+        lattice = Lattice(view.camera)
+        points = view.points(world)
         pixels = projected(view.camera, points)
-        inside = np.all((pixels > BORDER_PX) & (pixels < size - 1 - BORDER_PX), axis=1)
+        inside = within(view.camera, pixels)
         if inside.sum() < NEAREST:
             return None
         depth = 1 / inverse_depth_at(lattice.points, pixels[inside], points[inside, 2])

@@ -151,15 +151,13 @@ def refuse_existing(path: Path, *, replace: bool = False) -> None:
         raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
 
-def written_photographs(path: Path) -> set[str] | None:
-    """Return the photographs of a database that holds nothing but their views; None of any other file."""
+def holds_views_alone(path: Path) -> bool:
+    """Return whether a file is a database that holds nothing but views of photographs."""
     try:
         with open_read_only(path) as database:
-            if database.execute(NO_VIEWS).fetchone() is None:
-                return {str(name) for (name,) in database.execute("SELECT photograph FROM blur2view_views")}
+            return database.execute(NO_VIEWS).fetchone() is None
     except DatabaseError:
-        pass
-    return None
+        return False
 
 
 def matched(views: ExposureViews) -> NDArray[np.int_]:

@@ -17,6 +17,7 @@ from blur2view.output_files import writable_folders
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
 SIGN = "# by blur2view"
+PICTURES, DATABASE = "image_path", "database_path"  # its keys
 BEYOND = 1e30  # of any number in a model
 MAX_PROJECT = 1 << 20  # bytes
 ROOM = 1 << 20  # bytes that must be left on a disk that was not full
@@ -121,7 +122,7 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
 
     OutputError if it cannot be written.
     """
-    paths = {"image_path": photographs} | ({} if database is None else {"database_path": database})
+    paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
     lines = [SIGN, *(f"{key}={path.absolute()}" for key, path in paths.items())]
     with writable_folders(folder), tempfile.TemporaryDirectory(dir=folder) as name:
         beside = Path(name)
@@ -138,23 +139,11 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
             ) from None
 
 
-def pictures_of(folder: Path) -> Path | None:
-    """Return the folder of photographs that a model's project.ini names, None without one."""
-    named = _noted(folder, "image_path")
-    return named if named is not None and named.is_dir() else None
-
-
-def database_of(folder: Path) -> Path | None:
-    """Return the database that a model's project.ini names, None without one."""
-    named = _noted(folder, "database_path")
-    return named if named is not None and named.is_file() else None
-
-
-def _noted(folder: Path, key: str) -> Path | None:
-    """Return the path of a key of a model's project.ini."""
+def noted(folder: Path, key: str) -> Path | None:
+    """Return the path of a key of a model's project.ini, None without one or where nothing is."""
     lines = (line.partition("=") for line in _project(folder).splitlines())
     named = next((value.strip() for name, _, value in lines if name.strip() == key), "")
-    return Path(named) if named and "\0" not in named else None
+    return Path(named) if named and os.path.exists(named) else None
 
 
 def _project(folder: Path) -> str:

@@ -7,7 +7,7 @@ trajectory, and smears measure what fraction of it an exposure is (`trajectory`)
 
 import os
 import sqlite3
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,16 +62,14 @@ def place_views(
     model: str | os.PathLike[str],
     names: Sequence[str] | None = None,
     fraction: float | None = None,
-    show: Callable[[int, int], None] = lambda done, count: None,
 ) -> Placement:
     """Return a model with the virtual views of a linked project placed beside its photographs.
 
     ``database`` is one to which ``blur2view to-colmap --link`` has written views, ``model`` the folder of a
     reconstruction of its photographs. ``names`` are the photographs of one video in order, parted where their
     numbers say that some were left out (`frame_times`); by default those of the model by their numbers.
-    ``fraction`` is exposure time over frame interval, by default measured from the smears. ``show`` is called
-    with how many frames are read, and of how many. DatabaseError if database or model cannot be read, or no
-    view can be placed; ValueError if the fraction is not positive and finite.
+    ``fraction`` is exposure time over frame interval, by default measured from the smears. DatabaseError if
+    database or model cannot be read, or no view can be placed; ValueError if the fraction is not positive.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
@@ -80,7 +78,7 @@ def place_views(
     if names is None:
         names = sorted(registered, key=place_of)
     times = dict(zip(names, frame_times(names), strict=True))
-    linked, refused = _read_linked(Path(database), reconstruction, registered, times, show)
+    linked, refused = _read_linked(Path(database), reconstruction, registered, times)
     if not linked:
         why = "; ".join(dict.fromkeys(refused.values())) or "link them first (blur2view to-colmap --link)"
         raise DatabaseError(f"{database}: has no views of frames in {model} that can be placed: {why}")
@@ -102,11 +100,7 @@ def place_views(
 
 
 def _read_linked(
-    database: Path,
-    model: Any,
-    registered: Mapping[str, Any],
-    times: Mapping[str, int],
-    show: Callable[[int, int], None],
+    database: Path, model: Any, registered: Mapping[str, Any], times: Mapping[str, int]
 ) -> tuple[list[_Linked], dict[str, str]]:
     """Return the photographs that can be placed, in order, and why the others with both views cannot."""
     found, refused = dict[str, _Linked](), dict[str, str]()
@@ -114,8 +108,7 @@ def _read_linked(
     with open_read_only(database) as opened:
         ids = image_names(opened)
         both = [name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()]
-        for number, name in enumerate(both):
-            show(number, len(both))
+        for name in both:
             if name not in registered:
                 refused[name] = UNREGISTERED
             elif name + OPEN in views:  # of an earlier call, or recovered

@@ -9,12 +9,11 @@ tools.evaluation.recovered`` measures what comes of it.
 
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 from blur2view.arrays import TINY, Array
@@ -30,7 +29,6 @@ from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.image import read_pixels
 from blur2view.networks.protocol import SmearReader
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.smears.grid import SmearGrid
 
 WORK_SIDE = 960  # pixels: larger photographs are worked on in this size
 PICTURES_KEPT = 16  # pictures in memory
@@ -152,11 +150,10 @@ class FrameSequence:
 
     def view(self, name: str, pose: Array) -> View:
         """Return a frame at a pose, in the working size."""
-        light, grid, camera = self._read(name)
-        return View(image=light, grid=grid, camera=camera, pose=pose)
+        return replace(self._read(name), pose=pose)
 
-    def _read_frame(self, name: str) -> tuple[Any, SmearGrid, Any]:
-        """Return a frame in the working size, its smears and its camera, which is the nearest frame's."""
+    def _read_frame(self, name: str) -> View:
+        """Return a frame in the working size, with the nearest frame's camera."""
         pixels = read_pixels(self.folder / name, as_stored=True)
         height, width = pixels.shape[:2]
         camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
@@ -166,13 +163,8 @@ class FrameSequence:
                 f"{camera.width}x{camera.height}; name the folder that COLMAP read"
             )
         light = linear_light(pixels / np.float32(255 if pixels.dtype == np.uint8 else 65535))
-        scale = min(1.0, WORK_SIDE / max(width, height))
-        if scale < 1:
-            size = round(width * scale), round(height * scale)
-            light = cv2.resize(light, size, interpolation=cv2.INTER_AREA)
-            camera = type(camera)(camera)
-            camera.rescale(*size)
-        return light, self.network.predict(pixels), camera
+        view = View(image=light, grid=self.network.predict(pixels), camera=camera, pose=np.eye(3, 4))
+        return view.scaled(min(1.0, WORK_SIDE / max(width, height)))
 
     def _recover_one(self, name: str) -> RecoveredFrame | str:
         """Return a frame with its pose, or why there is none."""

@@ -27,7 +27,6 @@ end it; of cameras it knows `KNOWN`, of masks and of blur nothing.
 
 import os
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -36,7 +35,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
-from blur2view.colmap.models import database_of, observed
+from blur2view.colmap.models import DATABASE, noted, observed
 from blur2view.colmap.project import smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
@@ -49,22 +48,13 @@ FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE
 GLOBAL_SHUTTER = [0, 0, 0, 1]
 BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
 PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes the points
+Exposed = tuple[Any, list[Any], float | None]
+"""An image, its views at shutter-open and -close or none, and the length of its smear if it is known."""
 KNOWN = (*PLAIN, "OPENCV_FISHEYE")  # to gsplat
 RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ExposedPhotograph:
-    """A photograph of a model with the poses of its exposure, world_from_camera with OpenGL's camera axes."""
-
-    name: str
-    camera_id: int
-    middle: Array  # (4, 4), at mid exposure
-    ends: tuple[Array, Array] | None  # (4, 4) at shutter-open and shutter-close, None without views
-    smear_px: float | None  # length of its smear; None where it is unknown
-
-
-def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[ExposedPhotograph]:
+def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[Exposed]:
     """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer smears.
 
     The length is that which the results of the photograph state, where the model names the database that has
@@ -72,32 +62,24 @@ def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[E
     DatabaseError if none is left, none has both views, or a name leads out of the folder of photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
-    photographs, lengths = [], smear_lengths(database_of(folder) or folder)
+    photographs, lengths = list[Exposed](), smear_lengths(noted(folder, DATABASE) or folder)
     for name in sorted(name for name in images if not name.endswith((OPEN, CLOSE))):
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
             raise DatabaseError(f"{folder}: image {name} lies outside of the folder of images; rename it")
-        first, last = (images.get(name + end) for end in (OPEN, CLOSE))
-        ends, smear_px = None, None
-        if first is not None and last is not None:
-            ends = _world_from_camera(first), _world_from_camera(last)
-            smear_px = lengths.get(name, _smear_px(model, images[name], first, last))
-        photographs.append(
-            ExposedPhotograph(
-                name=name,
-                camera_id=images[name].camera_id,
-                middle=_world_from_camera(images[name]),
-                ends=ends,
-                smear_px=smear_px,
-            )
-        )
-    if all(one.ends is None for one in photographs):
+        views = [images[name + end] for end in (OPEN, CLOSE) if name + end in images]
+        if len(views) == 2:
+            smear_px = lengths.get(name, _smear_px(model, images[name], *views))
+            photographs.append((images[name], views, smear_px))
+        else:
+            photographs.append((images[name], [], None))
+    if not any(views for _, views, _ in photographs):
         raise DatabaseError(
             f"{folder}: no photograph has both its views, NAME{OPEN} and NAME{CLOSE}; put them there with "
             "blur2view place"
         )
     if np.isinf(max_smear_px):
         return photographs
-    kept = [one for one in photographs if one.smear_px is not None and one.smear_px <= max_smear_px]
+    kept = [one for one in photographs if one[2] is not None and one[2] <= max_smear_px]
     if not kept:
         raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; add to --max-smear")
     return kept
@@ -122,20 +104,27 @@ def transforms(
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
     photographs = with_views(model, folder, max_smear_px)
-    cameras = {one.camera_id: intrinsics(folder, model.cameras[one.camera_id]) for one in photographs}
+    used = {image.camera_id for image, _, _ in photographs}
+    cameras = {number: intrinsics(folder, model.cameras[number]) for number in used}
     kinds = sorted({one["camera_model"] for one in cameras.values()})
     if len(kinds) > 1:
         raise DatabaseError(f"{folder}: has plain and fisheye cameras; undistort the photographs first")
     shared = next(iter(cameras.values())) if len(cameras) == 1 else {"camera_model": kinds[0]}
     frames = []
-    for one in photographs:
-        own = {} if len(cameras) == 1 else cameras[one.camera_id]
-        path = os.path.join(images, one.name).replace(os.sep, "/")
-        pose = {"transform_matrix": one.middle.tolist()}
-        frames.append({"file_path": path, **own, **pose, **_motion(one, dialect, exposure_s)})
+    for image, views, smear_px in photographs:
+        own = {} if len(cameras) == 1 else cameras[image.camera_id]
+        path = os.path.join(images, image.name).replace(os.sep, "/")
+        middle = _world_from_camera(image)
+        ends = [_world_from_camera(view) for view in views]
+        motion = _ends(ends, smear_px) if dialect == INSTANT_NGP else _velocities(middle, ends, exposure_s)
+        frames.append({"file_path": path, **own, "transform_matrix": middle.tolist(), **motion})
     whole: dict[str, Any] = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
     whole |= {PLY_KEY: PLY} if model.points3D else {}
-    return shared | (_box(model, photographs) if dialect == INSTANT_NGP else whole) | {"frames": frames}
+    return (
+        shared
+        | (_box(model, [image for image, _, _ in photographs]) if dialect == INSTANT_NGP else whole)
+        | {"frames": frames}
+    )
 
 
 def point_cloud(model: Any) -> bytes:
@@ -184,29 +173,32 @@ def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:
     return float(np.median(np.linalg.norm(ends[1] - ends[0], axis=1)))
 
 
-def _motion(one: ExposedPhotograph, dialect: str, exposure_s: float) -> dict[str, Any]:
-    """Return what instant-ngp, or the fork of nerfstudio, reads of an exposure."""
-    if one.ends is None:
-        still = {f"camera_{kind}_velocity": [0.0] * 3 for kind in ("linear", "angular")}
-        return {} if dialect == INSTANT_NGP else still
-    first, last = one.ends
-    if dialect == INSTANT_NGP:
-        sharp = {} if one.smear_px is None else {"sharpness": 1 / (1 + one.smear_px)}
-        return {**sharp, "transform_matrix_start": first.tolist(), "transform_matrix_end": last.tolist()}
-    camera_from_world = one.middle[:3, :3].T
-    linear = camera_from_world @ (last[:3, 3] - first[:3, 3]) / exposure_s
-    angular = camera_from_world @ rotation_vector(last[:3, :3] @ first[:3, :3].T) / exposure_s
+def _ends(ends: list[Array], smear_px: float | None) -> dict[str, Any]:
+    """Return what instant-ngp reads of an exposure."""
+    sharp = {} if smear_px is None else {"sharpness": 1 / (1 + smear_px)}
+    named = zip(("transform_matrix_start", "transform_matrix_end"), ends, strict=False)
+    return sharp | {name: end.tolist() for name, end in named}
+
+
+def _velocities(middle: Array, ends: list[Array], exposure_s: float) -> dict[str, Any]:
+    """Return what the fork of nerfstudio reads of an exposure."""
+    linear = angular = np.zeros(3)
+    if ends:
+        first, last = ends
+        linear = middle[:3, :3].T @ (last[:3, 3] - first[:3, 3]) / exposure_s
+        angular = middle[:3, :3].T @ rotation_vector(last[:3, :3] @ first[:3, :3].T) / exposure_s
     return {"camera_linear_velocity": linear.tolist(), "camera_angular_velocity": angular.tolist()}
 
 
-def _box(model: Any, photographs: list[ExposedPhotograph]) -> dict[str, Any]:
+def _box(model: Any, images: list[Any]) -> dict[str, Any]:
     """Return the shutter, where instant-ngp's box lies in the world, and which way is up."""
-    centres = np.stack([one.middle[:3, 3] for one in photographs])
+    poses = np.stack([_world_from_camera(image) for image in images])
+    centres = poses[:, :3, 3]
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     middle = np.median(points if len(points) else centres, axis=0)
     distance = float(np.linalg.norm(centres - middle, axis=1).mean())
     scale = NERF_SCALE * MEAN_DISTANCE / distance if distance > 0 else NERF_SCALE
-    up = np.mean([one.middle[:3, 1] for one in photographs], axis=0)
+    up = poses[:, :3, 1].mean(axis=0)
     place = {"aabb_scale": BOX, "scale": scale, "offset": (0.5 - scale * middle).tolist()}
     return {"rolling_shutter": GLOBAL_SHUTTER, **place, "up": up.tolist()}
 

@@ -37,7 +37,6 @@ def estimate_frames(
     frames: Iterable[AnyArray] | str | os.PathLike[str],
     *,
     timestamps_s: Iterable[float] | None = None,
-    ordered: bool = True,
     network: SmearReader | None = None,
     select: SelectOptions | None = None,
     options: EstimatorOptions | None = None,
@@ -48,8 +47,8 @@ def estimate_frames(
 
     Each is as of :func:`estimate`, with the same options. A frame alone leaves the direction of time open;
     the frames before and after it decide it (``time`` of the estimate), so each is given when the next one is
-    there; not ``ordered``, at once and undecided. ``frames``, of one size, are pictures (H, W, 3) or (H, W)
-    in the order of time, or the file of a video; ``timestamps_s``, as of `timestamps_of`, go with them.
+    there. ``frames``, of one size, are pictures (H, W, 3) or (H, W) in the order of time, or the file of a
+    video; ``timestamps_s``, as of `timestamps_of`, go with them.
     ValueError if they are one photograph, their sizes differ, or there are fewer times; else as `estimate`.
 
     Examples
@@ -73,8 +72,7 @@ def estimate_frames(
         camera=camera,
         shutter=shutter,
     )
-    pictures = map(photograph_of, _frames_of(frames))
-    found = _in_series(pictures, one_of, camera) if ordered else map(one_of, pictures)
+    found = _in_series(map(photograph_of, _frames_of(frames)), one_of, camera)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))
 
 

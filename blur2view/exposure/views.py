@@ -80,17 +80,12 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
 
 
 def keypoint_views(
-    name: str,
-    keypoints: Array,
-    estimate: Estimate,
-    options: EstimatorOptions | None = None,
-    excluded: NDArray[np.bool_] | None = None,
+    name: str, keypoints: Array, estimate: Estimate, options: EstimatorOptions | None = None
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
     Each by half of its smear; where the camera did not move they stay. Usable are those whose smear is known
-    well enough, within the picture, and not on pixels (H, W) that are ``excluded``, as they move by
-    themselves; what is not finite is put at 0. ``options`` are those of the estimate.
+    well enough, within the picture; what is not finite is put at 0. ``options`` are those of the estimate.
     """
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
@@ -109,9 +104,6 @@ def keypoint_views(
     first, last = open_and_close(ends, second_end_is_open)
     certain = sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX)
     usable = inside & certain & (geometry.F is not None or geometry.H is not None)
-    if excluded is not None:
-        columns, rows = np.rint(points).astype(int).T
-        usable &= ~excluded[rows, columns]
     fits = usable  # without F all are taken to follow H
     if geometry.F is not None:
         errors = serrmin(geometry.F, order.camera.undistorted(ends))

@@ -54,7 +54,7 @@ WRONG_VALUES = [
     "estimate a.png --focal 300 --readout 25",
     "triage a.png --keep k --best 1.5",
     "triage a.png --csv t.csv --every-best 2",
-    "to-colmap a.png --db new.db --skip-movers",
+    "to-colmap a.png --db new.db --no-backup",
     "to-colmap a.png --db new.db --dask tcp://127.0.0.1:9 --link",
 ]
 MISTAKES += [(words, f"blur2view {words.split()[0]}: ") for words in WRONG_VALUES]  # of wrong usage alone

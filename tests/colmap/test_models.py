@@ -11,9 +11,10 @@ import pycolmap
 import pytest
 
 from blur2view.colmap.models import (
-    database_of,
+    DATABASE,
+    PICTURES,
     find_model,
-    pictures_of,
+    noted,
     read_model,
     refuse_other_model,
     write_model,
@@ -86,7 +87,7 @@ def test_a_model_of_an_earlier_call_is_replaced_and_no_other(model: Path, tmp_pa
     for _ in range(2):
         refuse_other_model(out)
         write_model(read_model(model), out, tmp_path, tmp_path / "walk.db")
-    assert (pictures_of(out), database_of(out)) == (tmp_path, tmp_path / "walk.db")
+    assert [noted(out, key) for key in (PICTURES, DATABASE)] == [tmp_path, tmp_path / "walk.db"]
     with pytest.raises(OutputError, match=r"rigs\.bin: is not of an earlier call"):
         refuse_other_model(model)
 
