@@ -2,6 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -16,8 +17,10 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.smears.grid import SmearGrid, to_double_angle
 
 SIZE, FOCAL, STRIDE, INSTANTS = (240, 180), 220.0, 32, 25
+CENTRE = (np.array(SIZE) - 1) / 2
+K = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1.0]])
 PLANE = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.25, 0.1, 4.0]])  # columns x, y, z of (u, v, 1)
-TEXEL = 0.02  # units of the plane
+TEXTURE, TEXEL = (500, 400), 0.02  # width and height; units of the plane
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +29,6 @@ class BlurredPlane:
 
     frames: int = 9
     share: float = 0.6
-    seed: int = 0
 
     @property
     def names(self) -> list[str]:
@@ -47,24 +49,19 @@ class BlurredPlane:
         centre = np.array([0.03, 0.01, 0.015]) * time + 0.02 * waves[::-1]
         return np.column_stack([R, -R @ centre])
 
-    def texture(self) -> AnyArray:
-        """Return the plane's brightness in linear light, 0 to 1."""
-        noise = np.random.default_rng(self.seed).normal(size=(400, 500)).astype(np.float32)
+    def render(self, time: float) -> AnyArray:
+        """Return a frame, uint8 RGB: the mean over instants of its exposure, in linear light."""
+        noise = np.random.default_rng(0).normal(size=TEXTURE[::-1]).astype(np.float32)
         fine, coarse = (cv2.GaussianBlur(noise, (0, 0), sigma) * sigma for sigma in (1.5, 4.0))
-        return np.asarray(np.clip(0.4 + 0.12 * (fine + coarse) / (fine + coarse).std(), 0, 1))
-
-    def render(self, time: float, share: float | None = None) -> AnyArray:
-        """Return a frame, uint8 RGB: the mean over instants of its exposure."""
-        texture, light = self.texture(), np.zeros(SIZE[::-1], np.float32)
-        height, width = texture.shape
-        plane = np.array([[TEXEL, 0, -TEXEL * width / 2], [0, TEXEL, -TEXEL * height / 2], [0, 0, 1.0]])
-        K = np.array([[FOCAL, 0, (SIZE[0] - 1) / 2], [0, FOCAL, (SIZE[1] - 1) / 2], [0, 0, 1.0]])
+        texture = np.clip(0.4 + 0.12 * (fine + coarse) / (fine + coarse).std(), 0, 1)
+        middle = -TEXEL * np.array(TEXTURE) / 2
+        plane = np.array([[TEXEL, 0, middle[0]], [0, TEXEL, middle[1]], [0, 0, 1.0]])
+        light = np.zeros(SIZE[::-1], np.float32)
         for t in (np.arange(INSTANTS) + 0.5) / INSTANTS - 0.5:
-            pose = self.pose(time + t * (self.share if share is None else share))
+            pose = self.pose(time + t * self.share)
             H = K @ (pose[:, :3] @ PLANE + np.outer(pose[:, 3], [0, 0, 1])) @ plane
             light += cv2.warpPerspective(texture, H, SIZE, flags=cv2.INTER_CUBIC)
-        coded = np.clip(light / INSTANTS, 0, 1) ** (1 / GAMMA)
-        grey = np.rint(255 * coded).astype(np.uint8)
+        grey = np.rint(255 * np.clip(light / INSTANTS, 0, 1) ** (1 / GAMMA)).astype(np.uint8)
         return np.repeat(grey[..., None], 3, axis=2)
 
     def points(self) -> Array:
@@ -72,20 +69,23 @@ class BlurredPlane:
         u, v = np.meshgrid(np.linspace(-2.5, 2.5, 24), np.linspace(-1.8, 1.8, 18))
         return np.asarray(np.column_stack([u.ravel(), v.ravel(), np.ones(u.size)]) @ PLANE.T)
 
+    def seen(self, pose: Array, world: Array) -> Array:
+        """Return our pixels (N, 2) of points (N, 3)."""
+        return projected(self.camera, world @ pose[:, :3].T + pose[:, 3])
+
     def pixels(self, time: float, pose: Array | None = None) -> Array:
         """Return our pixels (N, 2) of the points at a time, or from another pose."""
-        pose = self.pose(time) if pose is None else pose
-        return projected(self.camera, self.points() @ pose[:, :3].T + pose[:, 3])
+        return self.seen(self.pose(time) if pose is None else pose, self.points())
 
     @staticmethod
     def inside(pixels: Array) -> NDArray[np.bool_]:
         """Return which pixels (N, 2) are in the picture."""
         return np.asarray(np.all((pixels > 0) & (pixels < np.array(SIZE) - 1), axis=1))
 
-    @staticmethod
-    def seen_at(pixels: Array, pose: Array) -> Array:
-        """Return the points (N, 3) of the plane at pixels (N, 2)."""
-        rays = np.column_stack([(pixels - (np.array(SIZE) - 1) / 2) / FOCAL, np.ones(len(pixels))])
+    def world(self, pixels: Array, time: float) -> Array:
+        """Return the points (N, 3) of the plane at pixels (N, 2) of a time."""
+        pose = self.pose(time)
+        rays = np.column_stack([(pixels - CENTRE) / FOCAL, np.ones(len(pixels))])
         directions, centre = rays @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
         normal = np.cross(PLANE[:, 0], PLANE[:, 1])
         far = normal @ (PLANE[:, 2] - centre) / (directions @ normal)
@@ -93,35 +93,28 @@ class BlurredPlane:
 
     def transferred(self, pixels: Array, first: float, second: float) -> Array:
         """Return where pixels (N, 2) of one time are at another."""
-        pose = self.pose(second)
-        world = self.seen_at(pixels, self.pose(first))
-        return projected(self.camera, world @ pose[:, :3].T + pose[:, 3])
+        return self.seen(self.pose(second), self.world(pixels, first))
 
     def smears(self, time: float) -> SmearGrid:
         """Return exact smears of a frame on a network's grid."""
         shape = tuple(-(-side // STRIDE) for side in SIZE[::-1])
         empty = SmearGrid(cells=np.zeros((*shape, 4), np.float32), stride=STRIDE, shape=SIZE[::-1])
-        cells, pose = empty.points().reshape(-1, 2), self.pose(time)
-        world = self.seen_at(cells, pose)
-        first, last = (self.pose(time + t * self.share) for t in (-0.5, 0.5))
-        ends = [projected(self.camera, world @ one[:, :3].T + one[:, 3]) for one in (first, last)]
-        d = to_double_angle(ends[1] - ends[0])
-        sigma = np.column_stack([np.full(len(d), 0.5), np.full(len(d), 0.05)])
-        filled = np.hstack([d, sigma]).reshape(*shape, 4).astype(np.float32)
-        return SmearGrid(cells=filled, stride=STRIDE, shape=SIZE[::-1])
+        at = empty.points().reshape(-1, 2)
+        first, last = (self.transferred(at, time, time + t * self.share) for t in (-0.5, 0.5))
+        sigma = np.tile([0.5, 0.05], (len(at), 1))
+        cells = np.hstack([to_double_angle(last - first), sigma]).reshape(*shape, 4).astype(np.float32)
+        return SmearGrid(cells=cells, stride=STRIDE, shape=SIZE[::-1])
 
-    def write(self, folder: Path, registered: Collection[int], sharp: Collection[int] = ()) -> None:
+    def write(self, folder: Path, registered: Collection[int]) -> None:
         """Write ``frames``, all of them, and ``model``, of those registered, whose points have tracks."""
         (folder / "frames").mkdir(parents=True)
         for k, name in enumerate(self.names):
-            picture = self.render(k, 0.0 if k in sharp else None)
-            cv2.imwrite(str(folder / "frames" / name), picture)
+            cv2.imwrite(str(folder / "frames" / name), self.render(k))
         model = pycolmap.Reconstruction()
         model.add_camera_with_trivial_rig(self.camera)
-        world = self.points()
-        numbers = [model.add_point3D(xyz, pycolmap.Track()) for xyz in world]
         seen = {k: self.inside(self.pixels(k)) for k in registered}
         often = np.sum(list(seen.values()), axis=0) > 1
+        numbers = {k: model.add_point3D(self.points()[k], pycolmap.Track()) for k in np.flatnonzero(often)}
         for k in registered:
             shown = np.flatnonzero(seen[k] & often)
             keypoints = self.pixels(k)[shown] + 0.5
@@ -129,8 +122,6 @@ class BlurredPlane:
             model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(self.pose(k)))
             for place, index in enumerate(shown):
                 model.add_observation(numbers[index], pycolmap.TrackElement(10 + k, place))
-        for index in np.flatnonzero(~often):
-            model.delete_point3D(numbers[index])
         (folder / "model").mkdir()
         model.write(folder / "model")
 
@@ -140,16 +131,12 @@ class ExactSmears:
     """In the place of a network: exact smears of the frames, which are recognised by their pixels."""
 
     plane: BlurredPlane
-    sharp: Collection[int] = ()
 
-    def __post_init__(self) -> None:
-        pictures = [self.plane.render(k, 0.0 if k in self.sharp else None) for k in range(self.plane.frames)]
-        self.known = {picture.tobytes(): k for k, picture in enumerate(pictures)}
+    @cached_property
+    def known(self) -> dict[bytes, int]:
+        """The frames by their pixels."""
+        return {self.plane.render(k).tobytes(): k for k in range(self.plane.frames)}
 
     def predict(self, image: AnyArray) -> SmearGrid:
         """Return the smears of a frame; of any other picture those of the first."""
-        k = self.known.get(image.tobytes(), 0)
-        grid = self.plane.smears(k)
-        if k in self.sharp:
-            grid.cells[..., :2] = 0
-        return grid
+        return self.plane.smears(self.known.get(image.tobytes(), 0))
