@@ -1,7 +1,7 @@
 """The paper's six losses (its Table 1) and its study of alpha, on the features of the network that ships.
 
     python -m tools.training.reader_data examples --photos FOLDER... --shards 24
-    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1 --rendered-share 0
+    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1
     python -m tools.paper.losses examples --held held
 
 trains a small network for every loss and seed (`VARIANTS`, `SEEDS`), all on the same examples and for as many

@@ -58,27 +58,19 @@ class Sources:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerScene:
-    """A picture in linear light, and its truth at places of 4 x 4 pixels.
-
-    Parameters
-    ----------
-    linear : ndarray of shape (H, W, 3), float32
-    displacement : ndarray of shape (H/4, W/4, 2), float32
-        Of the surface that is seen most, pixels.
-    moving, share : ndarray of shape (H/4, W/4), float32
-        Share of what is seen that moves by itself; that of the surface seen most.
-    radius_px : ndarray of shape (H/4, W/4), float32
-        How far the surface seen most is out of focus.
-    kind : str
-        One of `KINDS`.
-    """
+    """A picture in linear light (H, W, 3), and its truth at places of 4 x 4 pixels (H/4, W/4), float32."""
 
     linear: Floats
     displacement: Floats
+    """(H/4, W/4, 2), of the surface that is seen most, pixels."""
     moving: Floats
+    """Share of what is seen that moves by itself."""
     share: Floats
+    """That of the surface seen most."""
     radius_px: Floats
+    """How far that is out of focus."""
     kind: str
+    """One of `KINDS`."""
 
     @property
     def camera_moved(self) -> float:
@@ -91,28 +83,19 @@ class LayerScene:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layers:
-    """Surfaces, the furthest first, and how they move during the exposure.
-
-    Parameters
-    ----------
-    colour : ndarray of shape (L, h, w, 4), float32
-        Linear light times coverage, and coverage, ``margin`` pixels wider than the picture on each side.
-    displacement : ndarray of shape (L, gh, gw, 2), float32
-        Every `GRID` pixels, pixels.
-    margin, steps : int
-        Pixels; sub-frames.
-    bend : ndarray of shape (2,)
-        Of all paths, pixels.
-    acceleration : float
-        The a of s(t).
-    """
+    """Surfaces, the furthest first, and how they move during the exposure."""
 
     colour: Floats
+    """(L, h, w, 4): linear light times coverage, and coverage, ``margin`` pixels wider on each side."""
     displacement: Floats
+    """(L, gh, gw, 2), every `GRID` pixels, pixels."""
     margin: int
     steps: int
+    """Sub-frames."""
     bend: NDArray[np.float64]
+    """(2,), of all paths, pixels."""
     acceleration: float
+    """The a of s(t)."""
 
 
 def silhouettes(font: Path = FONT) -> Pictures:

@@ -53,13 +53,10 @@ def bend_of(rng: np.random.Generator, velocity: Vector, ratio: float) -> Vector:
 
 
 def sample_camera_path(rng: np.random.Generator, straight: bool = False) -> tuple[Trajectory, str]:
-    """Return a random camera path of unit size and the name of its kind.
+    """Return a random camera path of unit size, which the renderer scales, and the name of its kind.
 
-    Kinds: ``rotation`` (no translation), ``translation`` (no rotation), ``forward``, ``orbit`` (sideways,
-    with a rotation that mostly holds the middle distance still, as one does who follows something, and in a
-    quarter of the cases moves the image further) and ``mixed``. Unit size means: rotation, and
-    translation at unit depth, move image points by comparable amounts; the renderer scales the path to a
-    smear length.
+    An ``orbit`` goes sideways, with a rotation that mostly holds the middle distance still, as one does who
+    follows something, and in a quarter of the cases moves the image further.
     """
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     translation = unit(rng, (1, 0.8, 0.8))

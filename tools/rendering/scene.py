@@ -21,9 +21,14 @@ SIZE = 160  # side of a stencil in its own cells; a card stretches it over its b
 FRACTION_BITS = 3  # OpenCV draws with coordinates in eighths of a cell
 
 
+def empty() -> Alpha:
+    """Return an empty stencil."""
+    return np.zeros((SIZE, SIZE), np.float32)
+
+
 def polygon(rng: np.random.Generator) -> Alpha:
     """Return a random star-shaped polygon of three to eight corners."""
-    alpha = np.zeros((SIZE, SIZE), np.float32)
+    alpha = empty()
     angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
     radius = SIZE * rng.uniform(0.25, 0.5, len(angles))
     corners = SIZE / 2 + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
@@ -33,7 +38,7 @@ def polygon(rng: np.random.Generator) -> Alpha:
 
 def ellipse(rng: np.random.Generator) -> Alpha:
     """Return a random turned ellipse about the centre."""
-    alpha, scale = np.zeros((SIZE, SIZE), np.float32), SIZE * 8
+    alpha, scale = empty(), SIZE * 8
     axes = int(scale * rng.uniform(0.15, 0.48)), int(scale * rng.uniform(0.15, 0.48))
     centre, turn = (scale // 2, scale // 2), rng.uniform(0, 180)
     cv2.ellipse(alpha, centre, axes, turn, 0, 360, 1.0, -1, cv2.LINE_AA, FRACTION_BITS)
@@ -42,7 +47,7 @@ def ellipse(rng: np.random.Generator) -> Alpha:
 
 def bars(rng: np.random.Generator) -> Alpha:
     """Return one to eight straight bars, thin or thick."""
-    alpha = np.zeros((SIZE, SIZE), np.float32)
+    alpha = empty()
     for _ in range(int(rng.integers(1, 9))):
         first, last = (rng.uniform(-0.2, 1.2, (2, 2)) * SIZE * 8).astype(int).tolist()
         cv2.line(alpha, first, last, 1.0, int(rng.integers(1, 12)), cv2.LINE_AA, FRACTION_BITS)
@@ -65,26 +70,20 @@ def letters(rng: np.random.Generator) -> Alpha:
 
 def box(rng: np.random.Generator) -> Alpha:
     """Return a stencil filled up to a thin margin; `rng` is not used."""
-    alpha = np.zeros((SIZE, SIZE), np.float32)
+    alpha = empty()
     alpha[2:-2, 2:-2] = 1.0
     return alpha
 
 
-OUTLINES: dict[str, tuple[Callable[[np.random.Generator], Alpha], float]] = {
-    "polygon": (polygon, 0.22),
-    "ellipse": (ellipse, 0.2),
-    "bars": (bars, 0.2),
-    "foliage": (foliage, 0.15),
-    "letters": (letters, 0.05),
-    "box": (box, 0.18),
-}
+OUTLINES: dict[Callable[[np.random.Generator], Alpha], float] = {
+    polygon: 0.22, ellipse: 0.2, bars: 0.2, foliage: 0.15, letters: 0.05, box: 0.18
+}  # fmt: skip
 """Outlines and their shares."""
 
 
 def sample_stencil(rng: np.random.Generator) -> Alpha:
     """Return a random alpha mask (SIZE, SIZE) in [0, 1] of one card; its border is empty."""
-    shares = [share for _, share in OUTLINES.values()]
-    outline, _ = OUTLINES[str(rng.choice(list(OUTLINES), p=shares))]
+    outline = list(OUTLINES)[int(rng.choice(len(OUTLINES), p=list(OUTLINES.values())))]
     alpha = outline(rng)
     alpha[[0, -1]] = 0
     alpha[:, [0, -1]] = 0

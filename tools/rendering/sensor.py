@@ -22,24 +22,16 @@ UPSCALED_SHARE, DENOISED_SHARE, TWICE_SHARE, REDUCED_SHARE = 0.12, 0.12, 0.15, 0
 
 @dataclass(frozen=True, kw_only=True)
 class SensorOptions:
-    """Which effects may occur; the defaults are those of training.
+    """Which effects may occur; the defaults are those of test sets. Shares are of images."""
 
-    ``softness_px`` is the range of the standard deviation of the optical point spread, ``read_noise`` that of
-    the noise in the dark (full scale 1, log-uniform), ``shot_noise`` of its variance per unit signal
-    (log-uniform), ``sharpening`` of the strength of unsharp masking. Shares of images are JPEG-compressed,
-    out of focus by a disc of up to 6 px radius, taken by an unbalanced mosaic (clipped and interpolated
-    before the white balance), and grainy: grey noise a few pixels wide, and sharpened along one axis only, as
-    small sensors are read, and videos.
-    """
-
-    softness_px: tuple[float, float] = (0.0, 1.4)
-    read_noise: tuple[float, float] = (3e-4, 6e-3)
-    shot_noise: tuple[float, float] = (1e-5, 1e-3)
+    softness_px: tuple[float, float] = (0.0, 1.4)  # standard deviation of the optical point spread
+    read_noise: tuple[float, float] = (3e-4, 6e-3)  # standard deviation in the dark; log-uniform
+    shot_noise: tuple[float, float] = (1e-5, 1e-3)  # variance per unit signal; log-uniform
     jpeg_share: float = 0.75
-    defocus_share: float = 0.14
-    unbalanced_share: float = 0.0
-    sharpening: tuple[float, float] = (0.2, 1.2)
-    grain_share: float = 0.0
+    defocus_share: float = 0.14  # out of focus by a disc of up to 6 px radius
+    unbalanced_share: float = 0.0  # clipped and interpolated before the white balance
+    sharpening: tuple[float, float] = (0.2, 1.2)  # strength of unsharp masking
+    grain_share: float = 0.0  # grey noise a few pixels wide; sharpened along one axis, as videos are
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
@@ -80,20 +72,8 @@ def add_noise(rng: np.random.Generator, signal: AnyArray, options: SensorOptions
     return np.asarray(np.clip(signal + deviation * noise, 0, 1))
 
 
-def add_blotches(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
-    """Return the picture with coarse coloured noise, as denoising and video compression leave it."""
-    small = rng.standard_normal((-(-signal.shape[0] // 2), -(-signal.shape[1] // 2), 3), dtype=np.float32)
-    size = (signal.shape[1], signal.shape[0])
-    coarse = np.asarray(cv2.resize(gaussian(small, rng.uniform(0.6, 1.5)), size))
-    colour = coarse - coarse.mean(2, keepdims=True)
-    return np.asarray(np.clip(signal * (1 + np.float32(rng.uniform(0.01, 0.1)) * colour), 0, 1))
-
-
 def demosaic(signal: AnyArray, edges: bool = False) -> AnyArray:
-    """Return linear RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic (RGGB) and interpolated back.
-
-    Linearly, or along edges.
-    """
+    """Return RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic and interpolated linearly, or along edges."""
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
@@ -110,6 +90,13 @@ def demosaic_unbalanced(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
     return np.asarray(np.clip(demosaic(raw, edges=rng.random() < 0.4) * balance, 0, 1))
 
 
+def blotches(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
+    """Return factors (H, W, 3) about 1: coarse coloured noise, as denoising and videos leave it."""
+    small = rng.standard_normal((-(-shape[0] // 2), -(-shape[1] // 2), 3), dtype=np.float32)
+    coarse = np.asarray(cv2.resize(gaussian(small, rng.uniform(0.6, 1.5)), shape[1::-1]))
+    return np.asarray(1 + np.float32(rng.uniform(0.01, 0.1)) * (coarse - coarse.mean(2, keepdims=True)))
+
+
 def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     """Return sRGB coding or a camera's own curve: another gamma and an S of varying strength."""
     if rng.random() < 0.4:
@@ -118,13 +105,6 @@ def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     coded = np.maximum(linear, 1e-6) ** np.float32(1 / rng.uniform(1.8, 2.6))
     strength = np.float32(rng.uniform(0, 0.8))
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
-
-
-def add_grain(rng: np.random.Generator, coded: AnyArray) -> AnyArray:
-    """Return the picture with grey noise that is a few pixels wide."""
-    noise = gaussian(rng.standard_normal(coded.shape[:2], dtype=np.float32), rng.uniform(0.6, 1.6))
-    strength = log_uniform(rng, (2e-3, 1.5e-2)) / noise.std()
-    return np.asarray(coded + np.float32(strength) * noise[..., None])
 
 
 def sharpen(rng: np.random.Generator, coded: AnyArray, options: SensorOptions) -> AnyArray:
@@ -159,10 +139,11 @@ def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOption
     if rng.random() < 0.3:  # denoised by the camera
         signal = gaussian(signal, rng.uniform(0.4, 0.9))
     if rng.random() < 0.2:
-        signal = add_blotches(rng, signal)
+        signal = np.clip(signal * blotches(rng, signal.shape), 0, 1)
     coded = np.asarray(tone(rng, signal), np.float32)
     if options.grain_share and rng.random() < options.grain_share:
-        coded = add_grain(rng, coded)
+        noise = gaussian(rng.standard_normal(coded.shape[:2], dtype=np.float32), rng.uniform(0.6, 1.6))
+        coded += np.float32(log_uniform(rng, (2e-3, 1.5e-2)) / noise.std()) * noise[..., None]
     coded = sharpen(rng, coded, options)
     if rng.random() < 0.1:
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)
@@ -171,24 +152,17 @@ def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOption
 
 
 def small_camera(softness_px: float) -> SensorOptions:
-    """Return a phone's options, in focus: an unbalanced mosaic, halos of sharpening, grain.
-
-    Its point spread has this standard deviation.
-    """
+    """Return a phone's options, in focus: an unbalanced mosaic, halos of sharpening, grain."""
+    spread = (softness_px, softness_px)
     return SensorOptions(
-        softness_px=(softness_px, softness_px),
-        defocus_share=0.0,
-        unbalanced_share=0.6,
-        sharpening=(0.2, 2.0),
-        grain_share=0.3,
+        softness_px=spread, defocus_share=0.0, unbalanced_share=0.6, sharpening=(0.2, 2.0), grain_share=0.3
     )
 
 
 def processed(rng: np.random.Generator, linear: AnyArray) -> tuple[AnyArray, float]:
-    """Photograph radiance (H, W, 3) and process it as phones, videos and web sites do.
+    """Photograph radiance (H, W, 3) as phones, videos and web sites do: uint8 RGB, or float32 on its scale.
 
-    Return the picture, uint8 RGB or float32 on its scale, and the radius of the disc that spreads as widely
-    as the camera does, pixels.
+    Also return the radius of the disc that spreads as widely as the camera does, pixels.
     """
     height, width = linear.shape[:2]
     softness = rng.uniform(0.0, 1.2)
@@ -213,11 +187,7 @@ def processed(rng: np.random.Generator, linear: AnyArray) -> tuple[AnyArray, flo
 
 
 def reduced(rng: np.random.Generator, linear: AnyArray, softness: float) -> tuple[AnyArray, float]:
-    """Photograph as a larger picture and reduce that, as octaves are: float32 on the scale of uint8.
-
-    Half of the time by two; else by much more, which leaves hardly any noise. Also return the radius of the
-    camera's spread, as `processed` does.
-    """
+    """Do the same of a picture twice as large, or much larger, which leaves hardly any noise; reduce it."""
     height, width = linear.shape[:2]
     if rng.random() < 0.5:
         large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
@@ -234,11 +204,7 @@ def reduced(rng: np.random.Generator, linear: AnyArray, softness: float) -> tupl
 
 
 def point_spread(rng: np.random.Generator, radius_px: float, kind: str | None = None) -> AnyArray:
-    """Return a point spread of this radius, (n, n) float32 of sum one, of a kind that is drawn.
-
-    Of a disc the radius is its own; of others it is that of the disc with as wide a spread: twice the
-    standard deviation along an axis.
-    """
+    """Return a point spread (n, n) of sum one, of a kind or any, as wide as the disc of a radius."""
     kind = kind or str(rng.choice(SPREADS, p=SPREAD_SHARES))
     squeeze = rng.uniform(LEAST_AXIS, 1) if rng.random() < ELLIPTIC_SHARE else 1.0
     angle, blades = rng.uniform(0, np.pi), int(rng.integers(5, 10))

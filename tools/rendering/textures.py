@@ -1,9 +1,7 @@
-"""Surface textures for the renderer, in linear light: procedural ones and photographs.
+"""Surface textures in linear light: procedural, of scikit-image (CC0 or public domain), and of folders.
 
-All sources may be shipped with the weights trained on them: the procedural ones are made here, the
-bundled photographs come with scikit-image (CC0 or public domain), and a folder of photographs may be
-added (the Kodak suite, "released for unrestricted usage"). Photographs are split by name into a
-training and a held-out part, so that no test image shares a texture with training.
+Photographs are split by name into a training and a held-out part, so that no test image shares a texture
+with training.
 """
 
 import functools
@@ -15,20 +13,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 
 Image = NDArray[np.float32]
 Scalars = NDArray[np.float32]
 
 SIZE = 512  # side of a procedural texture, in texels
-
 BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass", "gravel", "rocket", "page")
-"""Photographs of scikit-image that are CC0 or public domain and inside its wheel."""
-
 HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")  # those of them that only the test split uses
-
 LARGEST_PX = 3000  # photographs are halved until their longer side is at most this: few are sharper
 HELD_OUT_EVERY = 4  # every fourth photograph of an added folder (by sorted name) is held out of training
+BITS = cv2.LINE_AA, 3  # OpenCV draws smoothly, with coordinates in eighths of a texel
 
 
 def split_files(split: str, folder: Path) -> list[Path]:
@@ -101,23 +97,35 @@ def colour(rng: np.random.Generator) -> Image:
     return np.clip(grey * (1 + rng.normal(0, 0.3, 3)) + 0.005, 0, 1).astype(np.float32)
 
 
+def filled(rng: np.random.Generator) -> Image:
+    """Return one colour."""
+    return np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+
+
+def eighths(*values: float) -> tuple[int, ...]:
+    """Return coordinates as OpenCV takes them."""
+    return tuple(int(value * 8) for value in values)
+
+
+def ink(rng: np.random.Generator) -> tuple[float, ...]:
+    """Return a colour as OpenCV takes it."""
+    return tuple(float(c) for c in colour(rng))
+
+
 def dead_leaves(rng: np.random.Generator) -> Image:
     """Return occluding discs, triangles and boxes; sizes follow a power law (Lee, Mumford, Huang 2001)."""
-    image = np.empty((SIZE, SIZE, 3), np.float32)
-    image[:] = colour(rng)
-    smallest = rng.uniform(1.5, 5.0)
+    image, smallest = filled(rng), rng.uniform(1.5, 5.0)
     for _ in range(int(rng.integers(250, 900))):
         radius = min(smallest / max(rng.random(), 1e-3) ** 0.6, 130.0)
         x, y = rng.uniform(0, SIZE, 2)
-        fill = tuple(float(c) for c in colour(rng))
-        kind = rng.integers(3)
+        fill, kind = ink(rng), rng.integers(3)
         if kind == 0:
-            cv2.circle(image, (int(x * 8), int(y * 8)), int(radius * 8), fill, -1, cv2.LINE_AA, 3)
+            cv2.circle(image, eighths(x, y), int(radius * 8), fill, -1, *BITS)
             continue
         angles = rng.uniform(0, 2 * np.pi) + np.arange(kind + 2) * 2 * np.pi / (kind + 2)
         squeeze = rng.uniform(0.3, 1)
         corners = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles) * squeeze], 1)
-        cv2.fillPoly(image, [(corners * 8).astype(np.int32)], fill, cv2.LINE_AA, 3)
+        cv2.fillPoly(image, [(corners * 8).astype(np.int32)], fill, *BITS)
     return image
 
 
@@ -143,27 +151,24 @@ def cloudy(rng: np.random.Generator) -> Image:
 
 def printed(rng: np.random.Generator) -> Image:
     """Return lines of text in several sizes on a plain or cloudy ground."""
-    image = (
-        cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
-    )
+    image = np.asarray(cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else filled(rng))
     alphabet = np.array(list(string.ascii_letters + string.digits + "    .,-"))
-    y = 0.0
+    fonts, y = [cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_COMPLEX], 0.0
     while y < SIZE:
         height = rng.uniform(7, 60) if rng.random() < 0.3 else rng.uniform(7, 22)
         y += height * 1.5
-        text = "".join(rng.choice(alphabet, 70))
-        font = int(rng.choice([cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_COMPLEX]))
-        where, ink = (int(rng.uniform(-40, 60)), int(y)), np.zeros((SIZE, SIZE), np.uint8)
-        cv2.putText(ink, text, where, font, height / 30, 255, max(1, int(height / 14)), cv2.LINE_AA)
+        text, font = "".join(rng.choice(alphabet, 70)), int(rng.choice(fonts))
+        where, line = (int(rng.uniform(-40, 60)), int(y)), np.zeros((SIZE, SIZE), np.uint8)
+        cv2.putText(line, text, where, font, height / 30, 255, max(1, int(height / 14)), cv2.LINE_AA)
         rows = slice(max(0, int(y - 1.2 * height)), int(y + 0.5 * height) + 1)
-        cover = ink[rows, :, None] / np.float32(255)
+        cover = line[rows, :, None] / np.float32(255)
         image[rows] += cover * (colour(rng) - image[rows])
     return image
 
 
 def bricks(rng: np.random.Generator) -> Image:
     """Return courses of bricks or tiles with mortar, each with a colour of its own."""
-    image = np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    image = filled(rng)
     width, height = rng.uniform(12, 90), rng.uniform(8, 45)
     mortar, base = rng.uniform(1, 5), colour(rng)
     stagger = rng.choice([0.0, 0.5, rng.random()])
@@ -171,35 +176,30 @@ def bricks(rng: np.random.Generator) -> Image:
         for column in range(-1, int(SIZE / width) + 1):
             x, y = (column + stagger * (row % 2)) * width, row * height
             fill = np.clip(base * (1 + rng.normal(0, 0.25)) + rng.normal(0, 0.03, 3), 0, 1)
-            corner = (int((x + mortar) * 8), int((y + mortar) * 8))
-            opposite = (int((x + width) * 8), int((y + height) * 8))
-            cv2.rectangle(image, corner, opposite, tuple(float(c) for c in fill), -1, cv2.LINE_AA, 3)
+            draw_box(image, (x + mortar, y + mortar, x + width, y + height), fill)
     grain = 1 + rng.uniform(0.02, 0.25) * spectral_noise(rng, exponent=rng.uniform(0.3, 1.2))[..., None]
     return np.clip(image * grain, 0, 1).astype(np.float32)
 
 
 def strokes(rng: np.random.Generator) -> Image:
     """Return thin broken lines: cables, branches, scratches."""
-    image = cloudy(rng) if rng.random() < 0.5 else np.full((SIZE, SIZE, 3), colour(rng), np.float32)
+    image = cloudy(rng) if rng.random() < 0.5 else filled(rng)
     for _ in range(int(rng.integers(30, 220))):
         start, spread, corners = rng.uniform(0, SIZE, 2), rng.uniform(5, 60), int(rng.integers(2, 7))
         points = start + np.cumsum(rng.normal(0, spread, (corners, 2)), 0)
-        ink = tuple(float(c) for c in colour(rng))
-        thickness = int(rng.integers(1, 5))
-        cv2.polylines(image, [(points * 8).astype(np.int32)], False, ink, thickness, cv2.LINE_AA, 3)
+        fill, thickness = ink(rng), int(rng.integers(1, 5))
+        cv2.polylines(image, [(points * 8).astype(np.int32)], False, fill, thickness, *BITS)
     return image
 
 
 def panels(rng: np.random.Generator) -> Image:
     """Return a wall of plain panels with seams, frames, panes and handles: doors, cupboards, facades.
 
-    Long straight edges and nothing between them: what buildings and furniture show, and where blur along an
-    edge cannot be seen.
+    Long straight edges and nothing between them, where blur along an edge cannot be seen.
     """
     palette = [colour(rng) for _ in range(int(rng.integers(1, 5)))]
-    image = np.empty((SIZE, SIZE, 3), np.float32)
     smallest, seam = rng.uniform(24, 150), rng.uniform(0, 5)
-    image[:] = colour(rng)
+    image = filled(rng)
     for left, top, right, bottom in divided(rng, (0, 0, SIZE, SIZE), smallest):
         box = (left + seam, top + seam, right, bottom)
         draw_box(image, box, palette[rng.integers(len(palette))] * np.float32(np.exp(rng.normal(0, 0.08))))
@@ -232,10 +232,9 @@ def divided(
     return [part for half in halves for part in divided(rng, half, smallest)]
 
 
-def draw_box(image: Image, box: tuple[float, float, float, float], fill: Image) -> None:
+def draw_box(image: Image, box: tuple[float, float, float, float], fill: AnyArray) -> None:
     """Fill a box (left, top, right, bottom), texels, in place."""
-    first, last = ((int(box[k] * 8), int(box[k + 1] * 8)) for k in (0, 2))
-    cv2.rectangle(image, first, last, tuple(float(c) for c in fill), -1, cv2.LINE_AA, 3)
+    cv2.rectangle(image, eighths(*box[:2]), eighths(*box[2:]), tuple(float(c) for c in fill), -1, *BITS)
 
 
 def shading(rng: np.random.Generator) -> Scalars:
@@ -247,8 +246,7 @@ def shading(rng: np.random.Generator) -> Scalars:
 
 def plain(rng: np.random.Generator) -> Image:
     """Return one colour with slow shading and at most a few marks: walls, sky, floors, cloth."""
-    image = np.empty((SIZE, SIZE, 3), np.float32)
-    image[:] = colour(rng)
+    image = filled(rng)
     for _ in range(int(rng.choice([0, 0, 3, 12]))):
         width, height = np.exp(rng.uniform(np.log(2), np.log(30), 2))
         x, y = rng.uniform(0, SIZE, 2)

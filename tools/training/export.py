@@ -8,8 +8,8 @@ writes the mean. The reader's products are of integers, the U-Net's weights in h
 import hashlib
 import json
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from blur2view.arrays import AnyArray
 from blur2view.movers.evidence import CELL_VALUES, PLACE_PX
-from blur2view.networks.model_file import BLUR, SMEAR, UNET
+from blur2view.networks.model_file import BLUR, SMEAR, UNET, NetworkFormat
 from blur2view.networks.smear_network import BRIGHT
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
@@ -33,59 +33,27 @@ from tools.rendering.sensor import photograph
 from tools.training.mover_networks import CELLS, PLACES, BlurNet, UNet
 from tools.training.reader import Circular, Reader, ReaderOptions, clipped_shares
 
+Rounding = Callable[[onnx.ModelProto, Path], onnx.ModelProto]
+
 LARGEST_DIFFERENCE = 2e-3  # between log-odds or logits of ONNX Runtime and torch
-MOST_ROUNDED = {"exact": LARGEST_DIFFERENCE, "integers": 0.2, "halves": 0.05}
-"""Root mean square of what each way of storing changes; the reader's logits have deviations of 2 to 3, the
-U-Net's log-odds of 5."""
-CONVENTION = (
-    "one octave of a photograph; inputs: grey (1,1,H,W) float32, sRGB-coded luma, 0 to 1, H and W "
-    "multiples of 32 and at least 64; cepstra (1,H/32,W/32,32,45) and scales (1,H/32,W/32,3) of its windows "
-    "of 96 px as blur2view.networks.spectra gives them; "
-    "coarser (1,H/32,W/32,32,C): features of the octave half the size, each cell repeated 2 x 2, or zeros; "
-    "outputs: logits (1,H/32,W/32,32,20) over direction (180 k / 32 degrees) and length (shorter, 2 px "
-    "and up, four an octave, longer), radii (1,H/32,W/32,20) over radius out of focus (smaller, 0.7 px and "
-    "up, four an octave, larger), kinds (1,H/32,W/32,5): sharp, out of focus, smeared, both, cannot tell; "
-    "features (1,H/32,W/32,32,C); cell j is centred at pixel 32*j + 15.5"
-)
-PROPERTIES = {
-    "blur2view_format": SMEAR.version,
-    "stride": str(STEP),
-    "multiple_of": str(STEP),
-    "brightness": str(BRIGHT),
-    "convention": CONVENTION,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """What is written: a network, what it is traced on and compared with, and what its file says.
+    """What is written: a network of a format, traced on ``inputs`` and compared with torch on ``samples``.
 
-    Parameters
-    ----------
-    network : Module
-    inputs, samples : dict of Tensor
-        By name: traced on, and further ones on which the file is compared with torch.
-    outputs : tuple of str
-    axes : dict
-        Names of the axes of inputs and outputs that may have any length.
-    kind : str
-        The file's ``model_id`` is this and the first digits of its digest.
-    properties : dict of str
-        What else the file says of itself.
-    stored : {"exact", "integers", "halves"}
-        ``integers``: products with stored matrices are computed on integers, which takes a third of the time,
-        and weights keep their names, so that a training can start from the file. ``halves``: weights are
-        stored in half precision.
+    ``axes`` are names of those that may have any length. ``rounded`` stores weights smaller, which may change
+    outputs by ``most_rounded`` (root mean square; the reader's logits have deviations of 2 to 3, the U-Net's
+    log-odds of 5).
     """
 
     network: nn.Module
+    form: NetworkFormat
     inputs: Mapping[str, Tensor]
     samples: Mapping[str, Tensor]
-    outputs: tuple[str, ...]
     axes: dict[str, dict[int, str]]
-    kind: str
-    properties: dict[str, str] = field(default_factory=dict)
-    stored: Literal["exact", "integers", "halves"] = "exact"
+    rounded: Rounding | None
+    most_rounded: float
 
 
 def write(target: Path, export: Export, facts: Mapping[str, object]) -> None:
@@ -93,32 +61,38 @@ def write(target: Path, export: Export, facts: Mapping[str, object]) -> None:
 
     ``target`` is replaced only by a whole file; ``facts`` say how it was trained.
     """
-    temporary, network = target.with_suffix(".tmp.onnx"), export.network.eval()
+    temporary, network, form = target.with_suffix(".tmp.onnx"), export.network.eval(), export.form
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter announces its own deprecation and its tracing
         torch.onnx.export(
             network,
             tuple(export.inputs.values()),
             str(temporary),
-            input_names=list(export.inputs),
-            output_names=list(export.outputs),
+            input_names=list(form.inputs),
+            output_names=list(form.outputs),
             dynamic_axes=export.axes,
             opset_version=17,
             dynamo=False,
-            do_constant_folding=export.stored != "integers",
+            do_constant_folding=export.rounded is not with_integers,
         )
     graph = onnx.load(temporary)
     worst = max(np.abs(one).max() for one in differences(temporary, network, export.samples))
-    if worst <= LARGEST_DIFFERENCE and export.stored != "exact":
-        graph = (
-            with_integers(graph, temporary) if export.stored == "integers" else with_halves(graph, temporary)
-        )
+    most = LARGEST_DIFFERENCE
+    if worst <= most and export.rounded is not None:
+        graph, most = export.rounded(graph, temporary), export.most_rounded
         worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, export.samples))
-    if not worst <= MOST_ROUNDED[export.stored]:
+    if not worst <= most:
         raise SystemExit(f"{temporary} differs from torch by {worst:.2g}, so it does not replace {target}")
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()[:12]
-    said = {"model_id": f"{export.kind}-{digest}", "license": "Apache-2.0", "training": json.dumps(facts)}
-    onnx.helper.set_model_props(graph, said | export.properties)
+    said = {
+        "blur2view_format": form.version,
+        "model_id": f"{form.file.removesuffix('.onnx')}-{digest}",
+        "license": "Apache-2.0",
+        "training": json.dumps(facts),
+    }
+    if form is SMEAR:
+        said["brightness"] = str(BRIGHT)
+    onnx.helper.set_model_props(graph, said)
     onnx.checker.check_model(graph)
     onnx.save(graph, temporary)
     temporary.replace(target)
@@ -128,13 +102,12 @@ def write(target: Path, export: Export, facts: Mapping[str, object]) -> None:
 def with_halves(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
     """Return a model whose weights are stored in half precision, cast when it is run."""
     graph = model.graph
-    for tensor in [
-        one for one in graph.initializer if one.data_type == onnx.TensorProto.FLOAT and len(one.dims) > 1
-    ]:
-        half, name = onnx.numpy_helper.to_array(tensor).astype(np.float16), tensor.name
-        tensor.CopyFrom(onnx.numpy_helper.from_array(half, f"{name}_half"))
-        cast = onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT)
-        graph.node.insert(0, cast)
+    for tensor in graph.initializer:
+        if tensor.data_type == onnx.TensorProto.FLOAT and len(tensor.dims) > 1:
+            half, name = onnx.numpy_helper.to_array(tensor).astype(np.float16), tensor.name
+            tensor.CopyFrom(onnx.numpy_helper.from_array(half, f"{name}_half"))
+            cast = onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT)
+            graph.node.insert(0, cast)
     onnx.save(model, scratch)
     return model
 
@@ -142,7 +115,7 @@ def with_halves(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
 def with_integers(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
     """Return a model whose products with stored matrices are of integers: values of 8 bits, weights of 7.
 
-    No sum of theirs overflows on any processor, so that all compute the same.
+    No sum of theirs overflows on any processor, so that all compute the same, in a third of the time.
     """
     add_pre_process_metadata(model)  # or it logs advice on what does not concern our layers
     quantize_dynamic(
@@ -182,7 +155,7 @@ def differences(path: Path, network: nn.Module, inputs: Mapping[str, Tensor]) ->
 
 
 class ExportedOctave(nn.Module):
-    """What the ONNX file computes: all that is learned, for one octave."""
+    """What the reader's file computes: all that is learned, for one octave."""
 
     def __init__(self, network: Reader) -> None:
         super().__init__()
@@ -198,13 +171,6 @@ class ExportedOctave(nn.Module):
         return self.network.octave(self.network.windows(cepstra, scalars), coarser)
 
 
-def sample_picture() -> Tensor:
-    """Return a rendered grey picture (1, 1, 256, 320) in [0, 1]."""
-    scene = render(7, RenderOptions(size=(320, 256)))
-    image = photograph(np.random.default_rng(7), scene.linear).astype(np.float32) / 255
-    return torch.from_numpy(np.ascontiguousarray(image.mean(-1)[None, None]))
-
-
 class ExportedUNet(nn.Module):
     """What the package asks of the U-Net: log-odds of places (N, H/4, W/4), and of the camera (N,)."""
 
@@ -216,6 +182,13 @@ class ExportedUNet(nn.Module):
         """Leave out the smears."""
         said, moved = self.unet(image, cells)
         return said[:, -1], moved
+
+
+def sample_picture() -> Tensor:
+    """Return a rendered grey picture (1, 1, 256, 320) in [0, 1]."""
+    scene = render(7, RenderOptions(size=(320, 256)))
+    image = photograph(np.random.default_rng(7), scene.linear).astype(np.float32) / 255
+    return torch.from_numpy(np.ascontiguousarray(image.mean(-1)[None, None]))
 
 
 def inputs_of(network: Reader, grey: Tensor) -> dict[str, Tensor]:
@@ -231,22 +204,21 @@ def of_reader(network: Reader) -> Export:
     cells, grey = {1: "rows", 2: "columns"}, sample_picture()
     return Export(
         network=ExportedOctave(network),
+        form=SMEAR,
         inputs=inputs_of(network, grey[..., :128, :192].contiguous()),
         samples=inputs_of(network, grey),
-        outputs=SMEAR.outputs,
         axes={name: cells for name in (*SMEAR.inputs, *SMEAR.outputs)} | {"grey": {2: "height", 3: "width"}},
-        kind="smear",
-        properties=PROPERTIES,
-        stored="integers",
+        rounded=with_integers,
+        most_rounded=0.2,
     )
 
 
 def of_movers(network: UNet | BlurNet) -> Export:
     """Return what is written of a network that finds movers, traced and compared on noise."""
     is_unet = isinstance(network, UNet)
-    form = UNET if is_unet else BLUR
+    form, rows = (UNET, 1) if is_unet else (BLUR, 2)
     fine, coarse, zoom = (3, CELL_VALUES, STEP) if is_unet else (PLACES, CELLS, STEP // PLACE_PX)
-    shown, odd = (
+    inputs, samples = (
         dict(
             zip(
                 form.inputs,
@@ -256,17 +228,15 @@ def of_movers(network: UNet | BlurNet) -> Export:
         )
         for h, w in ((8, 12), (5, 7))
     )
-    rows = 1 if is_unet else 2
     axes = {name: {2: "rows", 3: "columns"} for name in form.inputs}
     return Export(
         network=ExportedUNet(network) if isinstance(network, UNet) else network,
-        inputs=shown,
-        samples=odd,
-        outputs=form.outputs,
+        form=form,
+        inputs=inputs,
+        samples=samples,
         axes=axes | {form.outputs[0]: {rows: "rows", rows + 1: "columns"}},
-        kind=form.file.removesuffix(".onnx"),
-        properties={"blur2view_format": form.version},
-        stored="halves" if is_unet else "exact",
+        rounded=with_halves if is_unet else None,
+        most_rounded=0.05,
     )
 
 

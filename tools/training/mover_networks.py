@@ -60,12 +60,8 @@ class Attention(nn.Module):
         super().__init__()
         self.heads, self.norm = heads, nn.GroupNorm(1, channels)
         self.qkv, self.out = nn.Conv2d(channels, 3 * channels, 1), nn.Conv2d(channels, channels, 1)
-        self.mlp = nn.Sequential(
-            nn.GroupNorm(1, channels),
-            nn.Conv2d(channels, 2 * channels, 1),
-            nn.ReLU(),
-            nn.Conv2d(2 * channels, channels, 1),
-        )
+        wide, narrow = nn.Conv2d(channels, 2 * channels, 1), nn.Conv2d(2 * channels, channels, 1)
+        self.mlp = nn.Sequential(nn.GroupNorm(1, channels), wide, nn.ReLU(), narrow)
         nn.init.zeros_(self.out.weight)
 
     def forward(self, x: Tensor) -> Tensor:
@@ -83,8 +79,7 @@ class UNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        pairs = list(zip(WIDTHS, WIDTHS[1:], strict=False))
-        last = WIDTHS[-1]
+        pairs, last = list(zip(WIDTHS, WIDTHS[1:], strict=False)), WIDTHS[-1]
         self.stem = convolved(3 * PLACE_PX**2, WIDTHS[0])
         self.enc = nn.ModuleList(blocks(c, n) for c, n in zip(WIDTHS, BLOCKS, strict=True))
         self.down = nn.ModuleList(convolved(fine, coarse, 2, 2) for fine, coarse in pairs)
@@ -159,23 +154,17 @@ class BlurNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.of_places, self.of_cells = Norm(PLACES), Norm(CELLS)
-        self.dropout = nn.Dropout2d(DROPPED)
+        pairs = list(zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False))
+        joined, last = BLUR_WIDTHS[JOINED], BLUR_WIDTHS[-1]
+        self.of_places, self.of_cells, self.dropout = Norm(PLACES), Norm(CELLS), nn.Dropout2d(DROPPED)
         self.first = convolved(PLACES, BLUR_WIDTHS[0])
         self.down = nn.ModuleList(
             nn.Sequential(convolved(before, after, stride=2), convolved(after, after))
-            for before, after in zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False)
+            for before, after in pairs
         )
-        self.join = nn.Sequential(
-            convolved(BLUR_WIDTHS[JOINED] + CELLS, BLUR_WIDTHS[JOINED], 1),
-            convolved(BLUR_WIDTHS[JOINED], BLUR_WIDTHS[JOINED]),
-        )
-        self.deepest = nn.Sequential(
-            *(convolved(BLUR_WIDTHS[-1], BLUR_WIDTHS[-1], dilation=by) for by in (2, 4))
-        )
-        self.narrow = nn.ModuleList(
-            convolved(below, above, 1) for above, below in zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False)
-        )
+        self.join = nn.Sequential(convolved(joined + CELLS, joined, 1), convolved(joined, joined))
+        self.deepest = nn.Sequential(*(convolved(last, last, dilation=by) for by in (2, 4)))
+        self.narrow = nn.ModuleList(convolved(below, above, 1) for above, below in pairs)
         self.up = nn.ModuleList(convolved(2 * width, width) for width in BLUR_WIDTHS[:-1])
         self.last = nn.Conv2d(BLUR_WIDTHS[0], 2, 1)
 

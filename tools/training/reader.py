@@ -47,20 +47,19 @@ class Circular(nn.Module):
         self.weight = nn.Parameter(torch.empty(outputs * len(self.shifts), inputs).uniform_(-bound, bound))
 
     def forward(self, x: Tensor) -> Tensor:
-        """Apply it: one matrix product, whose parts are shifted against each other and added."""
+        """Apply it: one matrix product, whose parts are shifted against each other and added.
+
+        ONNX Runtime computes the same faster where directions are gathered first, above all those of 8 bits.
+        """
         if torch.onnx.is_in_onnx_export():
-            return self.by_gathering(x)
+            turned = [(torch.arange(DIRECTIONS) - shift) % DIRECTIONS for shift in self.shifts]
+            near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
+            return torch.matmul(near.reshape(*x.shape[:-1], -1), self.matrix) + self.bias
         parts = nnf.linear(x, self.weight).chunk(len(self.shifts), -1)
         total = self.bias.to(parts[0].dtype)
         for shift, part in zip(self.shifts, parts, strict=True):
             total = total + (torch.roll(part, shift, -2) if shift else part)
         return total
-
-    def by_gathering(self, x: Tensor) -> Tensor:
-        """Compute the same for ONNX Runtime: directions are gathered fast, above all those of 8 bits."""
-        turned = [(torch.arange(DIRECTIONS) - shift) % DIRECTIONS for shift in self.shifts]
-        near = torch.index_select(x, -2, torch.stack(turned, 1).flatten())
-        return torch.matmul(near.reshape(*x.shape[:-1], -1), self.matrix) + self.bias
 
     def store_matrix(self) -> None:
         """Keep the weights also as the one matrix of that product."""
@@ -72,18 +71,15 @@ class Circular(nn.Module):
         return torch.cat(matrix.t().chunk(len(self.shifts), 1))
 
 
-def band(count: int, reach: int, like: Tensor) -> Tensor:
-    """Return the matrix (count, count) of ones up to `reach` off the diagonal."""
-    return torch.ones(count, count, dtype=like.dtype, device=like.device).tril(reach).triu(-reach)
-
-
 def box_sums(reach: int, *fields: Tensor) -> list[Tensor]:
     """Sum fields (N, h, w, D, C) over (2 reach + 1)^2 cells, nothing beyond the border.
 
     Products with band matrices are six times as fast as adding slices here.
     """
-    h, w = fields[0].shape[1:3]
-    down, across = band(h, reach, fields[0]), band(w, reach, fields[0])
+    down, across = (
+        torch.ones(n, n, dtype=fields[0].dtype, device=fields[0].device).tril(reach).triu(-reach)
+        for n in fields[0].shape[1:3]
+    )
     sums = (torch.matmul(down, torch.matmul(across, x.flatten(3)).flatten(2)) for x in fields)
     return [total.view_as(x) for total, x in zip(sums, fields, strict=True)]
 
@@ -141,16 +137,13 @@ class Isotropic(nn.Module):
 
 @dataclass(frozen=True, kw_only=True)
 class ReaderOptions:
-    """Channels of the layers that see one window, of those that see its region, and of what is passed afar.
+    """Channels of the layers."""
 
-    And of the layers that see no direction: of a window, and of the kind of its blur.
-    """
-
-    window: int = 64
-    region: int = 64
-    said: int = 16
-    round: int = 64
-    kind: int = 96
+    window: int = 64  # that see one window
+    region: int = 64  # that see its region
+    said: int = 16  # of what is passed afar
+    round: int = 64  # that see no direction: of a window
+    kind: int = 96  # and of the kind of its blur
 
 
 class Reader(nn.Module):
@@ -185,12 +178,10 @@ class Reader(nn.Module):
         n, h, w = cepstra.shape[:3]
         lattice = self.lattice.to(cepstra.dtype).expand(n, h, w, -1, -1)
         window = scalars[..., None, :].to(cepstra.dtype).expand(-1, -1, -1, DIRECTIONS, -1)
-        x = torch.cat([cepstra, lattice, window], -1)
-        x = torch.relu(self.first(x))
+        x = torch.relu(self.first(torch.cat([cepstra, lattice, window], -1)))
         x = self.norms[0](x + torch.relu(self.second(x)))
         x = torch.relu(self.third(self.gather1(x)))
-        y = self.norms[1](x + torch.relu(self.fourth(x)))
-        windows: Tensor = y + self.isotropic(cepstra, scalars)
+        windows: Tensor = self.norms[1](x + torch.relu(self.fourth(x))) + self.isotropic(cepstra, scalars)
         return windows
 
     def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -246,10 +237,16 @@ def joined(fine: Tensor, coarse: Tensor) -> Tensor:
     return fine[..., bins.clamp(max=fine.shape[-1] - 1)] + coarse[..., (bins - PER_OCTAVE).clamp(min=0)]
 
 
+def in_bins(place: Tensor, bins: int) -> Tensor:
+    """Return Gaussians (..., bins) of 0.6 bins about places (...) on an axis, at most at its ends."""
+    apart = torch.arange(bins) - place.clamp(0, bins - 1)[..., None]
+    return torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
+
+
 def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, Tensor]:
     """Return the distribution (..., 32, bins) of a cell's smears (..., S, 2), and its weight (...).
 
-    Each sample is a Gaussian of 0.6 bins; what is shorter than 2 px has less and less of a direction.
+    What is shorter than 2 px has less and less of a direction.
     """
     length = torch.linalg.norm(displacement, dim=-1)
     centre = torch.atan2(displacement[..., 1], displacement[..., 0]) * (DIRECTIONS / math.pi)
@@ -258,9 +255,7 @@ def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, T
     along = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
     known = ((length - 0.5) / 1.5).clamp(0, 1)[..., None]
     along = known * along + (1 - known) / DIRECTIONS
-    place = 1 + PER_OCTAVE * torch.log2(length.clamp(min=1e-3) / SHORTEST_PX)  # 0 is anything shorter
-    apart = torch.arange(bins) - place.clamp(0, bins - 1)[..., None]
-    across = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1)
+    across = in_bins(1 + PER_OCTAVE * torch.log2(length.clamp(min=1e-3) / SHORTEST_PX), bins)
     weight = HIDDEN_WEIGHT + (1 - HIDDEN_WEIGHT) * valid
     mixed = torch.matmul((along * weight[..., None]).transpose(-1, -2), across)
     total = weight.sum(-1)
@@ -269,17 +264,11 @@ def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, T
 
 def radius_target(radius: Tensor, bins: int) -> Tensor:
     """Return the distribution (..., bins) of a cell's radii out of focus (..., S), pixels."""
-    place = 1 + PER_OCTAVE * torch.log2(radius.clamp(min=1e-3) / SMALLEST_RADIUS_PX)
-    apart = torch.arange(bins) - place[..., None].clamp(0, bins - 1)
-    target: Tensor = torch.softmax(-apart * apart / (2 * LABEL_SPREAD**2), -1).mean(-2)
-    return target
+    return in_bins(1 + PER_OCTAVE * torch.log2(radius.clamp(min=1e-3) / SMALLEST_RADIUS_PX), bins).mean(-2)
 
 
 def kind_target(displacement: Tensor, radius: Tensor, shows: Tensor) -> Tensor:
-    """Return the distribution (..., 5) of a cell's kind of blur, of its samples (..., S).
-
-    ``shows`` (...) is whether it can be seen at all.
-    """
+    """Return the distribution (..., 5) of a cell's kind of blur, of samples (..., S), if it shows any."""
     length = torch.linalg.norm(displacement, dim=-1)
     prevails = length / radius.clamp(min=1e-3)
     moved, defocused, shown = (
@@ -293,13 +282,8 @@ def kind_target(displacement: Tensor, radius: Tensor, shows: Tensor) -> Tensor:
     return target
 
 
-def cross_entropy(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Return the mean cross-entropy of logits (N, h, w, B), weighed per cell (N, h, w)."""
-    loss = -(target * torch.log_softmax(logits, -1)).sum(-1)
+def cross_entropy(logits: Tensor, target: Tensor, weight: Tensor, axes: int = 1) -> Tensor:
+    """Return the mean cross-entropy of logits (N, h, w, ...), whose last axes are bins, weighed per cell."""
+    log_likelihood = torch.log_softmax(logits.flatten(-axes), -1).view_as(logits)
+    loss = -(target * log_likelihood).flatten(-axes).sum(-1)
     return (weight * loss).sum() / weight.sum().clamp(min=1e-3)
-
-
-def loss_of(logits: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Return the mean cross-entropy of joint logits (N, h, w, 32, B), weighed per cell (N, h, w)."""
-    log_likelihood = torch.log_softmax(logits.flatten(-2), -1).view_as(logits)
-    return -(weight * (target * log_likelihood).sum((-1, -2))).sum() / weight.sum()

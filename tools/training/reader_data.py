@@ -1,17 +1,15 @@
 """Make the reader's training examples: pictures with known smears, turned into the features of their windows.
 
-``python -m tools.training.reader_data OUT --photos FOLDER... --shards 400`` writes numbered shards of
-pictures of one size: rendered scenes of 320x256 or 640x512, or layers of photographs and textures of these or
-of 1280x1024. Pictures of 320x256 (128 in a shard) are read in two octaves, those twice as large (32) in
-three, and so on. Shard k, of 30 MB, depends on k and the sources only. Run again it goes on; several
-processes may share the work (``--first 0 --every 2``, ``--first 1 --every 2``). ``--rendered-share 0`` makes
-no scenes.
+``python -m tools.training.reader_data OUT --photos FOLDER... --shards 400`` writes numbered shards of scenes
+of layers of photographs and textures, of 320x256, 640x512 or 1280x1024. Pictures of 320x256 (128 in a shard)
+are read in two octaves, those twice as large (32) in three, and so on. Shard k, of 30 MB, depends on k and
+the sources only. Run again it goes on; several processes may share the work (``--first 0 --every 2``,
+``--first 1 --every 2``).
 """
 
 import copy
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,10 +23,8 @@ from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windo
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, write_shards
 from tools.rendering import textures
-from tools.rendering.exposure import GRID
-from tools.rendering.layer_scenes import LayerScene, Sources, layer_scene, silhouettes
-from tools.rendering.render import RenderOptions, render
-from tools.rendering.sensor import defocused, log_uniform, processed
+from tools.rendering.layer_scenes import PLACE_PX, LayerScene, Sources, layer_scene, silhouettes
+from tools.rendering.sensor import processed
 from tools.training.reader import clipped_shares
 
 SHARD_PX = 128 * 320 * 256
@@ -36,25 +32,23 @@ SHARD_PX = 128 * 320 * 256
 SMALLEST = 320
 """Width of pictures that are read in two octaves."""
 LONGEST_PX = {(320, 256): 60.0, (640, 512): 180.0, (1280, 1024): 320.0}
-"""Sizes of pictures of layers, and their longest smears."""
+"""Sizes of pictures, and their longest smears."""
 SMALL_SHARE, WIDE_SHARE = 0.35, 0.2
-"""Shares of shards of the smallest and of the largest size among those of layers."""
+"""Shares of shards of the smallest and of the largest size."""
 SHORT_SHARE, SHORT_PX = 0.5, 14.0
-"""Share of pictures of layers whose smears have at most this length."""
+"""Share of pictures whose smears have at most this length."""
 TEXTURES = 3
-"""Procedural textures that the pictures of a shard of layers share."""
+"""Procedural textures that the pictures of a shard share."""
 TEXTURED_SHARE = 0.25
-"""Share of pictures of layers whose surfaces are textures, too."""
-RENDERED_SHARE, OF_A_SCENE, LARGE_SCENES = 0.4, 4, 0.2
-"""Share of shards of rendered scenes; pictures of each scene; share of these shards that are of 640x512."""
-FOCUS_SHARE, SCENE_FOCUS_SHARE, RADIUS_PX = 0.5, 0.25, (0.7, 20.0)
-"""Shares of pictures of layers and of scenes that are out of focus, and by how much."""
+"""Share of pictures whose surfaces are textures, too."""
+FOCUS_SHARE, RADIUS_PX = 0.5, (0.7, 20.0)
+"""Share of pictures that are out of focus, and by how much."""
+SURFACE = 0.9
+"""Share of a place from which on it shows one surface, whose smear is valid."""
 SMOOTH_PX = 20.0
 """Deviation of the Gaussian that leaves no detail of a picture, for what noise alone looks like."""
 SAMPLES = 4
 """Samples of the truth along a cell of windows."""
-HIDDEN_PX = 400
-"""Smears of rendered scenes from here on become hidden zeros."""
 LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 DIM_SHARE, DIMMEST = 0.15, 20.0
 """Share of pictures that were coded this many times darker at most, log-uniform, and so in fewer levels."""
@@ -66,41 +60,8 @@ SIGNAL, LEAST = 2.0, 0.4 / 255
 """Power of a band over that of the noise there, and its amplitude, from which on it shows something."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Picture:
-    """A picture in linear light (H, W, 3), and what is true of it at places of 4 x 4 pixels (H/4, W/4).
-
-    Smears (..., 2), radii out of focus, pixels; and whether a smear stays within the picture on one surface.
-    """
-
-    linear: Array
-    displacement: Array
-    radius_px: Array
-    valid: Array
-
-
-def rendered(rng: np.random.Generator, size: tuple[int, int]) -> Iterator[Picture]:
-    """Yield pictures of rendered scenes, some of each, mirrored at random, without end."""
-    while True:
-        scene = render(int(rng.integers(2**31)), RenderOptions(size=size))
-        for _ in range(OF_A_SCENE):
-            linear, smears, valid = scene.linear, scene.displacement, scene.valid
-            for axis, signs in ((1, (-1, 1)), (0, (1, -1))):
-                if rng.random() < 0.5:
-                    linear, smears, valid = (np.flip(each, axis) for each in (linear, smears, valid))
-                    smears = smears * np.array(signs, np.float32)
-            radius = log_uniform(rng, RADIUS_PX) if rng.random() < SCENE_FOCUS_SHARE else 0.0
-            usable = np.all(np.abs(smears) < HIDDEN_PX, axis=-1)  # false for NaN, too
-            yield Picture(
-                linear=defocused(rng, np.ascontiguousarray(linear), radius),
-                displacement=np.where(usable[..., None], smears, 0),
-                radius_px=np.full(valid.shape, radius, np.float32),
-                valid=valid & usable,
-            )
-
-
-def layered(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -> Iterator[Picture]:
-    """Yield pictures of layers of photographs, or of these and procedural textures, without end."""
+def scenes(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -> Iterator[LayerScene]:
+    """Yield scenes of layers of photographs, or of these and procedural textures, without end."""
     makers, shares = zip(*textures.PROCEDURAL, strict=True)
     drawn = [makers[rng.choice(len(makers), p=shares)](rng) for _ in range(TEXTURES)]
     made = [(np.clip(linear, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8) for linear in drawn]
@@ -110,19 +71,13 @@ def layered(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -
         pool = photographs
         if rng.random() < TEXTURED_SHARE:
             pool = [*made, *(photographs[int(k)] for k in rng.integers(len(photographs), size=TEXTURES))]
-        scene: LayerScene = layer_scene(
+        yield layer_scene(
             rng,
             Sources(photographs=pool, things=sources.things),
             size,
             longest_px=SHORT_PX if rng.random() < SHORT_SHARE else LONGEST_PX[size],
             focus_share=FOCUS_SHARE,
             radius_px=RADIUS_PX,
-        )
-        yield Picture(
-            linear=scene.linear,
-            displacement=scene.displacement,
-            radius_px=scene.radius_px,
-            valid=scene.share > 0.9,
         )
 
 
@@ -153,22 +108,21 @@ def photographed(rng: np.random.Generator, linear: Array) -> tuple[Array, Array,
     return shown @ LUMA, noise, spread
 
 
-def example_of(rng: np.random.Generator, picture: Picture) -> Example:
+def example_of(rng: np.random.Generator, scene: LayerScene) -> Example:
     """Return what an example holds of each of the octaves of a picture.
 
     Features C (h, w, 32, 45), s (h, w, 5); samples of the truth d (h, w, 16, 2), v, r (h, w, 16): smears,
     whether they are valid, radii out of focus with the camera's own spread; t (h, w): whether a cell shows
     its blur at all.
     """
-    shown, noisy, spread = photographed(rng, picture.linear)
-    total = np.hypot(picture.radius_px, spread)
+    shown, noisy, spread = photographed(rng, scene.linear)
+    valid, total = scene.share > SURFACE, np.hypot(scene.radius_px, spread)
     row: Example = {}
     for k in range(2 + round(math.log2(shown.shape[1] / SMALLEST))):
         cepstra, scales = polar_cepstra(power_spectra(windows_of(shown)))
         clipped = clipped_shares(torch.from_numpy(shown)[None, None])[0].numpy()
-        side = STEP // GRID * 2**k
-        truth = (picture.displacement / 2**k, picture.valid, total / 2**k)
-        d, v, r = (cells_of(each, side) for each in truth)
+        side = STEP // PLACE_PX * 2**k
+        d, v, r = (cells_of(each, side) for each in (scene.displacement / 2**k, valid, total / 2**k))
         extent = np.maximum(np.hypot(d[..., 0], d[..., 1]), 2 * r).mean(-1)
         scalars = np.concatenate([scales, clipped], -1)
         row |= {f"C{k}": cepstra.astype(np.float16), f"s{k}": scalars.astype(np.float16)}
@@ -210,36 +164,21 @@ def shows_blur(grey: Array, noise: Array, extent_px: Array) -> Array:
     return shows
 
 
-def examples(number: int, sources: Sources, rendered_share: float) -> Iterator[Example]:
-    """Yield the examples of one shard, of layers of sources, or of rendered scenes."""
+def examples(number: int, sources: Sources) -> Iterator[Example]:
+    """Yield the examples of one shard, of pictures of one size."""
     torch.set_num_threads(1)  # the number of threads decides how sums are rounded
     rng, (small, middle, wide) = np.random.default_rng(number), LONGEST_PX
-    if rng.random() < rendered_share:
-        pictures = rendered(rng, middle if rng.random() < LARGE_SCENES else small)
-    else:
-        kind = rng.random()
-        size = wide if kind < WIDE_SHARE else small if kind > 1 - SMALL_SHARE else middle
-        pictures = layered(rng, sources, size)
-    left = SHARD_PX
-    while left > 0:
-        picture = next(pictures)
-        yield example_of(rng, picture)
-        left -= picture.linear[..., 0].size
+    kind = rng.random()
+    size = wide if kind < WIDE_SHARE else small if kind > 1 - SMALL_SHARE else middle
+    drawn, count = scenes(rng, sources, size), -(-SHARD_PX // (size[0] * size[1]))
+    for _ in range(count):
+        yield example_of(rng, next(drawn))
 
 
-def main(
-    out: Path,
-    *,
-    photos: list[Existing],
-    rendered_share: float = RENDERED_SHARE,
-    shards: int = 400,
-    first: int = 0,
-    every: int = 1,
-) -> None:
-    """Write shards of sharp photographs in folders and of emoji, and a share of them of rendered scenes."""
+def main(out: Path, *, photos: list[Existing], shards: int = 400, first: int = 0, every: int = 1) -> None:
+    """Write shards of scenes of sharp photographs in folders and of emoji."""
     sources = Sources(photographs=textures.load_photos(photos), things=silhouettes())
-    work = partial(examples, sources=sources, rendered_share=rendered_share)
-    write_shards(out, range(first, first + shards, every), work)
+    write_shards(out, range(first, first + shards, every), partial(examples, sources=sources))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,9 @@ from torch import Tensor, nn
 
 from tools.datasets.shards import Example
 
+AVERAGED = 500
+"""Steps over which the weights that ship are averaged."""
+
 
 class Task(ABC):
     """What a training learns: a network, its losses on examples, and facts that the checkpoint states."""
@@ -42,6 +45,11 @@ class Schedule:
     every: int
     warm_up: int = 200
 
+    def rate_at(self, step: int) -> float:
+        """Return a step's learning rate: to the peak in ``warm_up`` steps, then by a cosine to 1 % of it."""
+        warm = min(1.0, (step + 1) / max(1, self.warm_up))
+        return self.rate * warm * (0.01 + 0.495 * (1 + math.cos(math.pi * step / self.steps)))
+
 
 def fit(task: Task, schedule: Schedule) -> dict[str, Any]:
     """Run the schedule to its end; return the last figures of the moving average of the weights, which ships.
@@ -49,28 +57,27 @@ def fit(task: Task, schedule: Schedule) -> dict[str, Any]:
     ``last.pt`` stays fresh, figures are printed and lines of ``log.jsonl``. Step k draws its examples by a
     generator of the seed and k.
     """
-    s, checkpoint = schedule, schedule.out / "last.pt"
+    s, checkpoint, network = schedule, schedule.out / "last.pt", task.network
     s.out.mkdir(parents=True, exist_ok=True)
-    network, average = task.network, copy.deepcopy(task.network)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=s.rate, weight_decay=1e-4)
+    average, optimiser = copy.deepcopy(network), torch.optim.AdamW(network.parameters(), weight_decay=1e-4)
     parts: dict[str, Any] = {"network": network, "average": average, "optimiser": optimiser}
     step, figures, losses = 0, dict[str, Any](), list[float]()
     if checkpoint.exists():
         state: dict[str, Any] = torch.load(checkpoint, map_location="cpu", weights_only=True)
         for name, part in parts.items():
             part.load_state_dict(state[name])
-        step, figures = int(state["step"]), state.get("figures", {})
+        step, figures = state["step"], state["figures"]
     while step < s.steps:
         network.train()
         loss = task.loss(np.random.default_rng([s.seed, step]), step)
         for group in optimiser.param_groups:
-            group["lr"] = warm_cosine(step, s.steps, s.rate, s.warm_up)
+            group["lr"] = s.rate_at(step)
         optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
-        torch.nn.utils.clip_grad_norm_(network.parameters(), s.largest_gradient)
+        nn.utils.clip_grad_norm_(network.parameters(), s.largest_gradient)
         optimiser.step()
         step += 1
-        follow(average, network, step)
+        follow(average, network, min(1 - 1 / AVERAGED, (1 + step) / (10 + step)))
         losses.append(float(loss.detach()))
         if step == s.steps or step % s.every == 0:
             figures = task.figures(average.eval())
@@ -91,17 +98,9 @@ def save(path: Path, state: dict[str, Any]) -> None:
     temporary.replace(path)
 
 
-def warm_cosine(step: int, steps: int, peak: float, warm_up: int) -> float:
-    """Return a step's learning rate: to the peak in ``warm_up`` steps, then by a cosine down to 1 % of it."""
-    warm = min(1.0, (step + 1) / max(1, warm_up))
-    fall = 0.5 * (1 + math.cos(math.pi * min(1.0, step / steps)))
-    return peak * warm * (0.01 + 0.99 * fall)
-
-
 @torch.no_grad()
-def follow(average: nn.Module, network: nn.Module, step: int) -> None:
-    """Move the exponential average of weights and statistics, over about the last 500 steps."""
-    decay = min(0.998, (1 + step) / (10 + step))
+def follow(average: nn.Module, network: nn.Module, decay: float) -> None:
+    """Move the exponential average of weights and statistics."""
     for mean, value in zip(average.state_dict().values(), network.state_dict().values(), strict=True):
         if mean.dtype.is_floating_point:
             mean.lerp_(value, 1 - decay)

@@ -17,7 +17,6 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 from torch.nn import functional as nnf
@@ -25,13 +24,13 @@ from torch.nn import functional as nnf
 from blur2view.arrays import AnyArray
 from blur2view.movers.camera_motion import camera_field
 from blur2view.movers.evidence import Cells, at_places, cell_values, of_cells, of_places
-from blur2view.movers.moving import LEFT, at_cells
+from blur2view.movers.moving import LEFT, at_cells, first_axis
 from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
 from blur2view.networks.spectra import STEP
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example
 from tools.metrics import average_precision, epe_s
-from tools.rendering.layer_scenes import KINDS, PLACE_PX, LayerScene, Sources, layer_scene, silhouettes
+from tools.rendering.layer_scenes import KINDS, PLACE_PX, Sources, layer_scene, silhouettes
 from tools.rendering.sensor import processed
 from tools.rendering.textures import load_photos
 from tools.training.mover_networks import BlurNet, UNet
@@ -59,15 +58,6 @@ LEFT_OUT_SHARE = 0.5
 """Share of pictures whose camera motion is fitted with the movers left out, as where the U-Net sees them."""
 
 
-def photographed(
-    rng: np.random.Generator, sources: Sources, size: tuple[int, int], device: str = "cpu"
-) -> tuple[LayerScene, NDArray[np.uint8]]:
-    """Draw a scene, and a photograph (height, width, 3) of it."""
-    longest = float(rng.choice(LONGEST_PX, p=LONGEST_SHARES)) * min(size[0] / 512, 2)
-    scene = layer_scene(rng, sources, size, longest_px=longest, device=device)
-    return scene, np.clip(processed(rng, scene.linear)[0], 0, 255).astype(np.uint8)
-
-
 def example(
     which: Which,
     rng: np.random.Generator,
@@ -77,14 +67,16 @@ def example(
     device: str = "cpu",
 ) -> Example:
     """Draw a scene, photograph it, read its smears, and return what a network sees of it, and the truth."""
-    scene, image = photographed(rng, sources, size, device)
+    longest = float(rng.choice(LONGEST_PX, p=LONGEST_SHARES)) * min(size[0] / 512, 2)
+    scene = layer_scene(rng, sources, size, longest_px=longest, device=device)
+    image = np.clip(processed(rng, scene.linear)[0], 0, 255).astype(np.uint8)
     grid, moving = network.predict(image), np.clip(scene.moving, 0, 1)
     truth = {"moving": moving, "kind": np.array(KINDS.index(scene.kind))}
     if which == "unet":
         return truth | {
-            "image": np.moveaxis(floats_of(image, gain_of(image)), -1, 0),
-            "cells": np.moveaxis(cell_values(grid), -1, 0),
-            "displacement": np.moveaxis(scene.displacement, -1, 0),
+            "image": first_axis(floats_of(image, gain_of(image))),
+            "cells": first_axis(cell_values(grid)),
+            "displacement": first_axis(scene.displacement),
             "share": scene.share,
             "camera": np.array(scene.camera_moved),
         }
@@ -94,8 +86,8 @@ def example(
     motion = camera_field(grid, 1 - left_out * at_cells(moving, grid.cells.shape), rng)
     error = epe_s(np.kron(cells.displacement, np.ones((side, side, 1))), scene.displacement)
     return truth | {
-        "places": np.moveaxis(of_places(*at_places(rgb_of(image)), cells, motion), -1, 0),
-        "cells": np.moveaxis(of_cells(cells, grid.blur, motion), -1, 0),
+        "places": first_axis(of_places(*at_places(rgb_of(image)), cells, motion)),
+        "cells": first_axis(of_cells(cells, grid.blur, motion)),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
     }
 
@@ -104,21 +96,20 @@ def split_sources(photographs: list[Path], things: Path | None) -> tuple[Sources
     """Return what training scenes are made of, and every seventh, of which the held-out ones are."""
     cutouts = [] if things is None else sorted(things.rglob("*.png"))
     shapes = silhouettes() + [np.asarray(Image.open(path).convert("RGBA")) for path in cutouts]
-    every = load_photos(photographs), shapes
-    used = [[one for k, one in enumerate(part) if k % HELD_EVERY] for part in every]
-    kept = [part[::HELD_EVERY] for part in every]
-    sources, apart = (Sources(photographs=one, things=other) for one, other in (used, kept))
-    return sources, apart
+    photos = load_photos(photographs)
+    kept = Sources(photographs=photos[::HELD_EVERY], things=shapes[::HELD_EVERY])
+    for part in (photos, shapes):
+        del part[::HELD_EVERY]
+    return Sources(photographs=photos, things=shapes), kept
 
 
 def draw_examples(
-    which: Which, seed: int, queue: "Queue[Example]", sources: Sources, size: tuple[int, int]
+    which: Which, seed: int, queue: "Queue[Example]", sources: Sources, size: tuple[int, int], device: str
 ) -> None:
     """Draw examples without end, in a process of its own."""
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     rng, network = np.random.default_rng(seed), SmearNetwork(threads=1)
-    device = "cuda" if torch.cuda.is_available() else "cpu"
     while True:
         queue.put(example(which, rng, sources, size, network, device))
 
@@ -152,14 +143,6 @@ def smear_loss(said: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     return loss
 
 
-def judged(odds: AnyArray, one: Example) -> tuple[str, float]:
-    """Name and return the average precision of log-odds (h, w), or the false area where nothing moves."""
-    moves, kind = one["moving"] > 0.5, KINDS[int(one["kind"])]
-    if moves.any():
-        return f"precision {kind}", average_precision(odds.ravel(), moves.ravel())
-    return f"false {kind}", float((odds > 0).mean())
-
-
 def loss_of(said: tuple[Tensor, Tensor] | Tensor, batch: dict[str, Tensor]) -> Tensor:
     """Return the loss of what a network says of places.
 
@@ -177,6 +160,14 @@ def loss_of(said: tuple[Tensor, Tensor] | Tensor, batch: dict[str, Tensor]) -> T
     return SMEAR_WEIGHT * smears + MOVING_WEIGHT * moving + CAMERA_WEIGHT * moved
 
 
+def judged(odds: AnyArray, one: Example) -> tuple[str, float]:
+    """Name and return the average precision of log-odds (h, w), or the false area where nothing moves."""
+    moves, kind = one["moving"] > 0.5, KINDS[int(one["kind"])]
+    if moves.any():
+        return f"precision {kind}", average_precision(odds.ravel(), moves.ravel())
+    return f"false {kind}", float((odds > 0).mean())
+
+
 class MoverTask(Task):
     """One of the networks, on the newest examples of a queue."""
 
@@ -187,38 +178,33 @@ class MoverTask(Task):
         self.queue, self.held, self.pool = queue, held, deque[Example](maxlen=POOL)
         self.device = next(network.parameters()).device
 
-    def said(self, network: torch.nn.Module, batch: dict[str, Tensor]) -> Any:
-        """Return what a network says of a batch."""
+    def said(self, network: torch.nn.Module, rows: list[Example]) -> tuple[Any, dict[str, Tensor]]:
+        """Return what a network says of examples, and their batch."""
+        batch = {name: one.to(self.device) for name, one in batched(rows).items()}
         fine = batch["image"] if "image" in batch else batch["places"]
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
-            return network(fine, batch["cells"])
-
-    def on_device(self, rows: list[Example]) -> dict[str, Tensor]:
-        """Return a batch of examples."""
-        return {name: one.to(self.device) for name, one in batched(rows).items()}
+            return network(fine, batch["cells"]), batch
 
     def loss(self, rng: np.random.Generator, step: int) -> Tensor:
         """Return the loss of a batch of the newest examples; at first it waits for as many."""
         count = self.facts["batch"]
         while len(self.pool) < count or not self.queue.empty():
             self.pool.append(self.queue.get())
-        batch = self.on_device([self.pool[int(k)] for k in rng.permutation(len(self.pool))[:count]])
-        return loss_of(self.said(self.network, batch), batch)
+        rows = [self.pool[int(k)] for k in rng.permutation(len(self.pool))[:count]]
+        return loss_of(*self.said(self.network, rows))
 
     @torch.no_grad()
     def figures(self, network: torch.nn.Module) -> dict[str, Any]:
         """Return means by kind: average precision, false area where nothing moves, cameras judged rightly."""
-        rows = []
+        rows: dict[str, list[float]] = {}
         for one in self.held:
-            said = self.said(network, self.on_device([one]))
+            said, _ = self.said(network, [one])
             places = said[0][0, 4] if isinstance(said, tuple) else said[0, 0]
-            rows.append(judged(places.float().cpu().numpy(), one))
+            name, value = judged(places.float().cpu().numpy(), one)
+            rows.setdefault(name, []).append(value)
             if isinstance(said, tuple):
-                rows.append(("camera", float((float(said[1]) > 0) == (one["camera"] > 0.5))))
-        names = sorted({name for name, _ in rows})
-        return {
-            one: round(float(np.mean([value for name, value in rows if name == one])), 3) for one in names
-        }
+                rows.setdefault("camera", []).append((float(said[1]) > 0) == (one["camera"] > 0.5))
+        return {name: round(float(np.mean(values)), 3) for name, values in sorted(rows.items())}
 
 
 def main(
@@ -248,24 +234,19 @@ def main(
         stored = torch.load(first, map_location="cpu", weights_only=True)
         network.load_state_dict(stored.get("average", stored.get("unet")))
     elif isinstance(network, BlurNet):
-        for name, norm in (("places", network.of_places), ("cells", network.of_cells)):
-            norm.learn(torch.from_numpy(np.stack([one[name] for one in apart])))
+        network.of_places.learn(torch.from_numpy(np.stack([one["places"] for one in apart])))
+        network.of_cells.learn(torch.from_numpy(np.stack([one["cells"] for one in apart])))
     context = multiprocessing.get_context("spawn")
     queue: Any = context.Queue(maxsize=4 * batch)
-    drawing = [
-        context.Process(
-            target=draw_examples, args=(which, 1000 * seed + k, queue, sources, size), daemon=True
-        )
-        for k in range(workers)
-    ]
-    for process in drawing:
-        process.start()
-    often = min(steps, 200)
-    schedule = Schedule(out=out, steps=steps, rate=rate, largest_gradient=2.0, seed=seed, every=often)
+    for k in range(workers):
+        given = which, 1000 * seed + k, queue, sources, size, device
+        context.Process(target=draw_examples, args=given, daemon=True).start()
+    task = MoverTask(network.to(device), {"batch": batch, "seed": seed}, queue, apart)
+    every = min(steps, 200)
     try:
-        fit(MoverTask(network.to(device), {"batch": batch, "seed": seed}, queue, apart), schedule)
+        fit(task, Schedule(out=out, steps=steps, rate=rate, largest_gradient=2.0, seed=seed, every=every))
     finally:
-        for process in drawing:
+        for process in multiprocessing.active_children():
             process.terminate()
 
 

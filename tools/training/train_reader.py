@@ -3,8 +3,7 @@
 ::
 
     python -m tools.training.reader_data examples/train --photos FOLDER...
-    python -m tools.training.reader_data examples/val --photos HELD... --rendered-share 0 \
-        --first 900000 --shards 1
+    python -m tools.training.reader_data examples/val --photos HELD... --first 900000 --shards 1
     python -m tools.training.train_reader --train examples/train --val examples/val --out runs/reader
 
 ``--weights`` starts a fresh run from an exported network, such as ``models/smear.onnx``. A batch is of one
@@ -35,7 +34,6 @@ from tools.training.reader import (
     box_sums,
     cross_entropy,
     kind_target,
-    loss_of,
     radius_target,
     target_of,
 )
@@ -124,7 +122,7 @@ def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], 
         differing = 1 + DIFFERING_WEIGHT * difference_of(d)
         blur = cross_entropy(radii, radius_target(r, radii.shape[-1]), shows)
         blur = blur + cross_entropy(kinds, kind_target(d, r, shows), differing)
-        losses.append(loss_of(smears, target, weight * differing) + BLUR_WEIGHT * blur)
+        losses.append(cross_entropy(smears, target, weight * differing, axes=2) + BLUR_WEIGHT * blur)
     return losses, joint[0]
 
 
@@ -141,32 +139,23 @@ def difference_of(displacement: Tensor) -> Tensor:
 
 @torch.no_grad()
 def figures_of(network: Reader, shard: Example) -> dict[str, float]:
-    """Return loss and errors, of all cells and of the certain half, on a shard's pictures."""
-    losses, smears, kinds, radii = [], [], [], []
+    """Return the loss and the errors of smears, of all cells and of the certain half, on a shard."""
+    losses, smears, kinds = [], [], []
     for first in range(0, len(shard["v0"]), 32):
         batch = {key: torch.from_numpy(array[first : first + 32]).float() for key, array in shard.items()}
-        (loss, *_), (logits, sizes, kind) = losses_of(network, batch, half=False)
+        (loss, *_), (logits, _, kind) = losses_of(network, batch, half=False)
         losses.append(float(loss))
         right = kind_target(batch["d0"], batch["r0"], batch["t0"])
         kinds.append((right * nnf.one_hot(kind.argmax(-1), right.shape[-1])).sum(-1))
-        out_of_focus = (right[..., 1] > 0.9) & (kind.argmax(-1) == 1)
-        truth_bin = radius_target(batch["r0"], sizes.shape[-1]).argmax(-1)
-        radii.append((sizes.argmax(-1) - truth_bin).abs()[out_of_focus].float())
-        rows = read_smears(logits.flatten(0, 1).numpy())
-        smears.append(rows.reshape(*logits.shape[:3], 4))
+        smears.append(read_smears(logits.flatten(0, 1).numpy()).reshape(*logits.shape[:3], 4))
     true = shard["d0"].astype(np.float32).mean(-2)
     length = np.hypot(true[..., 0], true[..., 1])
     keep = shard["v0"].min(-1) & (length >= DIRECTION_MIN_PX) & (length < LONGEST_PX)
     read, true = np.concatenate(smears)[keep], true[keep]
-    sigma, sure = read[:, 2], read[:, 3] <= np.median(read[:, 3])
-    found = from_double_angle(read[:, :2])
-    every = Smears(found=found, true=true, sigma=sigma, sure=sure)
-    return {
-        "loss": float(np.mean(losses)),
-        **{name: figure for name, figure in smear_figures(every).items() if name in FIGURES},
-        "kinds_right": float(torch.cat(kinds).mean()),
-        "radius_bins": float(torch.cat(radii).sum() / max(len(torch.cat(radii)), 1)),
-    }
+    sure = read[:, 3] <= np.median(read[:, 3])
+    every = Smears(found=from_double_angle(read[:, :2]), true=true, sigma=read[:, 2], sure=sure)
+    figures = {name: figure for name, figure in smear_figures(every).items() if name in FIGURES}
+    return {"loss": float(np.mean(losses)), **figures, "kinds_right": float(torch.cat(kinds).mean())}
 
 
 def exported_weights(path: Path, network: Reader) -> dict[str, Tensor]:

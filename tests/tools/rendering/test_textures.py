@@ -11,25 +11,17 @@ from tools.rendering import textures
 from tools.rendering.textures import Image, photographs, split_files
 
 
-def write_pictures(folder: Path, names: list[str]) -> None:
-    for level, name in enumerate(names):
-        assert cv2.imwrite(str(folder / name), np.full((8, 8, 3), 10 * level, np.uint8))
-
-
 def test_every_fourth_file_by_name_is_held_out(tmp_path: Path) -> None:
-    write_pictures(tmp_path, ["d.png", "a.jpg", "c.jpeg", "b.png", "e.png"])
-    (tmp_path / "notes.txt").write_text("not a picture")
+    for level, name in enumerate(["d.png", "a.jpg", "c.jpeg", "b.png", "e.png"]):
+        assert cv2.imwrite(str(tmp_path / name), np.full((8, 8, 3), 10 * level, np.uint8))
     assert [p.name for p in split_files("test", tmp_path)] == ["d.png"]
     train, test = ({p.tobytes() for p in photographs(split, tmp_path)} for split in ("train", "test"))
     assert not train & test and len(train) == 7 + 4 and len(test) == 3 + 1
 
 
-@pytest.mark.parametrize(
-    "maker", [maker for maker, _ in textures.PROCEDURAL], ids=lambda maker: maker.__name__
-)
+@pytest.mark.parametrize("maker", [one for one, _ in textures.PROCEDURAL], ids=lambda one: one.__name__)
 def test_procedural_texture_is_a_varied_picture_of_its_seed(maker: Callable[..., Image]) -> None:
     first, again, other = (maker(np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert first.shape == (textures.SIZE, textures.SIZE, 3) and first.dtype == np.float32
-    assert np.isfinite(first).all() and first.min() > -0.5 and first.max() < 1.5
-    assert first.std() > 0.01
+    assert first.min() > -0.5 and first.max() < 1.5 and first.std() > 0.01
     assert first.tobytes() == again.tobytes() != other.tobytes()

@@ -11,7 +11,7 @@ import torch
 from blur2view import ModelError, SmearNetwork
 from tests.support.colour_code import colour_code_network
 from tools.training import export
-from tools.training.export import MOST_ROUNDED, ExportedOctave, differences, inputs_of, main, sample_picture
+from tools.training.export import ExportedOctave, differences, inputs_of, main, sample_picture
 from tools.training.reader import Circular, Reader, ReaderOptions
 from tools.training.train_reader import exported_weights
 
@@ -34,13 +34,11 @@ def test_file_computes_what_torch_does_and_the_package_and_a_training_read_it(
         main("reader", [tmp_path / "last.pt"], exact)
     main("reader", [tmp_path / "last.pt"], exported)
     grey = sample_picture()
-    assert grey.min() >= 0 and grey.max() <= 1
     for height, width in ((64, 64), (96, 224)):
         inputs = inputs_of(trained, grey[..., :height, :width].contiguous())
-        for one in differences(exact, ExportedOctave(trained), inputs):
-            assert np.abs(one).max() < 2e-3
-        for one in differences(exported, ExportedOctave(trained), inputs):
-            assert np.sqrt(np.square(one).mean()) < MOST_ROUNDED["integers"] / 2
+        assert all(np.abs(one).max() < 2e-3 for one in differences(exact, ExportedOctave(trained), inputs))
+        rounded = differences(exported, ExportedOctave(trained), inputs)
+        assert all(np.sqrt(np.square(one).mean()) < 0.1 for one in rounded)
     network = SmearNetwork(exported, threads=1)
     info = network.info
     assert (info.features, info.license) == (12, "Apache-2.0")
