@@ -139,8 +139,7 @@ def run_instance(key: Key, paper_seeds: range) -> Measured:
 
 
 def blocks(records: Mapping[Key, Measured]) -> Iterator[str | list[str]]:
-    """Yield the page's parts: the whole sweep, both kinds, every cell."""
-    yield from ("## Whole sweep", method_table(list(records.values())))
+    """Yield the page's parts: all cells together, and every cell, of both kinds of depth."""
     for kind in KINDS:
         rows = [one for key, one in records.items() if key[1] == kind]
         yield from (f"## Whole sweep, {kind} depth", method_table(rows))
