@@ -17,7 +17,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import chdir, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -26,6 +26,7 @@ import cv2
 import numpy as np
 import pycolmap
 
+from blur2view.cli import commands
 from blur2view.networks.model_file import shipped_file
 from tools.arguments import Target, run
 from tools.pages import publish, table
@@ -89,8 +90,9 @@ def make_inputs(folder: Path) -> None:
     shutil.copy(shipped_file("smear.onnx"), folder)
     shutil.copy(folder / "project.db", folder / "linked.db")
     for words in (LINK.replace("project.db", "linked.db --no-backup"), PLACE.replace("placed", "views")):
-        if (done := call(folder, words.split())).returncode:
-            raise SystemExit(f"{words}: fails with whole inputs: {done.stderr}")
+        with chdir(folder):
+            if commands.main(words.split()):
+                raise SystemExit(f"{words}: fails with whole inputs")
 
 
 def damaged(folder: Path, rng: Rng) -> list[str]:
