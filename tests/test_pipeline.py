@@ -173,7 +173,7 @@ def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
 
 @pytest.mark.slow
 def test_four_threads_with_one_network_give_the_same_bytes(network: SmearNetwork) -> None:
-    pictures = [colour_code((0.4 + 0.2 * k) * forward_motion(), 1.0) for k in range(8)]
+    pictures = [colour_code((0.4 + 0.2 * k) * forward_motion(), 1.0) for k in range(4)]
     alone = [numbers(estimate(picture, network=network, camera=CAMERA)) for picture in pictures]
     with ThreadPoolExecutor(4) as pool:
         together = pool.map(lambda one: numbers(estimate(one, network=network, camera=CAMERA)), 2 * pictures)
