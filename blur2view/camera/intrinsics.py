@@ -17,9 +17,6 @@ from blur2view.input_files import open_picture, read_regular
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
 ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
-# Half a stop. EXIF's times are rounded by up to 7 % (1/15 for 1/16), shutters are off by a third of a stop at
-# most; focal lengths are good to a few per cent, unless the picture was cropped.
-MOST_APART = 2**0.5
 PNG_MARKS = (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp")  # what a PNG with EXIF has one of
 MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
 EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF: rounded millimetres, cropped pictures
@@ -66,13 +63,6 @@ def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> Exi
     )
 
 
-def disagreement(option: str | None, stated: float | None, read: float | None, unit: str) -> list[str]:
-    """Return a warning if an option's value is not within MOST_APART of EXIF's; none where one is missing."""
-    if option is None or stated is None or read is None or 1 / MOST_APART < stated / read < MOST_APART:
-        return []
-    return [f"{option} says {stated:.4g} {unit}, EXIF {read:.4g} {unit}"]
-
-
 def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float, str]:
     """Return the focal length in pixels, 0 without one, and the tags it is from."""
     film_mm = _positive(tags, "FocalLengthIn35mmFilm")
@@ -110,13 +100,6 @@ class Intrinsics:
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {self.focal_px}")
         if isinstance(self.camera, str) and self.camera != "exif":
             Camera.from_string(self.camera)
-
-    @property
-    def stated(self) -> str | None:
-        """Return the option that states a focal length, None if it is left to EXIF."""
-        if self.focal_px is not None:
-            return "--focal"
-        return None if self.camera in (None, "exif") else "--camera"
 
     def of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
         """Return the camera of one photograph; ``image_size`` is its width and height, upright.

@@ -3,7 +3,6 @@
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from blur2view.cli.adapter import group
 from blur2view.cli.options import Common, Folder, InTime
 from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import verdict_line
-from blur2view.cli.work import Estimated, Setup
+from blur2view.cli.work import Estimated, estimated, record_of
 from blur2view.errors import OutputError
 from blur2view.exposure.gyroflow import gyroflow_log
 from blur2view.output_files import write_file
@@ -48,19 +47,6 @@ FILES = """
 
 
 @dataclass(frozen=True, kw_only=True)
-class Log:
-    """output.
-
-    Rarely:
-    --gyroflow FILE: write the rates of a video as a log for Gyroflow, called as the video but .gcsv, with
-        --focal or --camera: those of frames of which it is known which end of the exposure came first
-    """
-
-    effect = False
-    gyroflow: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class EstimateOptions:
     """The options of ``blur2view estimate``.
 
@@ -69,12 +55,16 @@ class EstimateOptions:
     intrinsics the essential matrix and the pose. Where no F can be trusted the configuration and its reason
     say why. Prints two lines about one photograph, one line about each of several; with -o writes files
     beside each other.
+
+    Rarely:
+    --gyroflow FILE: write the rates of a video as a log for Gyroflow, called as the video but .gcsv, with
+        --focal or --camera: those of frames of which it is known which end of the exposure came first
     """
 
     common: Common
     folder: Folder = group(Folder)
     in_time: InTime = group(InTime)
-    log: Log = group(Log)
+    gyroflow: Path | None = None
 
     examples = (
         "blur2view estimate models/sample.jpg -o out",
@@ -86,7 +76,7 @@ class EstimateOptions:
 
     def __post_init__(self) -> None:
         self.in_time.check(self.common.lens)
-        if self.log.gyroflow is not None and not self.common.lens.stated:
+        if self.gyroflow is not None and not self.common.lens.stated:
             raise ValueError("--gyroflow is about rates, which need --focal or --camera")
 
     @staticmethod
@@ -101,15 +91,14 @@ class EstimateOptions:
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
-        photographs, folder, log = Photographs.of("estimate", self), self.folder, self.log.gyroflow
+        photographs, folder, log = Photographs.of(self), self.folder, self.gyroflow
         jobs = photographs.jobs(folder.output, ENDINGS)
         if log is not None and not photographs.inputs.one_video:
             raise OutputError(
                 f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
             )
         with photographs.writing(jobs, {"--gyroflow": log}):
-            work = partial(estimate_one, photographs.setup)
-            finished = photographs.run(jobs, work, summaries=not folder.json, resume=folder.resume)
+            finished = photographs.run(jobs, estimate_one, summaries=not folder.json, resume=folder.resume)
             if folder.json:
                 finished.print_json("estimates")
             photographs.close(finished, folder.output, summaries=not folder.json)
@@ -135,17 +124,17 @@ def gyroflow_of(records: Sequence[Photograph], video: str) -> str:
     return gyroflow_log(times, -np.array([rates[time] for time in times], float), video)
 
 
-def estimate_one(setup: Setup, job: Job) -> Outcome:
+def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
-    one = setup.estimated(job)
-    record = setup.record(one, job)
+    one = estimated(options, job)
+    record = record_of(options, one, job)
     files = {}
     if job.files:
         written = [*estimate_contents(one, record), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))
     lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, ENDINGS)]
-    lines += [record.reason] * setup.common.printing.verbose
-    return Outcome(photograph=record, summary="\n  ".join(lines), files=files, warnings=one.warnings)
+    lines += [record.reason] * options.common.printing.verbose
+    return Outcome(photograph=record, summary="\n  ".join(lines), files=files)
 
 
 def estimate_contents(one: Estimated, record: Photograph) -> list[bytes]:

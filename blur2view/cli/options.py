@@ -1,6 +1,6 @@
 """The groups of options that commands over photographs are composed of.
 
-The result of a photograph depends on every option but those of groups without an ``effect``: see `Setup`.
+Which of them the result of a photograph depends on, `work.digest_of` says.
 """
 
 import sys
@@ -16,8 +16,6 @@ from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
-from blur2view.smears.matches import SelectOptions
-from blur2view.two_view.consensus import EstimatorOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +26,7 @@ class Printing:
     -q, --quiet: print failures only
     """
 
-    effect, either = False, ("verbose", "quiet")
+    either = ("verbose", "quiet")
     verbose: bool = False
     quiet: bool = False
 
@@ -49,7 +47,6 @@ class Reading:
     --to FRAME: the last frame, included
     """
 
-    effect = False
     images: list[str]
     recursive: bool = False
     every: int = 1
@@ -68,7 +65,7 @@ class Lens:
     """camera: Known intrinsics give the essential matrix E and the pose.
 
     Without these options the focal length of EXIF, where there is one, is a hint, and nothing is called
-    calibrated. What is stated here is believed; if EXIF says 1.4 times as much or as little, a line says so.
+    calibrated. What is stated here is believed.
 
     --focal PX: focal length in pixels; the principal point is the photograph's centre
     --camera CAMERA: instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for
@@ -135,34 +132,15 @@ class Estimating:
     Its two ends are a match whose order in time is unknown.
 
     Rarely:
-    --beta SHARE: share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be
-        used, the most certain ones (default: %(default)s)
-    --max-error PX: a smear is an inlier if the Sampson distance of its ends from the epipolar geometry, in
-        the better of both orders, is below a tenth of its length and below this many pixels, or below two of
-        its own standard deviations (default: %(default).4g, the square root of the paper's 3 squared pixels)
     --seed N: of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)
     --model ONNX: a smear network, written by tools/training/export.py (default: the shipped one)
     --provider NAME: let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has,
         for example onnxruntime-gpu; results differ by rounding (default: the processor)
     """
 
-    beta: float = SelectOptions.beta
-    max_error: float = EstimatorOptions.max_error_px
     seed: Annotated[int, whole(0)] = 0
     model: str | None = None
     provider: str | None = None
-
-    def __post_init__(self) -> None:
-        self.select()
-        self.options()
-
-    def select(self) -> SelectOptions:
-        """Return which smears are used; ValueError if the share is not in range."""
-        return SelectOptions(beta=self.beta)
-
-    def options(self) -> EstimatorOptions:
-        """Return those of the estimator; ValueError if the error is not positive."""
-        return EstimatorOptions(max_error_px=self.max_error)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +156,7 @@ class Many:
         nor with --link
     """
 
-    effect, either = False, ("jobs", "dask")
+    either = ("jobs", "dask")
     jobs: int | None = None
     dask: Annotated[str | None, dask_address] = None
 
@@ -190,7 +168,6 @@ class Table:
     --csv FILE: write a table with a row for each photograph; blur2view triage --help-all names its columns
     """
 
-    effect = False
     csv: Path | None = None
 
 
@@ -205,7 +182,6 @@ class Folder:
         network and version; do the others
     """
 
-    effect = False
     output: Path | None = None
     json: bool = False
     resume: bool = False

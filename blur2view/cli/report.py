@@ -1,7 +1,6 @@
 """``blur2view report``: one page that shows the result of every photograph; its options, help and work."""
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,24 +10,11 @@ from blur2view.cli.adapter import group
 from blur2view.cli.options import Common, InTime
 from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import printable, verdict_line
-from blur2view.cli.work import Setup
+from blur2view.cli.work import estimated, record_of
 from blur2view.movers.mask import segment
 from blur2view.output_files import write_file
 from blur2view.results.report import report, section
 from blur2view.runs.jobs import Job, Outcome
-
-
-@dataclass(frozen=True, kw_only=True)
-class Page:
-    """output.
-
-    -o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless all fail
-    --no-mask: without the motion mask: faster
-    """
-
-    effect = False
-    output: Path = Path("report.html")
-    mask: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,10 +24,14 @@ class ReportOptions:
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
     the photographs; of each the verdict, the picture with smears, epipolar lines, motion mask and uncertainty
     as layers, and its record, also as the JSON document of blur2view estimate to download.
+
+    -o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless all fail
+    --no-mask: without the motion mask: faster
     """
 
     common: Common
-    page: Page = group(Page)
+    output: Path = Path("report.html")
+    mask: bool = True
     in_time: InTime = group(InTime)
 
     examples = (
@@ -59,10 +49,10 @@ class ReportOptions:
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
-        photographs, page = Photographs.of("report", self), self.page.output
+        photographs, page = Photographs.of(self), self.output
         jobs = photographs.jobs()
         with photographs.writing(jobs, {"-o": page}):
-            finished = photographs.run(jobs, partial(entry_one, photographs.setup, mask=self.page.mask))
+            finished = photographs.run(jobs, entry_one)
             photographs.close(finished)
             if finished.done:
                 shown = [(one.photograph, one.besides.get("section", "")) for _, one in finished.outcomes]
@@ -72,13 +62,13 @@ class ReportOptions:
         return finished.exit_code
 
 
-def entry_one(setup: Setup, job: Job, *, mask: bool) -> Outcome:
+def entry_one(options: ReportOptions, job: Job) -> Outcome:
     """Return the record of one photograph, and what the page shows of it."""
-    one, found = setup.estimated(job), None
-    if mask:
-        found = segment(one.estimate, one.image, np.random.default_rng(setup.common.estimating.seed))
-    record = setup.record(one, job, mask=found)
+    one, found = estimated(options, job), None
+    if options.mask:
+        found = segment(one.estimate, one.image, np.random.default_rng(options.common.estimating.seed))
+    record = record_of(options, one, job, mask=found)
     summary = verdict_line(str(job.source), record)
-    summary += f"\n  {record.reason}" * setup.common.printing.verbose
+    summary += f"\n  {record.reason}" * options.common.printing.verbose
     besides = {"section": section(record, one.estimate, one.image, found)}
-    return Outcome(photograph=record, summary=summary, besides=besides, warnings=one.warnings)
+    return Outcome(photograph=record, summary=summary, besides=besides)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
-from blur2view.cli.work import Setup
+from blur2view.cli.work import digest_of, network_of, time_options
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
 from blur2view.images.inputs import Inputs
 from blur2view.images.source import Source
@@ -20,7 +20,7 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import check_file, real_paths, writable_folders, write_file
 from blur2view.results.photograph import Photograph, table_text
 from blur2view.runs.executors import in_cluster, in_processes
-from blur2view.runs.jobs import Job, Outcome, Work, neighbours_of, outcomes
+from blur2view.runs.jobs import Job, Outcome, neighbours_of, outcomes
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 
@@ -63,13 +63,13 @@ class Finished:
 class Photographs:
     """The photographs of a call, how each is estimated, and how it goes through them."""
 
+    options: Any
     inputs: Inputs
-    setup: Setup
 
     @classmethod
-    def of(cls, command: str, options: Any) -> "Photographs":
+    def of(cls, options: Any) -> "Photographs":
         """Return those of a command with these options."""
-        return cls(inputs=options.common.reading.inputs(), setup=Setup.of(command, options))
+        return cls(options=options, inputs=options.common.reading.inputs())
 
     def jobs(
         self,
@@ -84,7 +84,8 @@ class Photographs:
         other programs are never replaced, nor results of another photograph of the call: that is refused.
         """
         inputs, read, first_of = self.inputs, self.inputs.read, dict[Path, Source]()
-        near, jobs = neighbours_of(inputs.sources, self.setup.in_time.sequence), list[Job]()
+        digest = digest_of(self.options)
+        near, jobs = neighbours_of(inputs.sources, time_options(self.options).sequence), list[Job]()
         named = zip(inputs.sources, inputs.names(), inputs.result_names(), strict=True)
         for index, (source, name, stem) in enumerate(named):
             files: tuple[Path, ...] = ()
@@ -95,7 +96,7 @@ class Photographs:
                 own = (Path(f"{stem}{ending}") for ending in endings)
                 files = tuple(folder / path for path in (*beside(Path(name)), *own))
                 refusal = _conflict(source, files, read, first_of)
-            job = Job(index=index, source=source, name=name, neighbours=near[index])
+            job = Job(index=index, source=source, name=name, neighbours=near[index], options_sha256=digest)
             jobs.append(replace(job, files=files, refusal=refusal))
         return jobs
 
@@ -109,11 +110,11 @@ class Photographs:
         them; ``beside`` is one more file that the call writes and checks itself. ModelError or OutputError of
         what cannot be used.
         """
-        self.setup.network()  # first, so that a damaged one is named before any photograph
-        every = {"--csv": self.setup.common.table.csv, **targets}
+        network_of(self.options)  # first, so that a damaged one is named before any photograph
+        every = {"--csv": self.options.common.table.csv, **targets}
         written = {option: path for option, path in every.items() if path is not None}
         paths = [path for job in jobs for path in job.files] + [one for one in [beside] if one is not None]
-        names, database = real_paths(paths), self.setup.common.lens.database
+        names, database = real_paths(paths), self.options.common.lens.database
         used = self.inputs.read | real_paths([] if database is None else [database])
         folders = {path.parent for path in (*paths, *written.values())}
         with writable_folders(*sorted(folders)):
@@ -125,24 +126,30 @@ class Photographs:
             yield
 
     def run(
-        self, jobs: Sequence[Job], work: Work, *, summaries: bool = True, resume: bool = False
+        self,
+        jobs: Sequence[Job],
+        work: Callable[[Any, Any], Outcome],
+        *,
+        summaries: bool = True,
+        resume: bool = False,
     ) -> Finished:
         """Return what came of all photographs in order, after printing a line for each.
 
         Ends early, after a line that says how to go on, if it is interrupted or no photograph can be done any
-        more, as on a full disk. With ``resume`` those are skipped whose results are there.
+        more, as on a full disk. ``work`` takes the options and a job; with ``resume`` those are skipped whose
+        results are there.
         """
-        run, warned, start = Finished(), set[str](), time.monotonic()
-        many, find = self.setup.common.many, self._done_before if resume else lambda job: None
-        do = partial(in_processes, work, count=max(min(many.jobs or usable_cores(), len(jobs)), 1))
+        run, start, many = Finished(), time.monotonic(), self.options.common.many
+        do = partial(in_processes, count=max(min(many.jobs or usable_cores(), len(jobs)), 1))
         if many.dask is not None:
-            do = partial(in_cluster, work, address=many.dask)
+            do = partial(in_cluster, address=many.dask)
+        find = self._done_before if resume else lambda job: None
         try:
-            with closing(outcomes(jobs, do, find)) as results:
+            with closing(outcomes(jobs, partial(do, partial(work, self.options)), find)) as results:
                 for job, outcome in results:
                     run.outcomes.append((job, outcome))
                     show_status()
-                    self._print(job, outcome, warned, summaries=summaries, alone=len(jobs) == 1)
+                    self._print(outcome, summaries=summaries, alone=len(jobs) == 1)
                     if len(jobs) > 1:
                         show_status(f"{len(run.outcomes)} of {plural(len(jobs), 'photograph')}")
         except KeyboardInterrupt:
@@ -167,37 +174,31 @@ class Photographs:
             record = Photograph.from_json(job.files[-1].read_bytes())
         except (OSError, ValueError, TypeError, LookupError):  # it was cut off, or changed
             return None
-        same = (record.input_sha256, record.options_sha256) == (job.input_sha256, self.setup.key(job))
+        same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.options_sha256)
         if not same or not all(path.is_file() for path in job.files):
             return None
         summary = f"{printable(str(job.source))}: done before"
         return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
 
-    def _print(self, job: Job, one: Outcome, warned: set[str], *, summaries: bool, alone: bool) -> None:
-        """Print what became of a photograph: why it failed, or its summary; warnings, one of each option."""
-        printing = self.setup.common.printing
+    def _print(self, one: Outcome, *, summaries: bool, alone: bool) -> None:
+        """Print what became of a photograph: why it failed, or its summary, whole if it is alone."""
+        printing = self.options.common.printing
+        whole = alone or printing.verbose
         if one.error:
             complain(Blur2ViewError(one.error))
-        if printing.quiet:
-            return
-        whole = alone or printing.verbose
-        if summaries and not one.error and (whole or not one.skipped):
+        elif summaries and not printing.quiet and (whole or not one.skipped):
             lines = one.summary.split("\n")
             print("\n".join(map(printable, lines if whole else lines[:1])), flush=True)
-        for warning in one.warnings:
-            if (about := warning.partition(" ")[0]) not in warned:
-                complain(Blur2ViewError(f"{job.source}: {warning}"))
-            warned.add(about)
 
     def close(self, run: Finished, *written: Path | None, summaries: bool = True) -> None:
         """Write the table; print how many of several photographs were done, and what was written.
 
         OutputError if it cannot be written; all else is there.
         """
-        table, rows = self.setup.common.table.csv, list(run.records.values())
+        table, rows = self.options.common.table.csv, list(run.records.values())
         if table is not None and rows:
             write_file(table, table_text(rows))
-        quiet = self.setup.common.printing.quiet or not summaries
+        quiet = self.options.common.printing.quiet or not summaries
         if run.ended_early or len(run.outcomes) < 2 or quiet:
             return
         skipped, failed = sum(one.skipped for one in run.done), len(run.failures)

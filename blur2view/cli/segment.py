@@ -1,9 +1,8 @@
 """``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +14,7 @@ from blur2view.cli.options import Common, Folder
 from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import printable
 from blur2view.cli.values import one_of, probability
-from blur2view.cli.work import Setup
+from blur2view.cli.work import estimated, record_of
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
 from blur2view.movers.mask import segment
 from blur2view.movers.moving import THRESHOLD
@@ -80,32 +79,31 @@ class SegmentOptions:
 
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        photographs, folder = Photographs.of("segment", self), self.folder
-        work = partial(segment_one, photographs.setup, threshold=self.threshold, programs=self.programs)
+        photographs, folder = Photographs.of(self), self.folder
         jobs = photographs.jobs(
             folder.output, ENDINGS, lambda name: [FOLDER / program.path(name) for program in self.programs]
         )
         with photographs.writing(jobs, {}):
-            finished = photographs.run(jobs, work, summaries=not folder.json, resume=folder.resume)
+            finished = photographs.run(jobs, segment_one, summaries=not folder.json, resume=folder.resume)
             if folder.json:
                 finished.print_json("masks")
             photographs.close(finished, folder.output, summaries=not folder.json)
         return finished.exit_code
 
 
-def segment_one(setup: Setup, job: Job, *, threshold: float, programs: Sequence[MaskFormat]) -> Outcome:
+def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
-    one = setup.estimated(job)
-    rng = np.random.default_rng(setup.common.estimating.seed)
-    mask = segment(one.estimate, one.image, rng, threshold=threshold)
-    record = setup.record(one, job, mask=mask)
+    one = estimated(options, job)
+    rng = np.random.default_rng(options.common.estimating.seed)
+    mask = segment(one.estimate, one.image, rng, threshold=options.threshold)
+    record = record_of(options, one, job, mask=mask)
     files = {}
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF
-        masks = [to.picture(stored) for to in programs]
+        masks = [to.picture(stored) for to in options.programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
         pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
         written = [*map(png, pictures), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))
     summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, ENDINGS)}"
-    return Outcome(photograph=record, summary=summary, files=files, warnings=one.warnings)
+    return Outcome(photograph=record, summary=summary, files=files)

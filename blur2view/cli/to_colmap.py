@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
 from blur2view.cli.options import Common
 from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.cli.work import Setup
+from blur2view.cli.work import estimated, record_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import (
     holds_views_alone,
@@ -66,22 +65,6 @@ class LinkJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Database:
-    """output.
-
-    --db DB: the database: a new one, or with --link yours
-    --json: print one JSON document instead of the summaries, see below
-    Rarely:
-    --no-backup: with --link: do not copy the database to DB.<time>.bak first
-    """
-
-    effect = False
-    db: Path
-    json: bool = False
-    backup: bool = True
-
-
-@dataclass(frozen=True, kw_only=True)
 class ToColmapOptions:
     """The options of ``blur2view to-colmap``.
 
@@ -94,15 +77,21 @@ class ToColmapOptions:
     help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
     place puts them into its model.
 
+    --db DB: the database: a new one, or with --link yours
+    --json: print one JSON document instead of the summaries, see below
     --link: add to a database that holds the photographs and their features
     --sequence: the photographs are a video in this order: those before and after each one show which view
         came first; with --no-sequence not even the frames of a video do (default: those of a video)
+    Rarely:
+    --no-backup: with --link: do not copy the database to DB.<time>.bak first
     """
 
     common: Common
-    database: Database
+    db: Path
+    json: bool = False
     link: bool = False
     sequence: bool | None = None
+    backup: bool = True
 
     examples = (
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
@@ -110,7 +99,7 @@ class ToColmapOptions:
     )
 
     def __post_init__(self) -> None:
-        if not self.link and not self.database.backup:
+        if not self.link and not self.backup:
             raise ValueError("--no-backup goes with --link")
         if self.link and self.common.many.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
@@ -125,16 +114,14 @@ class ToColmapOptions:
 
         A run that ends early writes nothing.
         """
-        photographs, db = Photographs.of("to-colmap", self), self.database.db
+        photographs, db = Photographs.of(self), self.db
         project = db if self.link else None
         jobs, backup = linked_jobs(photographs.jobs(), project), None
         if not self.link:
             refuse_existing(db, replace=holds_views_alone(db))
         with photographs.writing(jobs, {}, beside=db):
             by_name = {job.name: job for job in jobs if job.refusal is None}
-            finished = photographs.run(
-                jobs, partial(views_one, photographs.setup, project=project), summaries=False
-            )
+            finished = photographs.run(jobs, views_one, summaries=False)
             views: list[ExposureViews] = [one.besides["views"] for one in finished.done]
             photographs.close(finished, summaries=False)
             if finished.ended_early or not views:
@@ -142,11 +129,11 @@ class ToColmapOptions:
             with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
                 if self.link:
                     links = [(plan, one) for one in views if (plan := by_name[one.name].plan) is not None]
-                    backup = write_links(db, links, backup=self.database.backup)
+                    backup = write_links(db, links, backup=self.backup)
                 else:
                     write_database(db, views, replace=True)
         records = [views_record(by_name[one.name], one) for one in views]
-        if self.database.json:
+        if self.json:
             document = {
                 "target": str(db),
                 "backup": None if backup is None else str(backup),
@@ -170,26 +157,25 @@ class ToColmapOptions:
             lines.append(f"translation undecided in {undecided} of {len(records)}: {turned}; {why}")
         count = f"{plural(2 * len(records), 'image')} of {plural(len(records), 'photograph')}"
         kept = "" if backup is None else f"; backup {printable(str(backup))}"
-        return [*lines, f"{printable(str(self.database.db))}: wrote {count}{kept}"]
+        return [*lines, f"{printable(str(self.db))}: wrote {count}{kept}"]
 
 
-def views_one(setup: Setup, job: LinkJob, *, project: Path | None) -> Outcome:
+def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
     """Return the record of one photograph, and its views."""
-    plan, lens = job.plan, setup.common.lens
+    plan, lens = job.plan, options.common.lens
 
     def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
         stated = lens.intrinsics().of(path, size, exif)
-        if plan is None or project is None:
+        if plan is None:
             return stated
-        return _project_camera(plan, project, path, size, stated, hint=not lens.stated)
+        return _project_camera(plan, options.db, path, size, stated, hint=not lens.stated)
 
-    one = setup.estimated(job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
+    one = estimated(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
     if plan is None:
         views = views_of(job.name, one.estimate)
     else:
-        views = keypoint_views(job.name, plan.keypoints, one.estimate, setup.common.estimating.options())
-    record = setup.record(one, job)
-    return Outcome(photograph=record, besides={"views": views}, warnings=one.warnings)
+        views = keypoint_views(job.name, plan.keypoints, one.estimate)
+    return Outcome(photograph=record_of(options, one, job), besides={"views": views})
 
 
 def _project_camera(

@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from math import inf
 from pathlib import Path
@@ -12,11 +11,10 @@ from typing import Annotated
 import cv2
 
 from blur2view.cli import values
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Common
 from blur2view.cli.run import Finished, Photographs
 from blur2view.cli.terminal import plural, printable
-from blur2view.cli.work import Setup
+from blur2view.cli.work import estimated, record_of
 from blur2view.errors import OutputError
 from blur2view.images.source import Source, read_content
 from blur2view.images.video import read_frame
@@ -57,30 +55,90 @@ LIST = """
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
-    """output.
+class TriageOptions:
+    """The options of ``blur2view triage``.
+
+    Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
+    of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
+    explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
+    dark to show blur, which the variance of the Laplacian would confuse.
 
     --keep LIST: write the list of photographs to keep, see below
     --extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
     --blurred: keep the blurred ones, too, that geometry can use
     --best N: keep the N sharpest: those called sharp before others, then by the width of all of the blur
     --every-best N: keep the sharpest of every N neighbours
+    --max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to which half
+        of its SIFT features are still matched)
+    --max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
     """
 
-    effect, either = False, ("blurred", "best", "every_best")
+    either = ("blurred", "best", "every_best")
+    common: Common
     keep: Path | None = None
     extract: Path | None = None
     blurred: bool = False
     best: int | None = None
     every_best: int | None = None
+    max_smear: Annotated[float, values.length] = MAX_SMEAR_PX
+    max_defocus: Annotated[float, values.radius] = MAX_DEFOCUS_PX
+
+    examples = (
+        "blur2view triage clip.mp4 --every-best 6 --extract frames",
+        "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
+        "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
+    )
 
     def __post_init__(self) -> None:
         if (self.best or self.every_best) and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
 
-    def selected(self, rows: Mapping[Source, Photograph]) -> list[Source]:
+    @staticmethod
+    def tables() -> dict[str, str | Mapping[str, str]]:
+        """Return what --help-all lists besides options."""
+        return {"uses": USES, "columns of --csv": explanations(flat=True), "what is written": LIST}
+
+    def execute(self) -> int:
+        """Return the exit code, after looking at every photograph and writing table, list and pictures.
+
+        A run that ends early writes the table of what is done.
+        """
+        photographs = Photographs.of(self)
+        jobs = photographs.jobs()
+        with photographs.writing(jobs, {"--keep": self.keep}, beside=self.extract):
+            if self.extract is not None:
+                refuse_filled(self.extract)
+            finished = photographs.run(jobs, look_at)
+            photographs.close(finished, summaries=False)
+            if finished.done and not finished.ended_early:
+                self._write(finished)
+        return finished.exit_code
+
+    def _write(self, finished: Finished) -> None:
+        """Write list and pictures, and print the closing line."""
+        records = finished.records
+        names = {job.source: job.name for job in records}
+        kept = self._selected({job.source: one for job, one in records.items() if not one.error})
+        if self.keep is not None:
+            text = "".join(f"{names[one]}\n" for one in kept)
+            write_file(self.keep, text.encode("utf-8", "surrogateescape"))
+        if self.extract is not None:
+            extract(self.extract, {one: names[one] for one in kept})
+        if self.common.printing.quiet:
+            return
+        counts = Counter(str(one.use) for one in records.values())
+        parts = [", ".join(f"{counts[use]} {words}" for use, words in COUNTED.items() if counts[use])]
+        if self.keep is not None or self.extract is not None:
+            limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
+            remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
+            parts.append(f"{len(kept)} kept" if kept else f"none is kept: {remedy}")
+        written = [self.common.table.csv, self.keep, self.extract if kept else None]
+        paths = " and ".join(printable(str(path)) for path in written if path is not None)
+        parts += [f"wrote {paths}"] * bool(paths)
+        print(f"{plural(len(records), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")
+
+    def _selected(self, read: Mapping[Source, Photograph]) -> list[Source]:
         """Return the photographs to keep, in order."""
-        read = {one: row for one, row in rows.items() if not row.error}
 
         def width(one: Source) -> tuple[bool, float]:
             found = read[one].width_px  # without texture it comes last
@@ -98,98 +156,14 @@ class Choice:
         return [one for one in read if one in chosen]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sharp:
-    """what is sharp.
-
-    --max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to which half
-        of its SIFT features are still matched)
-    --max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
-    """
-
-    effect = False
-    max_smear: Annotated[float, values.length] = MAX_SMEAR_PX
-    max_defocus: Annotated[float, values.radius] = MAX_DEFOCUS_PX
-
-
-@dataclass(frozen=True, kw_only=True)
-class TriageOptions:
-    """The options of ``blur2view triage``.
-
-    Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
-    of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
-    explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
-    dark to show blur, which the variance of the Laplacian would confuse.
-    """
-
-    common: Common
-    choice: Choice = group(Choice)
-    sharp: Sharp = group(Sharp)
-
-    examples = (
-        "blur2view triage clip.mp4 --every-best 6 --extract frames",
-        "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
-        "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
-    )
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {"uses": USES, "columns of --csv": explanations(flat=True), "what is written": LIST}
-
-    def execute(self) -> int:
-        """Return the exit code, after looking at every photograph and writing table, list and pictures.
-
-        A run that ends early writes the table of what is done.
-        """
-        photographs, choice = Photographs.of("triage", self), self.choice
-        jobs = photographs.jobs()
-        with photographs.writing(jobs, {"--keep": choice.keep}, beside=choice.extract):
-            if choice.extract is not None:
-                refuse_filled(choice.extract)
-            limits = Limits(max_smear_px=self.sharp.max_smear, max_defocus_px=self.sharp.max_defocus)
-            finished = photographs.run(jobs, partial(look_at, photographs.setup, limits))
-            photographs.close(finished, summaries=False)
-            if finished.done and not finished.ended_early:
-                self._write(finished)
-        return finished.exit_code
-
-    def _write(self, finished: Finished) -> None:
-        """Write list and pictures, and print the closing line."""
-        keep, folder = self.choice.keep, self.choice.extract
-        records = finished.records
-        names = {job.source: job.name for job in records}
-        kept = self.choice.selected({job.source: one for job, one in records.items()})
-        if keep is not None:
-            text = "".join(f"{names[one]}\n" for one in kept)
-            write_file(keep, text.encode("utf-8", "surrogateescape"))
-        if folder is not None:
-            extract(folder, {one: names[one] for one in kept})
-        if self.common.printing.quiet:
-            return
-        counts = Counter(str(one.use) for one in records.values())
-        parts = [", ".join(f"{counts[use]} {words}" for use, words in COUNTED.items() if counts[use])]
-        if keep is not None or folder is not None:
-            parts.append(f"{len(kept)} kept" if kept else f"none is kept: {self._remedy}")
-        written = [self.common.table.csv, keep, folder if kept else None]
-        paths = " and ".join(printable(str(path)) for path in written if path is not None)
-        parts += [f"wrote {paths}"] * bool(paths)
-        print(f"{plural(len(records), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")
-
-    @property
-    def _remedy(self) -> str:
-        """What would keep photographs where none is kept."""
-        limits = f"--max-smear is {self.sharp.max_smear:g}, --max-defocus {self.sharp.max_defocus:g}"
-        return f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
-
-
-def look_at(setup: Setup, limits: Limits, job: Job) -> Outcome:
+def look_at(options: TriageOptions, job: Job) -> Outcome:
     """Return the record of one photograph, which is looked at less closely: of its blur alone."""
-    one = setup.estimated(job, detail=Detail.RANKING)
-    record = setup.record(one, job).of_use(limits).of_blur_alone()
+    one = estimated(options, job, detail=Detail.RANKING)
+    limits = Limits(max_smear_px=options.max_smear, max_defocus_px=options.max_defocus)
+    record = record_of(options, one, job).of_use(limits).of_blur_alone()
     summary = f"{printable(str(job.source))}: {use_line(record)}"
-    summary += f": {record.verdict}" * setup.common.printing.verbose
-    return Outcome(photograph=record, summary=summary, warnings=one.warnings)
+    summary += f": {record.verdict}" * options.common.printing.verbose
+    return Outcome(photograph=record, summary=summary)
 
 
 def refuse_filled(folder: Path) -> None:

@@ -1,10 +1,9 @@
 """The work on one photograph, as far as the commands share it: how it is estimated, by which network.
 
-The network is loaded once in each process: bytes do not depend on its threads.
+``options`` are those of any command over photographs, as its dataclass has them.
 """
 
 import hashlib
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
@@ -18,9 +17,9 @@ import numpy as np
 from blur2view import __version__
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
-from blur2view.camera.intrinsics import ExifValues, disagreement, read_exif
+from blur2view.camera.intrinsics import ExifValues, read_exif
 from blur2view.cli.options import Common, InTime
-from blur2view.errors import Blur2ViewError, CameraError, RunError
+from blur2view.errors import Blur2ViewError, CameraError
 from blur2view.exposure.features import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
@@ -47,156 +46,109 @@ class Estimated:
     estimate: Estimate
     image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
     exposure_s: float | None  # of the options or else of EXIF
-    warnings: tuple[str, ...]  # of options that EXIF contradicts
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """How every photograph of a call is estimated, in whichever process.
+def time_options(options: Any) -> InTime:
+    """Return the options of exposure and order in time, of a command that has some."""
+    found: InTime = getattr(options, "in_time", InTime(sequence=getattr(options, "sequence", False)))
+    return found
 
-    Parameters
-    ----------
-    common, in_time : Common, InTime
-        The options of every command; those of exposure and order in time.
-    network_sha256 : str
-        Of the network's file.
-    options_sha256 : str
-        Of the command and of every option that results depend on.
+
+def digest_of(options: Any) -> str:
+    """Return the SHA-256 of all that results depend on besides photographs: options, network, version.
+
+    Those are the groups of the camera, of the estimate and of time, and a command's own but for paths.
     """
-
-    common: Common
-    in_time: InTime
-    network_sha256: str
-    options_sha256: str
-
-    @classmethod
-    def of(cls, command: str, options: Any) -> "Setup":
-        """Return the setup of a command with these options, which have groups of the names used here."""
-        common: Common = options.common
-        files = [model_path(common.estimating.model), common.lens.database]
-        digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
-        return cls(
-            common=common,
-            in_time=getattr(options, "in_time", InTime(sequence=getattr(options, "sequence", False))),
-            network_sha256=digests[0],
-            options_sha256=_sha256([command, __version__, digests, _settings(options)]),
-        )
-
-    def network(self) -> SmearNetwork:
-        """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
-        estimating = self.common.estimating
-        return _network(estimating.model, estimating.provider, self.network_sha256)
-
-    def estimated(
-        self,
-        job: Job,
-        *,
-        as_stored: bool = False,
-        camera_of: CameraOf | None = None,
-        detail: Detail = Detail.GEOMETRY,
-    ) -> Estimated:
-        """Return the estimate of a photograph, in the order in time that its neighbours decide.
-
-        Each has a generator of its own, so that its result does not depend on those before it. ``as_stored``
-        is as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of
-        options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
-        """
-        estimating, lens, exposure_s = self.common.estimating, self.common.lens, self.in_time.exposure
-        path = Path(str(job.source))
-        image = read_pixels(path, as_stored=as_stored, content=job.content)
-        exif = read_exif(path, job.content)
-        camera = (camera_of or lens.intrinsics().of)(path, (image.shape[1], image.shape[0]), exif)
-        found = estimate(
-            image,
-            network=self.network(),
-            select=estimating.select(),
-            options=estimating.options(),
-            rng=np.random.default_rng(estimating.seed),
-            camera=camera,
-            shutter=self._shutter(job.source, exif),
-            detail=detail,
-        )
-        focal_px = camera.focal_px if camera else None
-        return Estimated(
-            estimate=self._in_time(found, job, as_stored),
-            image=image,
-            exposure_s=exposure_s or exif.exposure_s,
-            warnings=(  # an option is believed all the same
-                *disagreement("--exposure", exposure_s, exif.exposure_s, "s"),
-                *disagreement(lens.intrinsics().stated, focal_px, exif.focal_px, "px"),
-            ),
-        )
-
-    def _shutter(self, source: Source, exif: ExifValues) -> RollingShutter | None:
-        """Return the rolling shutter of a photograph, None where the options name none."""
-        if not self.in_time.readout:
-            return None
-        if (exposure_s := self.in_time.exposure or exif.exposure_s) is None:
-            raise CameraError(
-                f"{source}: --readout needs the exposure time, EXIF names none; add --exposure S"
-            )
-        towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
-        return RollingShutter(readout_s=self.in_time.readout, exposure_s=exposure_s, towards=towards)
-
-    def _in_time(self, found: Estimate, job: Job, as_stored: bool) -> Estimate:
-        """Return an estimate in the order that the photographs before and after it decide."""
-        motions, here = [], (job.source, job.content)
-        for steps, near in job.neighbours:
-            if near not in job.contents:  # it cannot be read, and has a line of its own
-                continue
-            with suppress(Blur2ViewError):  # likewise
-                there = near, job.contents[near]
-                pair = (there, here) if steps < 0 else (here, there)
-                own, other = _matched(*pair, as_stored)[::steps]
-                motions.append(neighbour_motion(own, other, steps, found.camera))
-        return in_time(found, motions) if job.neighbours else found
-
-    def key(self, job: Job) -> str:
-        """Return the digest of all that the result of a photograph depends on besides its file."""
-        return _sha256([self.options_sha256, job.depends_on])
-
-    def record(self, one: Estimated, job: Job, **stated: Any) -> Photograph:
-        """Return the record of an estimate, with ``stated`` fields."""
-        time_s = timestamp_of(job.source.name) if job.source.time_s is None else job.source.time_s
-        known = {
-            "frame": job.source.frame,
-            "timestamp_s": time_s,
-            "exposure_s": one.exposure_s,
-            "beta": self.common.estimating.beta,
-            "max_error_px": self.common.estimating.max_error,
-            "seed": self.common.estimating.seed,
-            "version": __version__,
-            "input_sha256": job.input_sha256,
-            "options_sha256": self.key(job),
-        }
-        return Photograph.of(one.estimate, name=job.name, **known | stated).of_use()
+    common: Common = options.common
+    files = model_path(common.estimating.model), common.lens.database
+    digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
+    values = {one.name: getattr(options, one.name) for one in fields(options)}
+    own = {name: one for name, one in values.items() if not isinstance(one, Path) and not is_dataclass(one)}
+    groups = common.lens, common.estimating, time_options(options)
+    every = type(options).__name__, __version__, digests, groups, own
+    return hashlib.sha256(repr(every).encode()).hexdigest()
 
 
-def _settings(options: Any) -> dict[str, Any]:
-    """Return the values of a dataclass of options by their names, of groups that have an effect alone."""
-    values = {one: getattr(options, one.name) for one in fields(options)}
-    return {
-        one.name: _settings(value) if is_dataclass(value) else value
-        for one, value in values.items()
-        if getattr(one.type, "effect", True)
-    }
-
-
-def _sha256(value: Any) -> str:
-    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()
+def network_of(options: Any) -> SmearNetwork:
+    """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
+    return _network(options.common.estimating.model, options.common.estimating.provider)
 
 
 @lru_cache(maxsize=1)
-def _network(model: str | None, provider: str | None, digest: str) -> SmearNetwork:
-    """Return the smear network of this process; processes beside others have a core each.
+def _network(model: str | None, provider: str | None) -> SmearNetwork:
+    threads = usable_cores() if parent_process() is None else 1  # on which bytes do not depend
+    return SmearNetwork(model, threads=threads, providers=() if provider is None else (provider,))
 
-    RunError if another file than that of the digest has its name here, as on a machine of a cluster.
+
+def estimated(
+    options: Any,
+    job: Job,
+    *,
+    as_stored: bool = False,
+    camera_of: CameraOf | None = None,
+    detail: Detail = Detail.GEOMETRY,
+) -> Estimated:
+    """Return the estimate of a photograph, in the order in time that its neighbours decide.
+
+    Each has a generator of its own, so that its result does not depend on those before it. ``as_stored`` is
+    as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of options
+    or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
-    threads = usable_cores() if parent_process() is None else 1
-    loaded = SmearNetwork(model, threads=threads, providers=() if provider is None else (provider,))
-    if file_digest(loaded.path) != digest:
-        raise RunError(f"{loaded.path}: is another network on a worker; install the same blur2view there")
-    return loaded
+    path, in_time_options = Path(str(job.source)), time_options(options)
+    image = read_pixels(path, as_stored=as_stored, content=job.content)
+    exif = read_exif(path, job.content)
+    exposure_s = in_time_options.exposure or exif.exposure_s
+    found = estimate(
+        image,
+        network=network_of(options),
+        rng=np.random.default_rng(options.common.estimating.seed),
+        camera=(camera_of or options.common.lens.intrinsics().of)(path, image.shape[1::-1], exif),
+        shutter=_shutter(job.source, in_time_options.readout, exposure_s, exif),
+        detail=detail,
+    )
+    return Estimated(estimate=_in_time(found, job, as_stored), image=image, exposure_s=exposure_s)
+
+
+def _shutter(
+    source: Source, readout_s: float | None, exposure_s: float | None, exif: ExifValues
+) -> RollingShutter | None:
+    """Return the rolling shutter of a photograph, None where the options name none."""
+    if not readout_s:
+        return None
+    if exposure_s is None:
+        raise CameraError(f"{source}: --readout needs the exposure time, EXIF names none; add --exposure S")
+    towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
+    return RollingShutter(readout_s=readout_s, exposure_s=exposure_s, towards=towards)
+
+
+def _in_time(found: Estimate, job: Job, as_stored: bool) -> Estimate:
+    """Return an estimate in the order that the photographs before and after it decide."""
+    motions, here = [], (job.source, job.content)
+    for steps, near in job.neighbours:
+        if near not in job.contents:  # it cannot be read, and has a line of its own
+            continue
+        with suppress(Blur2ViewError):  # likewise
+            there = near, job.contents[near]
+            pair = (there, here) if steps < 0 else (here, there)
+            own, other = _matched(*pair, as_stored)[::steps]
+            motions.append(neighbour_motion(own, other, steps, found.camera))
+    return in_time(found, motions) if job.neighbours else found
+
+
+def record_of(options: Any, one: Estimated, job: Job, **stated: Any) -> Photograph:
+    """Return the record of an estimate, with ``stated`` fields."""
+    source = job.source
+    return Photograph.of(
+        one.estimate,
+        name=job.name,
+        frame=source.frame,
+        exposure_s=one.exposure_s,
+        seed=options.common.estimating.seed,
+        version=__version__,
+        input_sha256=job.input_sha256,
+        options_sha256=job.options_sha256,
+        **{"timestamp_s": timestamp_of(source.name) if source.time_s is None else source.time_s} | stated,
+    ).of_use()
 
 
 @lru_cache(maxsize=2)

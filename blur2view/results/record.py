@@ -99,7 +99,10 @@ class Record:
     )
     H: Matrix | None = explained("Homography, points2 ~ H points1; beside F parallax is undecided.")
     num_matches: int | None = explained("Smears that were used.")
-    num_inliers: int | None = explained("Smears that fit, see --max-error.")
+    num_inliers: int | None = explained(
+        """Smears that fit: the Sampson distance of their ends, in the better of both orders, is below 1.73 px
+        and a tenth of their length, or below two of their own standard deviations."""
+    )
     support_by_chance: float | None = explained("Share that would fit if directions were random.")
     E: Matrix | None = explained("Essential matrix of known intrinsics.")
     cam2_from_cam1: dict[str, Any] | None = explained(
@@ -124,8 +127,6 @@ class Record:
         """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
         unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid, probability)."""
     )
-    beta: float | None = explained("The option of this name.")
-    max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option of this name.")
     version: str = explained("The version of blur2view.", "")
     model_ids: list[str] = explained("The networks that were used, by their weights.", [])

@@ -1,6 +1,7 @@
 """Jobs, a photograph each: what goes to the process that does one, what comes back, and the loop over all."""
 
 import errno
+import hashlib
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
@@ -32,7 +33,7 @@ class Job:
     refusal: Blur2ViewError | None = None  # why it cannot be begun
     contents: Mapping[Source, bytes] = field(default_factory=dict)  # of its file and its neighbours'
     input_sha256: str = ""  # of its file
-    depends_on: str = ""  # all else that its result depends on, but for the options of the call
+    options_sha256: str = ""  # of the call's options, and of all else that its result depends on
 
     @property
     def content(self) -> bytes:
@@ -48,7 +49,6 @@ class Outcome:
     summary: str = ""  # what is printed; its first line stands for the photograph where there are many
     files: Mapping[Path, bytes] = field(default_factory=dict)  # to be written together, in this order
     besides: Mapping[str, Any] = field(default_factory=dict)  # what the command needs of it in the end
-    warnings: tuple[str, ...] = ()  # each begins with the option that it is about
     skipped: bool = False  # whether an earlier call did it
 
     @property
@@ -121,7 +121,7 @@ def _left(jobs: Iterable[Job], find: Find, waiting: dict[int, Any]) -> Iterator[
         try:
             if job.refusal is not None:
                 raise job.refusal
-            job = identified(job)
+            job = _identified(job)
             if (outcome := find(job)) is None:
                 yield _read(job)
             else:
@@ -152,20 +152,12 @@ def _read(job: Job) -> Job:
 
 
 def perform(work: Work, job: Job) -> Outcome:
-    """Return the outcome of one photograph, its files unwritten; errors of the user's are data.
-
-    RunError if every other photograph would fail likewise.
-    """
+    """Return the outcome of one photograph, its files unwritten; errors of the user's are data."""
     try:
         with within_memory(job.source.path):
             return work(job)
-    except RunError:
-        raise
     except Blur2ViewError as error:
         return failed(job.name, error)
-    except OSError as error:  # as where a process may open no more files
-        why = f"{job.source}: cannot be read ({error.strerror or error}); try again"
-        return failed(job.name, ImageError(why))
 
 
 def failed(name: str, error: Blur2ViewError) -> Outcome:
@@ -173,14 +165,12 @@ def failed(name: str, error: Blur2ViewError) -> Outcome:
     return Outcome(photograph=Photograph(name=name, error=str(error)))
 
 
-def identified(job: Job) -> Job:
-    """Return a job with the digest of its file, and with what else its result depends on."""
-    one = job.source
-    if one.frame is None:
-        depends_on = "; ".join(f"{steps:+d} {_digest_of(other.path)}" for steps, other in job.neighbours)
-    else:  # its time and its neighbours follow from its video
-        depends_on = f"frame {one.frame}; {len(job.neighbours)}"
-    return replace(job, input_sha256=_digest_of(one.path), depends_on=depends_on)
+def _identified(job: Job) -> Job:
+    """Return a job with the digest of its file, and of what else its result depends on: its neighbours."""
+    near = [_digest_of(one.path) for _, one in job.neighbours] if job.source.frame is None else []
+    every = job.options_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
+    digest = hashlib.sha256(repr(every).encode()).hexdigest()
+    return replace(job, input_sha256=_digest_of(job.source.path), options_sha256=digest)
 
 
 def _digest_of(path: Path) -> str:

@@ -69,24 +69,6 @@ def test_document_holds_the_pose(run: Any, photo: Path, camera: list[Any]) -> No
     assert np.array(document["pose_covariance"]["matrix"]).shape == (5, 5)
 
 
-def test_what_exif_contradicts_is_believed_and_told_once(here: Path, call: Call) -> None:
-    for name in "ab":
-        exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.02)
-        Image.fromarray(picture_8_bit()).save(f"{name}.png", exif=exif)
-
-    def told(*words: object) -> list[str]:
-        return call("estimate", "a.png", "b.png", *words).lines
-
-    millimetres = "blur2view: a.png: --focal says 32 px, EXIF 295.8 px"
-    assert told("--focal", "32px") == [millimetres] and told("--focal", "32px", "-q") == []
-    assert told("--focal", 330) == told("--camera", "exif") == told() == []
-    camera = "PINHOLE 320 240 32 32 160 120"
-    assert told("--camera", camera) == [millimetres.replace("focal", "camera")]
-    assert told("--focal", 300, "--exposure", "1/45") == []
-    seconds = "blur2view: a.png: --exposure says 25 s, EXIF 0.02 s"
-    assert told("--focal", "32px", "--exposure", "25s") == [seconds, millimetres]
-
-
 def test_exif_is_taken_when_asked_and_a_hint_otherwise(run: Any, tmp_path: Path) -> None:
     exif = exif_of(FocalLengthIn35mmFilm=32, ExposureTime=0.1)
     Image.fromarray(picture_8_bit()).save(tmp_path / "photo.png", exif=exif)
