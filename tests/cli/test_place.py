@@ -97,19 +97,6 @@ def test_chain_ends_in_files_that_both_programs_read(
     assert [path.name for path in ngp.parent.iterdir()] == ["transforms.json"]
 
 
-@pytest.mark.slow
-def test_trainers_read_the_length_of_a_smear_that_estimate_states(
-    linked: Path, tiny_model: Path, tmp_path: Path
-) -> None:
-    assert place(linked, "-q", output="lengths") == 0
-    frames = linked / "shots of day 1"
-    assert call("estimate", frames, "-o", tmp_path, "--focal", FOCAL, "--model", tiny_model, "-q") == 0
-    assert call("to-transforms", linked / "lengths", "-o", tmp_path / "all" / "t.json") == 0
-    for frame in json.loads((tmp_path / "all" / "t.json").read_text())["frames"]:
-        stated = json.loads((tmp_path / f"{Path(frame['file_path']).stem}.json").read_text())
-        assert frame["sharpness"] == pytest.approx(1 / (1 + stated["smear_px"]))
-
-
 def test_views_stand_where_the_camera_was(linked: Path) -> None:
     assert place(linked, "-q", output="views") == 0
     model = pycolmap.Reconstruction(linked / "views")

@@ -35,16 +35,6 @@ def test_every_frame_is_counted_and_written(
     assert onward == 0
 
 
-def test_folder_of_other_frames_is_named(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "frames").mkdir()
-    (tmp_path / "frames" / "other.png").write_bytes((video / "frames" / PLANE.names[0]).read_bytes())
-    done = call_program(capsys, "recover", video / "model", tmp_path / "frames", "-o", tmp_path / "all")
-    assert done == 1 and "has 0 of the 1 frames" in done.line
-    assert not (tmp_path / "all").exists()
-
-
 def test_database_that_is_there_is_not_replaced_by_tracks(
     video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

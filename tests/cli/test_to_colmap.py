@@ -114,18 +114,6 @@ def test_links_are_written_anew_and_what_is_the_users_stays(
     assert len(list(project.parent.glob("*.bak"))) == 1
 
 
-def test_a_bad_and_a_missing_photograph_cost_one_line_each(
-    run: Any, photos: list[Path], tmp_path: Path
-) -> None:
-    bad = photos[0].with_name("bad.jpg")
-    bad.write_text("no picture")
-    absent = tmp_path / "absent" / "a.png"
-    code, out, err = run("--db", tmp_path / "new.db", bad, absent, photos[0], photos[0])
-    assert code == 1 and "moving.png: add" in out.splitlines()[0]  # the others change no name
-    assert err.count("\n") == 2 and "bad.jpg" in err  # and not the one that is named twice
-    assert "wrote 2 images of 1 photograph" in out
-
-
 def test_line_and_record_give_one_reason_and_say_where_order_is_from(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
     views = random_views("still.png", len(plan.keypoints), np.random.default_rng(0))

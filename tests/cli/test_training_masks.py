@@ -69,25 +69,6 @@ def test_nerfstudio_finds_a_mask_of_every_frame(scene: Path, call: Call) -> None
     assert refused == 1 and f"no mask of {NAMES[2]}; make it" in refused.line
 
 
-def test_masks_of_other_pictures_are_refused(scene: Path, call: Call) -> None:
-    words = (
-        scene / "model",
-        "--images",
-        scene / "images",
-        "--masks-from",
-        scene / "out",
-        "-o",
-        scene / "a.json",
-    )
-    mask = scene / "out" / f"{Path(NAMES[0]).stem}.mask.png"
-    mask.write_bytes(png(GREYS[:32]))
-    refused = call(*words)
-    assert refused == 1 and "is of 96x32 pixels, its photograph of 96x64" in refused.line
-    mask.write_bytes(png(GREYS // 2))
-    refused = call(*words)
-    assert refused == 1 and "is no mask of blur2view segment" in refused.line
-
-
 def test_gsplat_gets_the_model_of_photographs_that_are_there(scene: Path, call: Call) -> None:
     words = (scene / "model", "--images", scene / "images", "--dialect", "gsplat")
     for _ in range(2):

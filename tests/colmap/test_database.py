@@ -77,16 +77,6 @@ def test_without_geometry_nothing_is_matched(tmp_path: Path) -> None:
         assert len(database.read_keypoints(1)) == COUNT
 
 
-def test_of_a_turn_alone_nothing_becomes_points(tmp_path: Path) -> None:
-    path, views = tmp_path / "new.db", make_views()
-    still = replace(POSE, translation=np.zeros(3))
-    turn = replace(views.geometry, F=None, cam2_from_cam1=still, config=Configuration.PANORAMIC)
-    write_database(path, [replace(views, geometry=turn)])
-    with pycolmap.Database.open(path) as database:
-        assert len(database.read_matches(1, 2)) == COUNT
-        assert len(database.read_two_view_geometry(1, 2).inlier_matches) == 0
-
-
 def test_cameras_say_how_sure_they_are() -> None:
     def stored(camera: Camera | None) -> tuple[str, list[float], bool]:
         one = colmap_camera_of(camera, SIZE)
@@ -110,17 +100,6 @@ def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
     with pytest.raises(DatabaseError, match="no folder"):
         write_database(tmp_path / "none" / "new.db", [make_views()])
-
-
-def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path: Path) -> None:
-    (tmp_path / "disk").mkdir()
-    path, target = tmp_path / "new.db", tmp_path / "disk" / "far.db"
-    write_database(target, [make_views()])
-    path.symlink_to(target)
-    with pytest.raises(DatabaseError, match="exists"):
-        write_database(path, [make_views("b.jpg")])
-    write_database(path, [make_views("b.jpg")], replace=True)
-    assert path.is_symlink() and holds_views_alone(target)
 
 
 OPENED = "import os, sys, pycolmap; a = pycolmap.Database.open('new.db'); a.write_camera(a.read_camera(1)); "

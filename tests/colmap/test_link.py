@@ -72,22 +72,6 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
     assert {"a_000.jpg#open", "a_002.jpg#close"} <= {image.name for image in cache.images.values()}
 
 
-def test_a_camera_of_a_rig_keeps_its_rig(path: Path) -> None:
-    run_sql(
-        path,
-        "UPDATE rigs SET ref_sensor_id = 9",  # the camera is the second of a rig
-        "INSERT INTO cameras SELECT 9, model, width, height, params, 0 FROM cameras",
-        "INSERT INTO rig_sensors VALUES (1, 1, 0, NULL)",
-    )
-    before = user_rows(path)
-    link(path, "a_000.jpg")
-    assert user_rows(path) == before and check_database(path) == []
-    with pycolmap.Database.open(path) as database:
-        assert database.num_rigs() == 1
-        frames = database.read_all_frames()
-    assert [frame.rig_id for frame in frames] == [1] * 5
-
-
 def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
     plan, views = link_of(only_plan(path))
     F = np.cross(np.eye(3), np.random.default_rng(0).normal(size=3))  # a translation: half has the same F

@@ -59,17 +59,6 @@ def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path, edit: 
     assert user_rows(path) == before and names_of(path) == names
 
 
-def test_a_failure_midway_undoes_all(path: Path) -> None:
-    before = user_rows(path)
-    links = [link_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
-    run_sql(path, "INSERT INTO matches VALUES (2147483647 * 2 + 6, 0, 2, NULL)")  # of the second photograph
-    with pytest.raises(DatabaseError, match="UNIQUE constraint failed"):
-        write_links(path, links, backup=False)
-    assert len(names_of(path)) == 3
-    after = user_rows(path)
-    assert len(after.pop("matches")) == len(before.pop("matches")) + 1 and after == before
-
-
 @ROLLBACK
 def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blur2view.colmap.project.LOCK_TIMEOUT_S", 0.05)

@@ -73,9 +73,3 @@ def test_colmap_reads_a_photograph_and_its_mask_as_stored(tmp_path: Path) -> Non
     with pycolmap.Database.open(tmp_path / "a.db") as opened:
         keypoints = opened.read_keypoints(1)
     assert len(keypoints) > 100 and keypoints[:, 0].min() >= 160
-
-
-def test_defaults_find_nothing(database: Path, tmp_path: Path) -> None:
-    options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = 0
-    assert not models(database, options, tmp_path)

@@ -12,7 +12,6 @@ from blur2view.arrays import Array
 from blur2view.colmap.link import ProjectImage, plan_links, write_links
 from blur2view.colmap.models import add_image
 from blur2view.colmap.placement import Placement, place_views
-from blur2view.colmap.transforms import transforms
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.rotation import rotation_vector
@@ -103,16 +102,6 @@ def test_photographs_apart_by_a_lost_one_do_not_follow_one_another(tmp_path: Pat
     assert found.fraction == pytest.approx(SHARE, rel=0.02)  # 0.425 if 2 and 4 were neighbours
 
 
-def test_a_frame_of_a_shorter_exposure_counts_as_sharp_though_the_views_of_all_are_as_far_apart(
-    tmp_path: Path,
-) -> None:
-    found = place_views(*project(tmp_path, sharp=NAMES[3]))
-    turns = [np.linalg.norm(motion_of(found, name)[0]) for name in NAMES]
-    assert turns[3] > 0.2 * np.median(turns)  # 0.05 is right
-    frames = transforms(found.model, tmp_path, max_smear_px=0.5)["frames"]
-    assert [frame["file_path"] for frame in frames] == [f"images/{NAMES[3]}"]
-
-
 def test_every_linked_frame_is_placed_or_refused_with_the_reason(tmp_path: Path) -> None:
     database, model = project(tmp_path, [0, 1, 2, 4, 6])
     walk = pycolmap.Reconstruction(model)
@@ -142,17 +131,3 @@ def test_recovered_frames_and_other_numbers_of_images_are_no_obstacle(tmp_path: 
     assert found.refused == {name: "the model has their views already"}
     assert found.placed == tuple(one for one in NAMES if one != name)
     assert found.fraction == pytest.approx(SHARE, rel=0.02)
-
-
-def test_what_cannot_be_placed_is_refused_with_a_remedy(tmp_path: Path) -> None:
-    database, model = project(tmp_path, [])
-    with pytest.raises(DatabaseError, match="link them first"):
-        place_views(database, model)
-    for fraction in (0.0, np.inf):
-        with pytest.raises(ValueError, match="positive and finite"):
-            place_views(database, model, fraction=fraction)
-    with pytest.raises(DatabaseError, match=r"absent: holds no model of COLMAP.*images\.bin"):
-        place_views(database, tmp_path / "absent")
-    (model / "cameras.bin").write_bytes(b"no cameras")
-    with pytest.raises(DatabaseError, match="model: its model is damaged"):
-        place_views(database, model)

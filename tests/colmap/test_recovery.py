@@ -11,10 +11,8 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.colmap.blur_matching import blurred_along, match_patches
 from blur2view.colmap.blurred_tracks import track_frames
-from blur2view.colmap.exposure_motion import fit_smears, image_flow
 from blur2view.colmap.models import photographs_of
 from blur2view.colmap.recovery import NEAR_FRAMES, Recovery, recover_frames
-from blur2view.errors import DatabaseError
 from blur2view.exposure.trajectory import CameraPath, change_of
 from tests.support.blurred_plane import BlurredPlane, ExactSmears
 
@@ -142,11 +140,6 @@ def test_frame_that_does_not_fit_is_refused_with_the_reason(
     assert reason in found.refused[PLANE.names[4]]
 
 
-def test_model_of_other_frames_is_an_error(folder: Path, network: ExactSmears) -> None:
-    with pytest.raises(DatabaseError, match="0 of the 1 frames"):
-        recover_frames(folder / "model", folder / "frames", ["g.png"], network=network)  # type: ignore[arg-type]
-
-
 def test_blurs_commute() -> None:
     noise = np.random.default_rng(1).normal(size=(200, 240)).astype(np.float32)
     scene = 128 + 200 * cv2.GaussianBlur(noise, (0, 0), 1.5)
@@ -160,28 +153,6 @@ def test_blurs_commute() -> None:
     assert np.abs(alike.moved - shift).max() < 0.1
     unlike = match_patches(first, second, points, 1)
     assert np.median(unlike.correlation[unlike.found]) < 0.9 or unlike.found.mean() < 0.5
-
-
-def test_a_bend_moves_the_centroid_by_a_twelfth() -> None:
-    image = np.zeros((81, 81), np.float32)
-    image[40, 40] = 1
-    path = np.full((81, 81, 2), (24.0, 0.0), np.float32)
-    bend = np.full((81, 81, 2), (0.0, 12.0), np.float32)
-    blurred, by_path, by_bend = blurred_along(image, path, bend, moments=True)
-    rows, columns = np.indices(image.shape)
-    assert [np.sum(rows * blurred) - 40, np.sum(columns * blurred) - 40] == pytest.approx([1, 0], abs=0.05)
-    assert [by_path.sum(), by_bend.sum()] == pytest.approx([0, 1 / 12], abs=0.003)
-
-
-@pytest.mark.parametrize("expected", [(0.01, 0.04, 0.0), (-0.04, 0.001, 0.01)])
-def test_motion_of_smears_has_the_sense_that_is_expected(expected: tuple[float, ...]) -> None:
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(-1, 1, (60, 2)), rng.uniform(2, 5, 60)])
-    flow, true = image_flow(PLANE.camera, points), np.array([0.02, 0.05, -0.01, 0.01, 0.0, 0.02])
-    smears = (flow @ true) * rng.choice([-1, 1], (60, 1))
-    found = fit_smears(flow, smears, np.full(60, 0.5), np.append(expected, true[3:]))
-    sense = np.sign(found[:3] @ np.array(expected))
-    assert sense == 1 and np.abs(np.abs(found[:3]) - np.abs(true[:3])).max() < 0.01
 
 
 def test_spline_of_a_cubic_path_is_exact_and_says_so() -> None:

@@ -4,7 +4,6 @@ import csv
 import io
 
 import numpy as np
-import pytest
 
 from blur2view.arrays import Array
 from blur2view.exposure.gyroflow import gyroflow_log
@@ -40,8 +39,3 @@ def test_gyroflow_turns_the_camera_as_it_turned() -> None:
         theirs = theirs @ rotation_matrix(np.array([-y, x, z]) / 30)
     flip = np.diag([1.0, -1, -1])  # frame_transform.rs
     np.testing.assert_allclose(flip @ theirs @ flip, ours, atol=1e-5)
-
-
-def test_what_is_no_series_is_refused() -> None:
-    with pytest.raises(ValueError, match="times"):
-        gyroflow_log([0.0, 0.0], np.zeros((2, 3)), "a.mp4")

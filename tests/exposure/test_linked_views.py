@@ -85,18 +85,3 @@ def test_only_certain_smears_are_used(result: Result) -> None:
     linked = keypoint_views("a.jpg", keypoints, estimate)
     assert linked.usable is not None and linked.usable.tolist() == [False, True]
     assert not linked.geometry.inlier_mask[0]
-
-
-def test_what_lies_outside_stays_and_is_not_used(result: Result) -> None:
-    estimate, _ = result
-    keypoints = np.array(
-        [[-3.0, 5.0], [159.4, 119.4], [159.6, 5.0], [np.nan, 4.0], [np.inf, 1e30], [50.0, 50.0]]
-    )
-    linked = keypoint_views("a.jpg", keypoints, estimate)
-    assert linked.usable is not None
-    np.testing.assert_array_equal(linked.points_open[[0, 2]], keypoints[[0, 2]])
-    for points in (linked.points_open, linked.points_close):
-        assert points[3].tolist() == [0, 4] and points[4, 0] == 0
-        assert points[4, 1] < 2e30  # float32, as COLMAP's, holds it
-    assert linked.usable[[0, 2, 3, 4]].sum() == 0
-    assert linked.usable[5]

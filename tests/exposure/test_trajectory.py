@@ -89,16 +89,6 @@ def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() ->
     assert np.isnan(fraction) and np.isnan(ends).all()
 
 
-def test_frames_far_apart_in_time_know_nothing_of_each_other() -> None:
-    times, poses = np.arange(30.0), steady(30)
-    times[4:] += 100
-    times[5:] += 100
-    frames = [frame(np.random.default_rng(5), PER_FRAME, time) for time in times]
-    found = ends_on(path_of(poses, times), frames, OPEN_FOR)
-    assert np.isnan(found[4]).all() and np.isfinite(np.delete(found, 4, axis=0)).all()
-    np.testing.assert_array_equal(found[:4], ends_on(path_of(poses[:4]), frames[:4], OPEN_FOR))
-
-
 def test_smears_show_that_a_shake_is_faster_than_frames_and_positions_are_those_of_the_trajectory() -> None:
     for period, follows in ((8.0, 0.1), (1.05, 0.5)):  # the second looks slow in the poses
         rng = np.random.default_rng(7)
