@@ -33,7 +33,6 @@ from blur2view.movers.mask import MotionLabel as MotionLabel
 from blur2view.movers.mask import MotionMask as MotionMask
 from blur2view.movers.mask import MovingRegion as MovingRegion
 from blur2view.movers.mask import segment as segment
-from blur2view.networks.model_file import ModelInfo as ModelInfo
 from blur2view.networks.protocol import Detail as Detail
 from blur2view.networks.protocol import SmearReader as SmearReader
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
-from blur2view.movers.camera_motion import camera_field
 from blur2view.movers.evidence import (
     PLACE_PX,
     Cells,
     at_places,
+    camera_field,
     cell_values,
     of_cells,
     of_places,

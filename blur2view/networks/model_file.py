@@ -1,6 +1,5 @@
 """Files of networks: found, checked, opened and run by ONNX Runtime."""
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -60,22 +59,6 @@ BLUR = NetworkFormat(
     outputs=("log_odds",),
 )
 """Places (1, 15, 8 h, 8 w), cells (1, 19, h, w); log_odds (1, 2, 8 h, 8 w)."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelInfo:
-    """What a smear network's file says of itself."""
-
-    model_id: str
-    """Name of the weights."""
-    features: int
-    """Numbers per cell and direction that one octave hands to the next larger one."""
-    brightness: float
-    """What darker photographs are brightened to, as in training; 0: they are read as they are."""
-    license: str
-    """Licence of the weights."""
-    training: dict[str, Any]
-    """How they were trained, as written by ``tools/training/export.py``."""
 
 
 def model_path(name: str | os.PathLike[str] | None) -> Path:
@@ -140,25 +123,11 @@ class OnnxNetwork:
         stated = self.metadata.get("blur2view_format", "none")
         if stated != form.version:
             raise self.error(f"is not {form.what} of format {form.version}, but of {stated}")
-        self.model_id = self.metadata.get("model_id", "unnamed")
+        self.model_id: str = self.metadata.get("model_id", "unnamed")
 
     def error(self, what: str) -> ModelError:
         """Return the error that names the file, what is wrong and the remedy."""
         return ModelError(f"{self.path}: {what}; {self.form.remedy}")
-
-    def info(self) -> ModelInfo:
-        """Return what a smear network's file says of itself; ModelError if that is damaged."""
-        shapes = {node.name: node.shape for node in self.session.get_inputs()}
-        try:
-            return ModelInfo(
-                model_id=self.model_id,
-                features=int(shapes[SMEAR.inputs[-1]][-1]),
-                brightness=float(self.metadata.get("brightness", "0")),
-                license=self.metadata.get("license", ""),
-                training=json.loads(self.metadata.get("training", "{}")),
-            )
-        except (KeyError, ValueError, RecursionError) as error:
-            raise self.error(f"has damaged metadata ({error})") from None
 
     def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
         """Return all outputs for the inputs, in order, without the first axis of both.

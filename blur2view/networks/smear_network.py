@@ -54,6 +54,11 @@ class SmearNetwork:
         Execution providers of ONNX Runtime, tried before the processor, as ``["cuda"]``, ``["coreml"]``,
         ``["openvino"]``; results differ by rounding.
 
+    Attributes
+    ----------
+    info : dict of str
+        What the file says of itself: name and licence of the weights, how they were trained.
+
     Raises
     ------
     ModelError
@@ -74,12 +79,17 @@ class SmearNetwork:
         self._network = (
             shipped(SMEAR, self.execution) if ships else OnnxNetwork(SMEAR, self.path, self.execution)
         )
-        self.info = self._network.info()
+        self.info = self._network.metadata
+        try:
+            self._features = int(self._network.session.get_inputs()[-1].shape[-1])
+            self._brightness = float(self.info.get("brightness", "0"))
+        except ValueError as error:
+            raise self._network.error(f"has damaged metadata ({error})") from None
 
     @property
     def model_id(self) -> str:
         """Name of the weights."""
-        return self.info.model_id
+        return self._network.model_id
 
     def __repr__(self) -> str:
         return f"<SmearNetwork {self.model_id} of {self.path.name}, a cell every {STEP} px>"
@@ -130,13 +140,13 @@ class SmearNetwork:
         levels = octave_count(min(image.shape[:2]))
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         height, width = (-(-max(side, LEAST_PX << levels - 1) // step) * step for side in image.shape[:2])
-        grey = _grey(image, gain_of(image, self.info.brightness), (height, width))
+        grey = _grey(image, gain_of(image, self._brightness), (height, width))
         flat = _flat(grey[: image.shape[0], : image.shape[1]], apart // STEP)
         if flat.all():
             return np.zeros((*flat.shape, VALUES), np.float32), flat
         pictures = octaves(grey, levels)
         del grey  # a large photograph's
-        values = read_octaves(self._network, self.info.features, pictures, apart)
+        values = read_octaves(self._network, self._features, pictures, apart)
         return values[: flat.shape[0], : flat.shape[1]], flat
 
 

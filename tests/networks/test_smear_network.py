@@ -134,7 +134,7 @@ def test_shipped_network_reads_an_evenly_blurred_photograph(
 ) -> None:
     angle_deg = 32.0
     network = SmearNetwork()
-    assert network.info.license
+    assert network.info["license"]
     field = network.predict(smeared_photograph(length, angle_deg)).at_pixels()
     certain = field.sigma_rad <= np.median(field.sigma_rad)
     true = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])

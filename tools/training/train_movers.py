@@ -22,8 +22,7 @@ from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.arrays import AnyArray
-from blur2view.movers.camera_motion import camera_field
-from blur2view.movers.evidence import Cells, at_places, cell_values, of_cells, of_places
+from blur2view.movers.evidence import Cells, at_places, camera_field, cell_values, of_cells, of_places
 from blur2view.movers.moving import LEFT, at_cells, first_axis
 from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
 from blur2view.networks.spectra import STEP
