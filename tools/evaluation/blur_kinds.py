@@ -2,7 +2,7 @@
 
 ``python -m tools.evaluation.blur_kinds PHOTOS... --out tools/results/blur_kinds.md`` blurs every sharp
 photograph of folders in all these ways (`tools.datasets.blurred_photographs`), estimates each, and writes the
-names by kind and size of blur, and of dim pictures, and the errors of smears and of radii. Everything follows
+names by kind and size of blur, and of dim pictures, and the errors of smears. Everything follows
 from the photographs and ``--seed``, whatever the number of ``--jobs``.
 """
 
@@ -35,7 +35,6 @@ class Seen(NamedTuple):
 
     picture: Picture
     kind: BlurKind
-    radius_px: float
     direction_deg: float
     sure_deg: float
     length_px: float
@@ -66,7 +65,6 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
     return Seen(
         picture=replace(picture, file=b""),
         kind=blur.kind,
-        radius_px=blur.defocus_px or 0.0,
         direction_deg=float(np.median(error_deg)),
         sure_deg=float(np.median(error_deg[sure])),
         length_px=float(np.median(field.length_px[sure])),
@@ -98,16 +96,6 @@ def named_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
         yield name, len(some), *([one.kind for one in some].count(kind) for kind in BlurKind)
 
 
-def radius_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
-    """Yield the errors of the radius of what is only out of focus, by radius."""
-    soft = [one for one in rows if one.picture.kind == BlurKind.OUT_OF_FOCUS]
-    for name, some in grouped(soft, lambda one: f"{one.picture.radius_px:g} px").items():
-        ratio = np.array([one.radius_px / one.picture.radius_px for one in some])
-        error = np.abs(ratio - 1)
-        figures = (np.median(ratio), np.median(error), (error <= 0.15).mean())
-        yield name, len(some), *(f"{figure:.3f}" for figure in figures)
-
-
 def smear_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
     """Yield medians over pictures of the errors of smears, by length, and over all."""
     moved = [one for one in rows if one.picture.kind == BlurKind.CAMERA_MOVED and not one.picture.coding]
@@ -127,8 +115,6 @@ def page(rows: list[Seen]) -> Iterator[str | list[str]]:
         yield f"Before a camera at rest {moves:.2f} of the pictures moves, and {found:.2f} are said to move."
     head = "smear | pictures | direction, deg | surer half | length over true | within 5 %"
     yield from ("## Even smears", table(head, smear_rows(rows)))
-    head = "radius | pictures | found over true | relative error | within 15 %"
-    yield from ("## Radii", table(head, radius_rows(rows)))
 
 
 def main(

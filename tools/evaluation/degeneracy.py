@@ -4,9 +4,8 @@
 synthetic scenes (`synthetic_matches.draw_scene`), the same with errors that neighbours share, as a network's,
 and, through the network, the photographs of ``tools.datasets.testset --kinds``.
 
-UNCALIBRATED is parallax. "open" is PLANAR_OR_PANORAMIC with F and H: parallax is neither proven nor excluded.
-That counts as wrong, as PLANAR_OR_PANORAMIC without F does. PANORAMIC and PLANAR count by name, whether an F
-stands beside them, which leaves parallax undecided, or not.
+"open" is PLANAR_OR_PANORAMIC: parallax is neither proven nor excluded, which counts as wrong. PANORAMIC and
+PLANAR count by name, whether an F stands beside them, which leaves parallax undecided, or not.
 """
 
 from collections import Counter
@@ -34,7 +33,7 @@ NAMES = {
     Configuration.UNCALIBRATED: "parallax",
     Configuration.UNDEFINED: "undefined",
 }
-OUTCOMES = (*NAMES.values(), "rotation or plane")
+OUTCOMES = tuple(NAMES.values())
 RIGHT = dict(
     zip(SCENES, ("no motion", "rotation", "plane", "parallax", "parallax", "undefined"), strict=True)
 )
@@ -52,9 +51,7 @@ WORDS = (
 
 
 def outcome(geometry: TwoViewGeometry) -> str:
-    """Return the name of what was found, by the rules above."""
-    if geometry.config is Configuration.PLANAR_OR_PANORAMIC and geometry.F is None:
-        return "rotation or plane"
+    """Return the name of what was found."""
     return NAMES.get(geometry.config, "parallax")
 
 
