@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from blur2view import __version__
+from blur2view.cli.commands import COMMANDS
 from blur2view.colmap import mapping
 from tests.support.calls import call_program
 from tests.support.many_photographs import ROOT, SAMPLE, write_frames
@@ -142,6 +143,13 @@ def test_every_way_to_map_runs(folder: Path, call: Callable[[str, str], str]) ->
         call("python", cleandoc(block))
     models = {str(path.parent.relative_to(folder)) for path in folder.rglob("cameras.bin")}
     assert models >= {"exposures/0", "exposures/1", "joined", "anew/0", "global/0"}
+
+
+def test_every_option_that_is_named_exists(capsys: pytest.CaptureFixture[str]) -> None:
+    named = set(re.findall(r"--[a-z][a-z-]*", README.partition("- Gone:")[0]))
+    helps = [call_program(capsys, command, "--help-all").out for command in COMMANDS]
+    of_others = {"--image", "--kinds", "--scenes", "--dist"}  # COLMAP's list, tools', pytest's
+    assert named - of_others <= set(re.findall(r"--[a-z][a-z-]*", "".join(helps)))
 
 
 def test_every_kind_of_block_is_run_or_known() -> None:
