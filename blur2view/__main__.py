@@ -19,8 +19,6 @@ def program() -> int:
         # libpng, libtiff and OpenCV print to 2, in words that name no file; what we say goes where 2 led
         sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-        here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-        sys.path[:] = [one for one in sys.path if one == here or one not in ("", _folder())]
         from blur2view.cli.commands import main
         from blur2view.cli.terminal import INTERRUPTED
 
@@ -33,14 +31,6 @@ def program() -> int:
     except KeyboardInterrupt:  # during an import
         print("blur2view: interrupted", file=sys.stderr)
         return 130
-
-
-def _folder() -> str:
-    """Return the current folder, whose modules are nobody's but the user's; empty if it is gone."""
-    try:
-        return os.getcwd()
-    except OSError:
-        return ""
 
 
 if __name__ == "__main__":

@@ -35,52 +35,23 @@ CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K,
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """The estimate of one photograph, and every step that led to it.
+    """The estimate of one photograph, and every step that led to it; of N smears that were used."""
 
-    Parameters
-    ----------
-    grid : SmearGrid
-        The smears and their standard deviations at the network's cells, and their kinds of blur.
-    blur : Blur
-        What blurred the photograph: a geometry is looked for only where the camera moved.
-    matches : SmearMatches
-        The N smears that were used.
-    geometry : TwoViewGeometry
-        F or None, the configuration with its reason, and the masks of the N matches.
-    model_id : str
-        Name of the network's weights.
-    camera : Camera or None
-        The intrinsics that were used.
-    shutter : RollingShutter or None
-        For which ``geometry`` was corrected; ``grid`` and ``matches`` are as recorded.
-    time : TimeDirection
-        Whether neighbouring frames decided which end of the exposure came first.
-    timestamp_s : float or None
-        When it was taken, as stated to `estimate_frames`, seconds.
-    moving : Moving or None
-        What moves by itself, where the cells left open whether the camera moved; `segment` begins with it.
-    execution : Execution
-        What ran the network, and runs that of `segment`.
-    """
-
-    grid: SmearGrid
-    blur: Blur
-    matches: SmearMatches
-    geometry: TwoViewGeometry
-    model_id: str
-    camera: Camera | None = None
-    shutter: RollingShutter | None = None
-    time: TimeDirection = field(default_factory=TimeDirection)
-    timestamp_s: float | None = None
-    moving: Moving | None = None
-    execution: Execution = field(default_factory=Execution)
+    grid: SmearGrid  # smears with their standard deviations, and kinds of blur, at the network's cells
+    blur: Blur  # what blurred it: a geometry is looked for only where the camera moved
+    matches: SmearMatches  # the N smears
+    geometry: TwoViewGeometry  # F or None, the configuration with its reason, the masks of the N matches
+    model_id: str  # name of the network's weights
+    camera: Camera | None = None  # the intrinsics that were used
+    shutter: RollingShutter | None = None  # for which geometry was corrected; matches are as recorded
+    time: TimeDirection = field(default_factory=TimeDirection)  # whether neighbouring frames decided it
+    timestamp_s: float | None = None  # when it was taken, as stated to `estimate_frames`, seconds
+    moving: Moving | None = None  # what moves by itself, where the cells leave open if the camera moved
+    execution: Execution = field(default_factory=Execution)  # what ran the network, and runs `segment`'s
 
     def __repr__(self) -> str:
-        height, width = self.grid.shape
-        fit, moved = int(self.geometry.inlier_mask.sum()), self.blur.smear_px
-        blur = f"{self.blur.kind}, smears of {moved:.1f} px" if moved is not None else str(self.blur.kind)
-        found = f"{self.geometry.config.name}, {fit} of {len(self.matches)} smears fit"
-        return f"<Estimate of {width}x{height} px: {blur}; {found}>"
+        (height, width), config = self.grid.shape, self.geometry.config.name
+        return f"<Estimate of {width}x{height} px: {self.blur.kind}, {config}>"
 
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
         """Return the rotation over the exposure time, with its covariance; None where the pose is unknown.
@@ -91,8 +62,7 @@ class Estimate:
         """
         if not np.issubdtype(type(exposure_s), np.number) or not 0 < exposure_s <= LONG_S:
             raise ValueError(
-                f"the exposure time must be positive seconds, as 0.04 or 1 / 25, at most {LONG_S:g}, got "
-                f"{exposure_s!r}; of a longer one divide the angular velocity of 1 second"
+                f"the exposure time must be positive seconds, at most {LONG_S:g}, got {exposure_s!r}"
             )
         return self.geometry.angular_velocity(exposure_s)
 

@@ -162,16 +162,6 @@ class Many:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Table:
-    """output.
-
-    --csv FILE: write a table with a row for each photograph; blur2view triage --help-all names its columns
-    """
-
-    csv: Path | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Folder:
     """output.
 
@@ -193,10 +183,13 @@ class Folder:
 
 @dataclass(frozen=True, kw_only=True)
 class Common:
-    """The groups of every command over photographs."""
+    """output.
+
+    --csv FILE: write a table with a row for each photograph; blur2view triage --help-all names its columns
+    """
 
     reading: Reading
-    table: Table = group(Table)
+    csv: Path | None = None
     lens: Lens = group(Lens)
     estimating: Estimating = group(Estimating)
     many: Many = group(Many)

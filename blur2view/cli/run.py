@@ -111,7 +111,7 @@ class Photographs:
         what cannot be used.
         """
         network_of(self.options)  # first, so that a damaged one is named before any photograph
-        every = {"--csv": self.options.common.table.csv, **targets}
+        every = {"--csv": self.options.common.csv, **targets}
         written = {option: path for option, path in every.items() if path is not None}
         paths = [path for job in jobs for path in job.files] + [one for one in [beside] if one is not None]
         names, database = real_paths(paths), self.options.common.lens.database
@@ -195,7 +195,7 @@ class Photographs:
 
         OutputError if it cannot be written; all else is there.
         """
-        table, rows = self.options.common.table.csv, list(run.records.values())
+        table, rows = self.options.common.csv, list(run.records.values())
         if table is not None and rows:
             write_file(table, table_text(rows))
         quiet = self.options.common.printing.quiet or not summaries

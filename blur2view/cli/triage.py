@@ -34,14 +34,13 @@ COUNTED = {
     "": "failed",
 }
 USES = """
-sharp: the smear of the picture is at most --max-smear, and the radius out of focus of what is in focus, if
-    anything is, at most --max-defocus; kept
+sharp: the smear is at most --max-smear, the radius out of focus of what is in focus, if anything is, at most
+    --max-defocus; kept
 blurred: it is longer, but F or H explains the smears, so that the views of the exposure are of use (blur2view
     to-colmap); kept with --blurred only
-unusable: it is longer, and no geometry explains it (DEGENERATE, UNDEFINED); kept by --best and --every-best
-    only
-out of focus: the lens, not a motion, blurs all of it; kept as unusable ones
-unclear: nothing shows texture, or it is too dark: perhaps sharp; kept as unusable ones
+unusable: it is longer, and no geometry explains it; kept by --best and --every-best only, as the following
+out of focus: the lens, not a motion, blurs all of it
+unclear: nothing shows texture, or it is too dark: perhaps sharp
 """
 LIST = """
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
@@ -132,7 +131,7 @@ class TriageOptions:
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
             parts.append(f"{len(kept)} kept" if kept else f"none is kept: {remedy}")
-        written = [self.common.table.csv, self.keep, self.extract if kept else None]
+        written = [self.common.csv, self.keep, self.extract if kept else None]
         paths = " and ".join(printable(str(path)) for path in written if path is not None)
         parts += [f"wrote {paths}"] * bool(paths)
         print(f"{plural(len(records), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")

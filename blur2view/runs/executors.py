@@ -13,7 +13,6 @@ from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from functools import partial
 from itertools import islice
 from multiprocessing import get_context, parent_process
-from queue import Empty, Queue
 from typing import Any
 
 import cv2
@@ -146,19 +145,18 @@ def _connected(address: str) -> tuple[Any, type[Exception]]:
         raise RunError("--dask needs Dask; install it with: pip install 'dask[distributed]'") from None
     for name in LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    answers: Queue[Any] = Queue()
+    answers: list[Any] = []
 
     def connect() -> None:
         try:
-            answers.put(distributed.Client(address, timeout=CONNECT_S))
+            answers.append(distributed.Client(address, timeout=CONNECT_S))
         except BaseException as error:  # of any type, where no scheduler answers
-            answers.put(error)
+            answers.append(error)
 
-    threading.Thread(target=connect, daemon=True).start()
-    try:
-        client = answers.get(timeout=CONNECT_S)
-    except Empty:
-        client = TimeoutError(f"in {CONNECT_S} s")
+    thread = threading.Thread(target=connect, daemon=True)
+    thread.start()
+    thread.join(CONNECT_S)
+    client = answers[0] if answers else TimeoutError(f"in {CONNECT_S} s")
     if isinstance(client, BaseException):
         reason = " ".join(str(client).split()) or type(client).__name__
         raise RunError(f"{address}: no Dask scheduler answers ({reason}); is there one?")
