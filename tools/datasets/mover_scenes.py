@@ -7,13 +7,14 @@ of `tools.rendering.layer_scenes` and need ``--photos``.
 """
 
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from tools.arguments import Existing, run
-from tools.datasets.testset import test_options, write_photographed, write_truth
+from tools.datasets.testset import in_range, test_options, write_photographed, write_truth
 from tools.rendering.layer_scenes import KINDS, Sources, layer_scene, silhouettes
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import processed
@@ -21,26 +22,12 @@ from tools.rendering.textures import load_photos
 
 FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "layers": 11_000_000}
 SMALLEST, LARGEST = 0.01, 0.4
-TRIES = 50  # seeds per scene that is wanted, at most
 
 
 def suits(scene: Rendering, options: RenderOptions) -> bool:
     """Whether something large enough moves, and smears are as long as wanted, or nothing is to move."""
     share = float((scene.valid & ~scene.static).mean())
-    in_range = options.smear_px[0] <= scene.median_px <= options.smear_px[1]
-    return not options.mover_share or (SMALLEST <= share <= LARGEST and in_range)
-
-
-def write_rendered(out: Path, scenes: int, options: RenderOptions, first_seed: int) -> None:
-    """Write the first rendered scenes that suit, in order of their seeds."""
-    seeds = iter(range(first_seed, first_seed + TRIES * scenes))
-    for number in range(scenes):
-        for seed in seeds:
-            if suits(scene := render(seed, options), options):
-                write_photographed(out / f"{number:04d}.npz", scene, np.random.default_rng([seed, 2]))
-                break
-        else:
-            raise SystemExit(f"only {number} of {scenes} scenes suit, of {TRIES * scenes} seeds")
+    return not options.mover_share or (SMALLEST <= share <= LARGEST and in_range(scene, options.smear_px))
 
 
 def write_layers(out: Path, scenes: int, photos: Path, kind: str) -> None:
@@ -64,7 +51,6 @@ def main(
     photos: Existing | None = None,
 ) -> None:
     """Write so many scenes of a kind; layers are made of photographs in a folder."""
-    options = test_options(None)
     if (kind in KINDS) != (photos is not None):
         raise SystemExit("--photos belongs to kinds of layers, and they need it")
     out.mkdir(parents=True, exist_ok=True)
@@ -72,9 +58,12 @@ def main(
         raise SystemExit(f"{out} is not empty")
     if photos is not None:
         write_layers(out, scenes, photos, kind)
-    else:
-        moving = float(kind == "movers")
-        write_rendered(out, scenes, replace(options, mover_share=moving), FIRST_SEED[kind])
+        return
+    options = replace(test_options(None), mover_share=float(kind == "movers"))
+    drawn = ((seed, render(seed, options)) for seed in count(FIRST_SEED[kind]))
+    suiting = ((seed, scene) for seed, scene in drawn if suits(scene, options))
+    for number, (seed, scene) in zip(range(scenes), suiting, strict=False):
+        write_photographed(out / f"{number:04d}.npz", scene, np.random.default_rng([seed, 2]))
 
 
 if __name__ == "__main__":

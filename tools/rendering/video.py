@@ -17,6 +17,7 @@ from tools.rendering.scene import sample_layers
 from tools.rendering.textures import photographs
 
 MARGIN, DETAIL, CARDS = 200.0, 1.2, range(2, 6)
+WAVES = 6  # of the shake, equally fast
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,10 +46,10 @@ class Shake(Trajectory):
 
 @dataclass(frozen=True, kw_only=True)
 class VideoOptions:
-    """A video: frames a second, the exposure over the frame interval, how many frames, of which camera.
+    """Frames a second, the exposure over the frame interval, how many frames, of which camera.
 
-    The shake has ``waves`` equally fast ones with frequencies log-uniform in ``hertz``, which together turn
-    the picture by ``shake_px`` a frame (root mean square); the walk is ``walk`` units of depth long.
+    The shake has frequencies log-uniform in ``hertz`` and turns the picture by ``shake_px`` a frame (root
+    mean square); the walk is ``walk`` units of depth long.
     """
 
     rate: float
@@ -56,7 +57,6 @@ class VideoOptions:
     frames: int = 12
     size: tuple[int, int] = (480, 360)
     focal_px: float = 450.0
-    waves: int = 6
     hertz: tuple[float, float] = (0.7, 10.0)
     shake_px: float = 14.0
     walk: float = 0.35
@@ -71,8 +71,8 @@ class VideoOptions:
 def sample_exposures(rng: np.random.Generator, options: VideoOptions) -> list[Shake]:
     """Draw a path and return it about the middle of every exposure."""
     low, high = np.log(options.hertz)
-    hertz = np.exp(rng.uniform(low, high, options.waves))
-    speed = rng.normal(size=(options.waves, 6)) * np.repeat([1.0, 0.3], 3)
+    hertz = np.exp(rng.uniform(low, high, WAVES))
+    speed = rng.normal(size=(WAVES, 6)) * np.repeat([1.0, 0.3], 3)
     wanted = options.shake_px * options.rate / options.focal_px
     speed *= wanted / np.sqrt((speed[:, :2] ** 2).sum() / 2)
     direction = rng.normal(size=3) * (1, 0.6, 0.6)
@@ -94,13 +94,12 @@ def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
     if all(target.exists() for target in targets):
         return paths
     folder.mkdir(parents=True, exist_ok=True)
-    rng, size, like = np.random.default_rng([seed, 1]), options.size, None
-    pool = photographs("test", None)
-    while len(layers := sample_layers(rng, pool, options.K, size)) - 1 not in CARDS:
+    rng, size, K, like = np.random.default_rng([seed, 1]), options.size, options.K, None
+    while len(layers := sample_layers(rng, photographs("test"), K, size)) - 1 not in CARDS:
         pass
-    canvases = [paint(rng, layer, options.K, size, MARGIN, DETAIL) for layer in layers]
+    canvases = [paint(rng, layer, K, size, MARGIN, DETAIL) for layer in layers]
     for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
-        exposure = Exposure(camera=path, K=options.K, size=size)
+        exposure = Exposure(camera=path, K=K, size=size)
         linear = mean_frame(canvases, [exposure.inverse_displacements(one) for one in layers], size)
         like = linear if like is None else like
         picture = sharp_photograph(np.random.default_rng([seed, 2, index]), linear, like)
