@@ -124,12 +124,13 @@ def segment(
 def mask_of(found: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
     """Return the mask of what moves by itself in an image (H, W, 3) or (H, W)."""
     side, still = found.place_px, found.camera_moved < 0.5
-    probability = _to_pixels(found.probability, image.shape, side)
     parts = _to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
     moves = _along_edges(parts, image, side) > 0.5
+    del parts  # a large photograph's
+    probability = _to_pixels(found.probability, image.shape, side)
     regions = regions_of(moves, probability, LEAST_PLACES * side**2)
-    smooth = np.repeat(np.repeat(found.smooth, side, 0), side, 1)[: image.shape[0], : image.shape[1]]
-    labels = np.where(smooth, MotionLabel.UNOBSERVABLE, MotionLabel.STATIC).astype(np.uint8)
+    smooth = np.repeat(np.repeat(found.smooth.astype(np.uint8), side, 0), side, 1)
+    labels = smooth[: image.shape[0], : image.shape[1]] * np.uint8(MotionLabel.UNOBSERVABLE)  # others static
     labels[moves] = MotionLabel.MOVING
     against = "camera that stands still" if still else f"smooth motion of {found.camera_px:.0f} px (median)"
     return MotionMask(
