@@ -16,6 +16,8 @@ from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
+from blur2view.smears.matches import SelectOptions
+from blur2view.two_view.consensus import EstimatorOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,15 +134,33 @@ class Estimating:
     Its two ends are a match whose order in time is unknown.
 
     Rarely:
+    --beta SHARE: share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be
+        used, the most certain ones (default: %(default)s)
+    --max-error PX: largest Sampson distance, in the better order of the ends, of an inlier (default:
+        %(default).4g, the square root of the paper's 3 squared pixels)
     --seed N: of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)
     --model ONNX: a smear network, written by tools/training/export.py (default: the shipped one)
     --provider NAME: let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has,
         for example onnxruntime-gpu; results differ by rounding (default: the processor)
     """
 
+    beta: float = SelectOptions.beta
+    max_error: float = EstimatorOptions.max_error_px
     seed: Annotated[int, whole(0)] = 0
     model: str | None = None
     provider: str | None = None
+
+    def __post_init__(self) -> None:
+        self.select()
+        self.robust()
+
+    def select(self) -> SelectOptions:
+        """Return which smears are used; ValueError if the share is not in range."""
+        return SelectOptions(beta=self.beta)
+
+    def robust(self) -> EstimatorOptions:
+        """Return those of the robust estimator; ValueError if the error is not positive."""
+        return EstimatorOptions(max_error_px=self.max_error)
 
 
 @dataclass(frozen=True, kw_only=True)

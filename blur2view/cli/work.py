@@ -101,6 +101,8 @@ def estimated(
     found = estimate(
         image,
         network=network_of(options),
+        select=options.common.estimating.select(),
+        options=options.common.estimating.robust(),
         rng=np.random.default_rng(options.common.estimating.seed),
         camera=(camera_of or options.common.lens.intrinsics().of)(path, image.shape[1::-1], exif),
         shutter=_shutter(job.source, in_time_options.readout, exposure_s, exif),
@@ -143,6 +145,8 @@ def record_of(options: Any, one: Estimated, job: Job, **stated: Any) -> Photogra
         name=job.name,
         frame=source.frame,
         exposure_s=one.exposure_s,
+        beta=options.common.estimating.beta,
+        max_error_px=options.common.estimating.max_error,
         seed=options.common.estimating.seed,
         version=__version__,
         input_sha256=job.input_sha256,

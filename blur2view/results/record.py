@@ -127,6 +127,8 @@ class Record:
         """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
         unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid, probability)."""
     )
+    beta: float | None = explained("The option of this name.")
+    max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option of this name.")
     version: str = explained("The version of blur2view.", "")
     model_ids: list[str] = explained("The networks that were used, by their weights.", [])

@@ -8,6 +8,8 @@ import numpy as np
 from blur2view.geometry.epipolar import serrmin
 from blur2view.images.image import read_image
 from blur2view.smears.grid import smear_ends
+from blur2view.smears.matches import SelectOptions
+from blur2view.two_view.consensus import EstimatorOptions
 from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
 from tests.support.many_photographs import contents
@@ -27,6 +29,7 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert 0 < document["num_inliers"] <= document["num_matches"]
     assert (document["width"], document["height"]) == (WIDTH, HEIGHT)
     assert document["model_ids"] == ["colour-code"] and document["seed"] == 0
+    assert (document["beta"], document["max_error_px"]) == (SelectOptions.beta, EstimatorOptions.max_error_px)
 
     with np.load(out / "moving.smear.npz") as arrays:
         assert arrays["smear_grid"].shape == (-(-HEIGHT // 32), WIDTH // 32, 4)
