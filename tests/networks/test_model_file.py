@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from onnx import helper
 
 from blur2view.errors import ModelError
-from blur2view.networks import model_file
 from blur2view.networks.model_file import (
     BLUR,
     UNET,
@@ -90,20 +88,3 @@ def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_pat
     environment |= {"HOME": str(tmp_path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     subprocess.run([sys.executable, "-c", code, tiny_model], env=environment, check=True)
     assert list(tmp_path.rglob("*")) == []  # its device id and what it sends lie there
-
-
-def test_a_network_gets_no_more_memory_than_its_bound(tmp_path: Path) -> None:
-    model, most = colour_code_network(), model_file.BYTES_A_CORE * max(model_file.usable_cores(), 2)
-    next(node for node in model.graph.node if "logits" in node.output).output[:] = ["some"]
-    costly = [
-        helper.make_node("Expand", ["one", "many"], ["costly"]),
-        helper.make_node("ReduceMean", ["costly"], ["mean"], keepdims=0),
-        helper.make_node("Add", ["some", "mean"], ["logits"]),
-    ]
-    model.graph.node.extend([*costly, model.graph.node.pop()])
-    constants = {"one": np.ones(1, np.float32), "many": np.array([most // 4096 + 1, 1024])}
-    model.graph.initializer.extend(onnx.numpy_helper.from_array(a, name) for name, a in constants.items())
-    onnx.save(model, tmp_path / "a.onnx")
-    network = SmearNetwork(tmp_path / "a.onnx")  # which computes nothing yet
-    with pytest.raises(ModelError, match="cannot be run on 64x64"):
-        network.predict(noise())

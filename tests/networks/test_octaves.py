@@ -1,7 +1,6 @@
 """Octaves of a photograph: how they are made, and how what is read in them is joined."""
 
 import numpy as np
-import pytest
 
 from blur2view.networks.octave_reader import joined, octaves
 
@@ -27,14 +26,3 @@ def test_lengths_of_the_smaller_octave_are_joined_with_their_doubles_and_ends_st
     fine[..., -1] = 1  # anything longer
     coarse[..., 0] = 10  # anything shorter
     np.testing.assert_array_equal(joined(fine, coarse)[0, 0, 0], [10] * 5 + [0] * 14 + [1] * 5)
-
-
-@pytest.mark.parametrize("bins", [20, 24, 28])
-def test_torch_joins_alike(bins: int) -> None:
-    torch = pytest.importorskip("torch")
-    from tools.training import reader
-
-    rng = np.random.default_rng(0)
-    fine, coarse = (rng.normal(0, 1, (3, 5, 32, n)).astype(np.float32) for n in (20, bins))
-    expected = reader.joined(torch.from_numpy(fine), torch.from_numpy(coarse))
-    np.testing.assert_array_equal(joined(fine, coarse), expected.numpy())

@@ -18,27 +18,16 @@ def some_octaves(n: int = 1, rows: int = 4, columns: int = 5) -> list[tuple[torc
     return [(torch.randn(n, h, w, DIRECTIONS, LAGS), torch.randn(n, h, w, SCALARS)) for h, w in sizes]
 
 
-@pytest.fixture
-def network() -> Reader:
-    """Return a small reader of random weights."""
+def test_without_the_lattice_directions_are_treated_alike() -> None:
     torch.manual_seed(0)
-    return Reader(SMALL).eval()
-
-
-@pytest.mark.parametrize("shift", [1, 8, 31])
-def test_without_the_lattice_directions_are_treated_alike(network: Reader, shift: int) -> None:
-    given = some_octaves()
-    turned = [(torch.roll(cepstra, shift, -2), scalars) for cepstra, scalars in given]
+    network, given = Reader(SMALL).eval(), some_octaves()
+    turned = [(torch.roll(cepstra, 8, -2), scalars) for cepstra, scalars in given]
     with torch.no_grad():
-        assert (network(turned)[0][0] - torch.roll(network(given)[0][0], shift, -2)).abs().max() > 1e-3
+        assert (network(turned)[0][0] - torch.roll(network(given)[0][0], 8, -2)).abs().max() > 1e-3
         network.lattice.zero_()
-        fine, coarse = network(given)
-        assert [part.shape[3:] for part in fine] == [(DIRECTIONS, BINS + 4), (BINS + 4,), (5,)]
-        assert [part.shape[3:] for part in coarse] == [(DIRECTIONS, BINS), (BINS,), (5,)]
-        for octave, other in zip(network(turned), (fine, coarse), strict=True):
-            torch.testing.assert_close(octave[0], torch.roll(other[0], shift, -2), atol=1e-4, rtol=1e-4)
-            for one, same in zip(octave[1:], other[1:], strict=True):
-                torch.testing.assert_close(one, same, atol=1e-4, rtol=1e-4)
+        for one, same in zip(network(turned), network(given), strict=True):
+            torch.testing.assert_close(one[0], torch.roll(same[0], 8, -2), atol=1e-4, rtol=1e-4)
+            torch.testing.assert_close(one[1:], same[1:], atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("k", [0, 7, 31])
