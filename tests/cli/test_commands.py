@@ -13,6 +13,7 @@ from blur2view.two_view.consensus import EstimatorOptions
 from tests.support.calls import Call
 from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
 from tests.support.many_photographs import contents
+from tests.support.tables import table
 
 
 def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
@@ -51,11 +52,14 @@ def test_files_hold_the_estimate_whose_F_fits_the_true_smears(
     assert np.median(rho) < 0.01
 
 
-def test_verbose_summary_has_the_reason(run: Call, moving: Path, tmp_path: Path) -> None:
-    done = run(moving, "-v", "-o", tmp_path / "out")
-    document = json.loads((tmp_path / "out" / "moving.json").read_text())
-    assert done == 0 and document["reason"] in done.out
-    assert document["reason"] not in run(moving).out
+def test_verbose_summary_has_the_reason_and_no_control_character_is_printed(
+    run: Call, moving: Path, tmp_path: Path
+) -> None:
+    odd = moving.rename(tmp_path / "two\nlines\x1b[31m.png")
+    done = run(odd, "-v", "--csv", tmp_path / "t.csv")
+    assert done == 0 and "two\\nlines\\x1b[31m.png: Camera" in done.out
+    (row,) = table(tmp_path / "t.csv")
+    assert row["reason"] in done.out and row["reason"] not in run(odd).out
 
 
 def test_json_is_one_document_that_equals_the_file(

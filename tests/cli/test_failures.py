@@ -16,14 +16,6 @@ from tests.support.calls import Call
 from tests.support.many_photographs import command, environment
 
 
-def test_control_characters_of_a_name_are_printed_as_escapes(run: Call, still: Path, tmp_path: Path) -> None:
-    odd = still.rename(tmp_path / "two\nlines\x1b[31m.png")
-    printed = run(odd, tmp_path / "absent\n.png")
-    assert printed == 1
-    assert "two\\nlines\\x1b[31m.png: Sharp" in printed.out and len(printed.out.splitlines()) == 2
-    assert len(printed.lines) == 1
-
-
 @pytest.mark.parametrize("raised", [MemoryError(), cv2.error("Failed to allocate")])
 def test_too_little_memory_costs_one_photograph(
     run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch, raised: Exception
@@ -89,7 +81,7 @@ def test_a_reader_that_wants_no_more_ends_the_call_as_it_ends_other_programs(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("words", ["--version", "--help-all", "estimate --help"])
+@pytest.mark.parametrize("words", ["--version", "estimate --help"])
 def test_help_that_cannot_be_printed_is_a_failure(words: str) -> None:
     done = program(*words.split(), closed="> /dev/full")
     assert done.returncode == 1 and "cannot be used (No space left on device)" in done.stderr

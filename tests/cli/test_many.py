@@ -4,11 +4,8 @@ import json
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from blur2view.cli.estimate import gyroflow_of
-from blur2view.results.photograph import Photograph
 from tests.support.calls import Call
 from tests.support.many_photographs import write_photographs, write_video
 from tests.support.tables import table
@@ -61,16 +58,6 @@ def test_without_a_rate_there_is_no_log_and_all_else_is_printed(run: Call, tmp_p
     other = write_video(tmp_path / "other.mp4", 2)
     done = run(video, other, "--focal", 300, "--gyroflow", log, "--json")
     assert done == 1 and "a log of rates is of one video" in done.line and done.out == ""
-
-
-def test_log_of_rates_is_in_the_order_of_time() -> None:
-    turned = {"rotation": np.eye(3).tolist()}
-    first, second = (
-        Photograph(name="a", timestamp_s=time, time_known=True, exposure_s=0.04, cam2_from_cam1=turned)
-        for time in (0.0, 0.1)
-    )
-    text = gyroflow_of([second, first], "clip.mp4")
-    assert [row.partition(",")[0] for row in text.splitlines()[-2:]] == ["0", "100000"]
 
 
 def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Path, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
@@ -36,22 +35,13 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 
 
-@pytest.mark.parametrize("option", [["--seed", 3], ["--focal", 300]])
 def test_other_options_are_done_again_and_those_without_effect_are_not(
-    run: Call, folder: Path, tmp_path: Path, read: list[str], option: list[object]
+    run: Call, folder: Path, tmp_path: Path, read: list[str]
 ) -> None:
-    assert run(folder, "-o", tmp_path / "out") == 0
-    read.clear()
-    assert run(folder, "-o", tmp_path / "out", "--resume", *option) == 0
-    assert len(read) == 5
-    assert run(folder, "-o", tmp_path / "out", "--resume", "-q", *option) == 0
-    assert len(read) == 5
-
-
-def test_one_photograph_that_was_done_before_has_a_line(run: Call, folder: Path, here: Path) -> None:
-    assert run(folder / "000.png", "-o", "out") == 0
-    done = run(folder / "000.png", "-o", "out", "--resume")
-    assert done == 0 and done.out == f"{folder / '000.png'}: done before\n"
+    for count, words in enumerate(([], ["--seed", 3], ["--focal", 300]), start=1):
+        for more in ([], ["--resume", "-q"]):
+            assert run(folder, "-o", tmp_path / "out", "--resume", *words, *more) == 0
+            assert len(read) == 5 * count
 
 
 def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path, here: Path) -> None:
@@ -61,16 +51,15 @@ def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path,
     assert Path("again.csv").read_bytes() == Path("whole.csv").read_bytes()
 
 
-@pytest.mark.parametrize("command", ["estimate", "segment"])
-def test_resume_takes_no_result_of_another_photograph(
-    call: Call, folder: Path, tmp_path: Path, command: str
-) -> None:
-    out, other = tmp_path / "out", tmp_path / "other" / "000.png"
+def test_resume_takes_no_result_of_another_photograph(call: Call, folder: Path, tmp_path: Path) -> None:
+    out, first, other = tmp_path / "out", folder / "000.png", tmp_path / "other" / "000.png"
     other.parent.mkdir()
     shutil.copy(folder / "001.png", other)
-    assert call(command, folder / "000.png", "-o", out) == 0
+    assert call("segment", first, "-o", out) == 0
+    done = call("segment", first, "-o", out, "--resume")
+    assert done == 0 and done.out == f"{first}: done before\n"
     before = contents(out)
-    done = call(command, other, "-o", out, "--resume", "-v")
+    done = call("segment", other, "-o", out, "--resume")
     assert done == 0 and "done before" not in done.out and contents(out) != before
 
 

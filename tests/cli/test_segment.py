@@ -1,8 +1,6 @@
 """``blur2view segment``: what it prints and writes, and how it fails."""
 
 import json
-import os
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.many_photographs import contents, environment
+from tests.support.many_photographs import contents
 
 HEIGHT, WIDTH = 320, 416
 BOX = slice(96, 224), slice(192, 352)
@@ -95,23 +93,3 @@ def test_masks_for_programs_are_as_the_pixels_are_stored(
     (mask,) = (np.asarray(Image.open(path)) for path in (out / "masks").iterdir())
     grey = np.asarray(Image.open(out / "b.mask.png"))  # upright
     np.testing.assert_array_equal(mask == 0, np.rot90(grey == 255))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="measures memory in Linux's unit")
-def test_masks_of_large_photographs_take_little_memory(tiny_model: Path, tmp_path: Path) -> None:
-    width, height = 3000, 2000
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    nearness = 0.012 + 0.004 * np.sin(x / 300) * np.cos(y / 200)
-    smears = np.clip(np.stack([x - 1400, y - 900], axis=-1) * nearness[..., None], -30, 30)
-    large = write_picture(tmp_path / "a.png", colour_code(smears, 1.0))
-    small = write_picture(tmp_path / "b.png", colour_code(smears[:320, :400], 1.0))
-    words = ["-m", "blur2view", "segment", "--model", str(tiny_model), "-o", str(tmp_path / "out")]
-    peaks = []
-    for photograph in (small, large):
-        child = os.posix_spawn(sys.executable, [sys.executable, *words, str(photograph)], environment())
-        _, status, usage = os.wait4(child, 0)
-        assert status == 0
-        peaks.append(usage.ru_maxrss * 1024)
-    # 24 megapixels within 2 GiB, of which the program itself takes 0.25
-    assert (peaks[1] - peaks[0]) / (width * height - 320 * 400) < 78
