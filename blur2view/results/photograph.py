@@ -14,7 +14,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from blur2view.results.record import Record, derived
-from blur2view.results.verdict import Limits, use_of, verdict
+from blur2view.results.verdict import use_of, verdict
 
 if TYPE_CHECKING:
     from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -62,9 +62,9 @@ class Photograph(Record):
         }
         return cls(**{key: _plain(value) for key, value in {"name": name, **known, **stated}.items()})
 
-    def of_use(self, limits: Limits | None = None) -> Self:
-        """Return the record with what the photograph is of use for within limits of blur."""
-        return replace(self, use=use_of(self, limits or Limits()))
+    def of_use(self, *limits_px: float) -> Self:
+        """Return the record with what the photograph is of use for, as of `verdict.use_of`."""
+        return replace(self, use=use_of(self, *limits_px))
 
     def of_blur_alone(self) -> Self:
         """Return what the record says but for geometry, as of a photograph looked at less closely."""

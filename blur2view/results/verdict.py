@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 
 from blur2view.results.record import Record
@@ -35,27 +34,18 @@ class Use(StrEnum):
     """Too smooth or too dark to show blur."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """Up to where a photograph is called sharp: its longest smear and its largest radius out of focus."""
+def use_of(one: Record, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX) -> str:
+    """Return the use of a photograph, empty if it failed, given what a sharp one may have.
 
-    max_smear_px: float = MAX_SMEAR_PX
-    max_defocus_px: float = MAX_DEFOCUS_PX
-
-
-def use_of(one: Record, limits: Limits) -> str:
-    """Return the use of a photograph, empty if it failed.
-
-    The kind of blur decides first: only where the camera moved the length of the smear is compared with the
-    limit.
+    The kind of blur decides first: the length of the smear counts only where the camera moved.
     """
     if one.error:
         return ""
     if one.blur == "cannot tell" or one.smear_px is None:
         return Use.UNCLEAR
-    if one.blur not in STILL and one.smear_px > limits.max_smear_px:
+    if one.blur not in STILL and one.smear_px > max_smear_px:
         return Use.BLURRED if one.has_geometry else Use.UNUSABLE
-    soft = one.blur == "out of focus" or (one.defocus_px or 0.0) > limits.max_defocus_px
+    soft = one.blur == "out of focus" or (one.defocus_px or 0.0) > max_defocus_px
     return Use.OUT_OF_FOCUS if soft else Use.SHARP
 
 

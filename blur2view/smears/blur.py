@@ -25,10 +25,10 @@ BORDER, BORDER_WEIGHT = 0.15, 3.0
 """Share of a side that is near the border, and how much more what lies there counts."""
 MOVED = 0.5
 """Share that must be smeared for the camera to have moved."""
-CLOSE_MOVED, CLOSE_BOTH = 0.15, 0.1
-"""Of the shares that decide if the camera moved, and if it is out of focus, too: what is close to a limit."""
-CLOSE_LENGTH = 1.33
-"""Of the length over its deviation, what is close to 1."""
+CLOSE_MOVED = 0.2
+"""Of the share that decides if the camera moved, what is close to its limit."""
+SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
+"""Length of what is surely smeared, also in standard deviations; share of the cells that must be so."""
 MOVING_SHARE = 0.005
 """Share of the picture that must move for the camera to be at rest before it."""
 LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
@@ -179,32 +179,34 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float
 def is_close(grid: SmearGrid) -> bool:
     """Whether a photograph's kind of blur is so close that more windows may show another.
 
-    Of 204 photographs, sharp, softened, out of focus and smeared, of which a quarter of the windows was read,
-    3 had another kind than of all windows; this is true of 18, the 3 among them. It is true, too, where the
-    camera moved and what is in focus has a radius of a lens out of focus, as of models/desk.jpg.
+    So it is where about half of it is smeared, where a part is surely smeared before a camera at rest, and
+    where the camera moved, but smears are short, or what is in focus has the radius of a lens out of focus.
     """
     if grid.kinds is None:
         return False
+    moved, seen, smears = smeared_share(grid), blur_of(grid, camera_moved=1.0), grid.smears()
+    if abs(moved - MOVED) < CLOSE_MOVED:
+        return True
+    if moved > MOVED:
+        short = in_doubt(grid) and not with_length(seen, grid).is_short
+        return short or (seen.kind is BlurKind.CAMERA_MOVED and (seen.defocus_px or 0.0) > DEFOCUSED_PX)
+    sure = smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * grid.sigma_px)
+    return bool((sure & (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5)).mean() > SURE_SHARE)
+
+
+def smeared_share(grid: SmearGrid) -> float:
+    """Return the share of a grid with kinds of blur that is smeared, as it counts for the camera's motion."""
     kinds = np.asarray(grid.kinds, float)
     sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
-    moved, known = smeared + both, sharp + defocused + smeared + both
-    if abs(moved - MOVED * known) < CLOSE_MOVED * known:
-        return True
-    seen = blur_of(grid)
-    if seen.kind is BlurKind.CAMERA_MOVED and (seen.defocus_px or 0.0) > DEFOCUSED_PX:  # is it the lens, too?
-        return True
-    whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
-    ratio = (whole.smear_px or 0.0) / (whole.smear_sigma_px or 1.0)
-    is_near = abs(both - 0.5 * moved) < CLOSE_BOTH * moved or 1 / CLOSE_LENGTH < ratio < CLOSE_LENGTH
-    return bool(moved > MOVED * known and is_near)
+    return float((smeared + both) / (sharp + defocused + smeared + both))
 
 
 def in_doubt(grid: SmearGrid) -> bool:
     """Whether the cells' own blur leaves open if the camera moved: some of it is smeared, some is not.
 
-    False of a network that does not say what more is asked of (`SmearGrid.shares`).
+    False of a network that does not say which blur the cells have.
     """
-    if grid.kinds is None or grid.shares is None:
+    if grid.kinds is None:
         return False
     smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
     still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()

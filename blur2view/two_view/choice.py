@@ -44,15 +44,22 @@ class Choice:
 
 
 def choose(
-    likelihood: Likelihood, fit: FundamentalFit, rng: np.random.Generator, *, agreement: float, rolling: bool
+    likelihood: Likelihood,
+    fit: FundamentalFit,
+    rng: np.random.Generator,
+    *,
+    agreement: float,
+    rolling: bool,
+    moved: bool = False,
 ) -> Choice:
     """Return what the smears show, given the F of least cost.
 
     ``agreement`` is the share of the smears that follow it beyond chance: below MIN_AGREEMENT only a
-    homography is looked for. With ``rolling`` the shutter may read one row after the other.
+    homography is looked for. With ``rolling`` the shutter may read one row after the other; if the camera is
+    known to have ``moved``, no motion is no model.
     """
     has_consensus = agreement >= c.MIN_AGREEMENT
-    if not has_consensus and within_errors(likelihood.matches):
+    if not has_consensus and not moved and within_errors(likelihood.matches):
         sentence = "no motion, the smears are no longer than their errors"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
     sample = likelihood.subset(np.sort(rng.permutation(len(likelihood))[: c.SAMPLE]))
@@ -60,6 +67,8 @@ def choose(
     orders = there.residuals.backward, there.residuals.forward_share < 0.5  # by F, and by depth as well
     plane = find_plane(sample, fit.point.motion()[0], orders)
     fields = fields_of(sample, plane, rolling)
+    if moved:
+        del fields[MotionModel.STILL]
     plane = fields[MotionModel.PLANE]
     table = table_of(fields, plane.gain_of_parallax(fit.point.matrix()) if has_consensus else None)
     return named(table, fields, fit, agreement)

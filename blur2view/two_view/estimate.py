@@ -32,6 +32,8 @@ def estimate_two_view(
     rng: np.random.Generator | int | None = None,
     camera: Camera | None = None,
     shutter: RollingShutter | None = None,
+    *,
+    moved: bool = False,
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
@@ -47,6 +49,8 @@ def estimate_two_view(
         Of that camera, whose intrinsics must be known. A geometry with F or H is then that of an exposure of
         all rows at once, another one for each order in time (``reversed()``): of both that which has less
         parallax is given.
+    moved : bool
+        Whether the camera is known to have moved: then no motion is none of the models.
 
     Returns
     -------
@@ -67,7 +71,7 @@ def estimate_two_view(
     options = options or EstimatorOptions()
     require("options", options, EstimatorOptions, "as EstimatorOptions(max_error_px=2)")
     rng = np.random.default_rng(0 if rng is None else rng)
-    geometry = as_recorded(matches, options, rng, camera, rolling=shutter is None)
+    geometry = as_recorded(matches, options, rng, camera, rolling=shutter is None, moved=moved)
     without_orders = geometry.F is None and geometry.H is None
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
@@ -125,6 +129,7 @@ def as_recorded(
     camera: Camera | None,
     *,
     rolling: bool = False,
+    moved: bool = False,
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter.
 
@@ -135,7 +140,7 @@ def as_recorded(
     straight = matches if camera is None else undistorted(matches, camera)
     likelihood, fit = search_and_fit(Likelihood.of(straight, camera), rng)
     found = inliers_of(likelihood.pixels(fit.point.matrix()), likelihood, options)
-    choice = choose(likelihood, fit, rng, agreement=found.beyond_chance, rolling=rolling)
+    choice = choose(likelihood, fit, rng, agreement=found.beyond_chance, rolling=rolling, moved=moved)
     pose = None
     if likelihood.intrinsics_known and (choice.reports_F or choice.homography is not None):
         pose = estimate_pose(likelihood, choice)

@@ -9,7 +9,7 @@ import pytest
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.results.photograph import Photograph
-from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Limits, length_text, use_of
+from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, length_text, use_of
 from blur2view.smears.blur import DEFOCUSED_PX
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
@@ -35,7 +35,7 @@ DID = {"PANORAMIC": ("Camera turned", "Camera rolled")}
 
 def contradictions(one: Photograph) -> Iterator[str]:
     """Yield a line for every two fields of a record that say different things."""
-    use, moved, radius = use_of(one, Limits()), one.blur in MOVED, one.defocus_px or 0.0
+    use, moved, radius = use_of(one), one.blur in MOVED, one.defocus_px or 0.0
     if moved != one.moved:
         yield f"blur is {one.blur}, moved {one.moved}"
     if use not in USES[one.blur]:
@@ -88,6 +88,21 @@ def found(image: AnyArray) -> list[str]:
 def test_no_two_fields_of_the_samples_contradict(name: str) -> None:
     image = blur2view.read_image(MODELS / name)
     assert not found(image) and not found(dimmed(image))
+
+
+@pytest.mark.slow
+def test_estimate_and_segment_state_one_share_and_a_camera_changes_no_kind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("blur2view.pipeline.in_doubt", lambda grid: True)
+    image = blur2view.read_image(MODELS / "sample_mover.jpg")
+    estimate = blur2view.estimate(image)
+    mask = blur2view.segment(estimate, image)
+    assert estimate.blur.moving_share == mask.shares["moving"] > 0.05
+    one, other = (Photograph.of(estimate, name="a.jpg", mask=found) for found in (None, mask))
+    assert one.moving_share == other.moving_share and one.verdict == other.verdict
+    camera = blur2view.Camera.from_focal(800, image.shape[1::-1])
+    assert blur2view.estimate(image, camera=camera).blur == estimate.blur
 
 
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])

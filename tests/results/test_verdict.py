@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.results.photograph import Photograph
-from blur2view.results.verdict import Limits, use_of
+from blur2view.results.verdict import use_of
 
 F = H = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 MOVED = Photograph(name="a.jpg", width=641, height=481, blur="camera moved", smear_px=9.0, smear_sigma_px=1.0)
@@ -88,10 +88,10 @@ USES = {
 @pytest.mark.parametrize("use", USES)
 def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> None:
     for one in USES[use]:
-        assert use_of(one, Limits()) == use
+        assert use_of(one) == use
 
 
 def test_use_is_within_the_limits_that_are_asked_for() -> None:
     one = moved("UNCALIBRATED", F=F)  # 9 px
-    for limits, use in ((Limits(max_smear_px=10.0), "sharp"), (Limits(max_smear_px=8.0), "blurred")):
-        assert one.of_use(limits).use == use
+    for most_px, use in ((10.0, "sharp"), (8.0, "blurred")):
+        assert one.of_use(most_px).use == use
