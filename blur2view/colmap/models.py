@@ -33,7 +33,10 @@ def read_model(folder: Path) -> Any:
     try:
         for path in folder.iterdir():
             if path.suffix in (".bin", ".txt"):
-                open_regular(path).close()
+                with open_regular(path) as file:
+                    count = int.from_bytes(file.read(8), "little")
+                if path.suffix == ".bin" and count > path.stat().st_size:  # pycolmap reads on for minutes
+                    raise ValueError(f"{path.name} ends within a record")
         if (folder / "points3D.bin").exists():
             _check_points(folder / "points3D.bin")
         model = pycolmap.Reconstruction(folder)

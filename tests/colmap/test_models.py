@@ -60,6 +60,7 @@ def test_a_file_that_ends_early_is_refused_before_pycolmap_takes_memory(
     ("name", "at", "written"),
     [
         ("images.bin", 8 + 64, b"\xff"),  # of a name
+        ("frames.bin", 2, b"\x80"),  # of their number
         ("frames.bin", 8 + 8 + 32, struct.pack("<d", np.nan)),
         ("cameras.bin", 8 + 24, struct.pack("<d", np.inf)),
         ("points3D.bin", 8 + 8, struct.pack("<d", 1e300)),

@@ -89,7 +89,10 @@ def make_inputs(folder: Path) -> None:
     (folder / "list.txt").write_text(f"# photographs\n{GOOD}\nother.jpg\n")
     shutil.copy(shipped_file("smear.onnx"), folder)
     shutil.copy(folder / "project.db", folder / "linked.db")
-    for words in (LINK.replace("project.db", "linked.db --no-backup"), PLACE.replace("placed", "views")):
+    for words in (
+        LINK.replace("project.db", "linked.db --no-backup --jobs 1"),
+        PLACE.replace("placed", "views"),
+    ):
         with chdir(folder):
             if commands.main(words.split()):
                 raise SystemExit(f"{words}: fails with whole inputs")
