@@ -87,32 +87,25 @@ def estimate(
     Parameters
     ----------
     image : ndarray of shape (H, W, 3), (H, W, 4) or (H, W), picture of Pillow, or path
-        The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1], as from
-        :func:`blur2view.read_image`; one of Pillow is not turned upright. Of a path the file is read, and
-        without ``camera`` the focal length of its EXIF is a hint, as for ``blur2view estimate``.
+        The photograph, sRGB-coded RGB or grey: uint8, uint16 or floats in [0, 1]; one of Pillow is not turned
+        upright. Of a path, without ``camera``, the focal length of EXIF is a hint.
     network : SmearReader or path, optional
         The shipped `SmearNetwork` by default; load it once for many photographs.
     select, options : SelectOptions, EstimatorOptions, optional
         Which smears become matches; the robust estimator.
     rng : numpy.random.Generator or int, optional
         Source of randomness or its seed, 0 by default, so that a call repeats exactly.
-    camera : Camera, optional
-        Intrinsics of this photograph, for its size.
-    shutter : RollingShutter, optional
-        Of a camera with known intrinsics: the geometry is then that of an exposure of all rows at once,
-        another one for each order in time (``geometry.reversed()``); ``matches`` stay as recorded.
+    camera, shutter : Camera, RollingShutter, optional
+        Intrinsics of this photograph, for its size; with them, of a rolling shutter, the geometry is that of
+        an exposure of all rows at once, another one for each order in time (``geometry.reversed()``).
     detail : Detail
         ``Detail.RANKING`` reads fewer windows.
 
     Returns
     -------
     Estimate
-        A photograph without a trustworthy F has a configuration with its reason, not an error.
-
-    Raises
-    ------
-    ValueError, ModelError, ImageError
-        If image or camera is invalid, or a shutter has no camera; if network or file cannot be used.
+        A photograph without a trustworthy F has a configuration with its reason, not an error. ValueError,
+        ModelError or ImageError of what cannot be used.
     """
     detail = Detail(detail)  # of a word, too
     if camera is not None:

@@ -91,17 +91,15 @@ class EstimateOptions:
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
-        photographs, folder, log = Photographs.of(self), self.folder, self.gyroflow
-        jobs = photographs.jobs(folder.output, ENDINGS)
+        photographs, log = Photographs.of(self), self.gyroflow
+        jobs = photographs.jobs(ENDINGS)
         if log is not None and not photographs.inputs.one_video:
             raise OutputError(
                 f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
             )
-        with photographs.writing(jobs, {"--gyroflow": log}):
-            finished = photographs.run(jobs, estimate_one, summaries=not folder.json, resume=folder.resume)
-            if folder.json:
-                finished.print_json("estimates")
-            photographs.close(finished, folder.output, summaries=not folder.json)
+        with photographs.writing(jobs, gyroflow=log):
+            finished = photographs.run(jobs, estimate_one)
+            photographs.close(finished, "estimates")
             records = [one.photograph for one in finished.done]
             if log is not None and records and not finished.ended_early:
                 write_file(log, gyroflow_of(records, jobs[0].source.path.name).encode())

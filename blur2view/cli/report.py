@@ -51,7 +51,7 @@ class ReportOptions:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
         photographs, page = Photographs.of(self), self.output
         jobs = photographs.jobs()
-        with photographs.writing(jobs, {"-o": page}):
+        with photographs.writing(jobs, output=page):
             finished = photographs.run(jobs, entry_one)
             photographs.close(finished)
             if finished.done:

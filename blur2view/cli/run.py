@@ -4,13 +4,14 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from blur2view.cli.options import Folder
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
 from blur2view.cli.work import digest_of, network_of, time_options
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
@@ -53,11 +54,6 @@ class Finished:
         """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
         return self.ended_early or (FAILED if self.failures else DONE)
 
-    def print_json(self, listed: str) -> None:
-        """Print one document: the records as a list of this name, and what failed."""
-        done = [one.photograph.plain() for one in self.done]
-        print(json.dumps({listed: done, "failures": self.failures}, indent=2, allow_nan=False))
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Photographs:
@@ -71,13 +67,16 @@ class Photographs:
         """Return those of a command with these options."""
         return cls(options=options, inputs=options.common.reading.inputs())
 
+    @property
+    def folder(self) -> Folder:
+        """The options about files of each photograph, of a command that has some."""
+        found: Folder = getattr(self.options, "folder", Folder())
+        return found
+
     def jobs(
-        self,
-        folder: Path | None = None,
-        endings: Sequence[str] = (),
-        beside: Callable[[Path], Sequence[Path]] = lambda name: (),
+        self, endings: Sequence[str] = (), beside: Callable[[Path], Sequence[Path]] = lambda name: ()
     ) -> list[Job]:
-        """Return the jobs, with the files of each if a ``folder`` of results is named.
+        """Return the jobs, with the files of each if a folder of results is named.
 
         They are called by the photograph's stem and these ``endings``, in the order of writing, JSON last;
         ``beside`` gives further files of a photograph by its name, below the folder. Inputs and files of
@@ -92,9 +91,9 @@ class Photographs:
             refusal: Blur2ViewError | None = None
             if source in inputs.refused:
                 refusal = ImageError(inputs.refused[source])
-            elif folder is not None:
+            elif self.folder.output is not None:
                 own = (Path(f"{stem}{ending}") for ending in endings)
-                files = tuple(folder / path for path in (*beside(Path(name)), *own))
+                files = tuple(self.folder.output / path for path in (*beside(Path(name)), *own))
                 refusal = _conflict(source, files, read, first_of)
             job = Job(index=index, source=source, name=name, neighbours=near[index], options_sha256=digest)
             jobs.append(replace(job, files=files, refusal=refusal))
@@ -102,17 +101,16 @@ class Photographs:
 
     @contextmanager
     def writing(
-        self, jobs: Iterable[Job], targets: Mapping[str, Path | None], beside: Path | None = None
+        self, jobs: Iterable[Job], beside: Path | None = None, **targets: Path | None
     ) -> Iterator[None]:
         """Check all that the call writes, before any work; at the end remove folders that stayed empty.
 
-        The network is loaded. ``targets`` are files of all photographs by their options, with the table among
-        them; ``beside`` is one more file that the call writes and checks itself. ModelError or OutputError of
-        what cannot be used.
+        The network is loaded. ``targets`` are files of all photographs by their options, besides the table;
+        ``beside`` is one more that the call checks itself. ModelError or OutputError of what cannot be used.
         """
         network_of(self.options)  # first, so that a damaged one is named before any photograph
-        every = {"--csv": self.options.common.csv, **targets}
-        written = {option: path for option, path in every.items() if path is not None}
+        every = targets | {"csv": self.options.common.csv}
+        written = {f"--{option}": path for option, path in every.items() if path is not None}
         paths = [path for job in jobs for path in job.files] + [one for one in [beside] if one is not None]
         names, database = real_paths(paths), self.options.common.lens.database
         used = self.inputs.read | real_paths([] if database is None else [database])
@@ -126,30 +124,24 @@ class Photographs:
             yield
 
     def run(
-        self,
-        jobs: Sequence[Job],
-        work: Callable[[Any, Any], Outcome],
-        *,
-        summaries: bool = True,
-        resume: bool = False,
+        self, jobs: Sequence[Job], work: Callable[[Any, Any], Outcome], *, lines: bool = True
     ) -> Finished:
         """Return what came of all photographs in order, after printing a line for each.
 
         Ends early, after a line that says how to go on, if it is interrupted or no photograph can be done any
-        more, as on a full disk. ``work`` takes the options and a job; with ``resume`` those are skipped whose
-        results are there.
+        more, as on a full disk. ``work`` takes the options and a job.
         """
         run, start, many = Finished(), time.monotonic(), self.options.common.many
         do = partial(in_processes, count=max(min(many.jobs or usable_cores(), len(jobs)), 1))
         if many.dask is not None:
             do = partial(in_cluster, address=many.dask)
-        find = self._done_before if resume else lambda job: None
+        find = self._done_before if self.folder.resume else lambda job: None
         try:
             with closing(outcomes(jobs, partial(do, partial(work, self.options)), find)) as results:
                 for job, outcome in results:
                     run.outcomes.append((job, outcome))
                     show_status()
-                    self._print(outcome, summaries=summaries, alone=len(jobs) == 1)
+                    self._print(outcome, lines=lines and not self.folder.json, alone=len(jobs) == 1)
                     if len(jobs) > 1:
                         show_status(f"{len(run.outcomes)} of {plural(len(jobs), 'photograph')}")
         except KeyboardInterrupt:
@@ -180,32 +172,36 @@ class Photographs:
         summary = f"{printable(str(job.source))}: done before"
         return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
 
-    def _print(self, one: Outcome, *, summaries: bool, alone: bool) -> None:
+    def _print(self, one: Outcome, *, lines: bool, alone: bool) -> None:
         """Print what became of a photograph: why it failed, or its summary, whole if it is alone."""
         printing = self.options.common.printing
         whole = alone or printing.verbose
         if one.error:
             complain(Blur2ViewError(one.error))
-        elif summaries and not printing.quiet and (whole or not one.skipped):
-            lines = one.summary.split("\n")
-            print("\n".join(map(printable, lines if whole else lines[:1])), flush=True)
+        elif lines and not printing.quiet and (whole or not one.skipped):
+            summary = one.summary.split("\n")
+            print("\n".join(map(printable, summary if whole else summary[:1])), flush=True)
 
-    def close(self, run: Finished, *written: Path | None, summaries: bool = True) -> None:
-        """Write the table; print how many of several photographs were done, and what was written.
+    def close(self, run: Finished, listed: str = "", *, total: bool = True) -> None:
+        """Print the records as one list of this name, if it is asked for; write the table.
 
-        OutputError if it cannot be written; all else is there.
+        Else a ``total`` says how many of several photographs were done, and what was written. OutputError if
+        the table cannot be written; all else is there.
         """
+        if self.folder.json:
+            done = [one.photograph.plain() for one in run.done]
+            print(json.dumps({listed: done, "failures": run.failures}, indent=2, allow_nan=False))
         table, rows = self.options.common.csv, list(run.records.values())
         if table is not None and rows:
             write_file(table, table_text(rows))
-        quiet = self.options.common.printing.quiet or not summaries
-        if run.ended_early or len(run.outcomes) < 2 or quiet:
+        quiet = self.options.common.printing.quiet or self.folder.json
+        if run.ended_early or len(run.outcomes) < 2 or quiet or not total:
             return
         skipped, failed = sum(one.skipped for one in run.done), len(run.failures)
         counts = {"done": len(run.done) - skipped, "done before": skipped, "failed": failed}
         parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
         line = f"{plural(len(run.outcomes), 'photograph')}: {parts} in {run.seconds:.1f} s"
-        paths = [printable(str(path)) for path in (*written, table) if path is not None]
+        paths = [printable(str(path)) for path in (self.folder.output, table) if path is not None]
         print(line + f"; wrote {' and '.join(paths)}" * bool(paths and counts["done"]))
 
 

@@ -79,15 +79,11 @@ class SegmentOptions:
 
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        photographs, folder = Photographs.of(self), self.folder
-        jobs = photographs.jobs(
-            folder.output, ENDINGS, lambda name: [FOLDER / program.path(name) for program in self.programs]
-        )
-        with photographs.writing(jobs, {}):
-            finished = photographs.run(jobs, segment_one, summaries=not folder.json, resume=folder.resume)
-            if folder.json:
-                finished.print_json("masks")
-            photographs.close(finished, folder.output, summaries=not folder.json)
+        photographs, programs = Photographs.of(self), self.programs
+        jobs = photographs.jobs(ENDINGS, lambda name: [FOLDER / one.path(name) for one in programs])
+        with photographs.writing(jobs):
+            finished = photographs.run(jobs, segment_one)
+            photographs.close(finished, "masks")
         return finished.exit_code
 
 

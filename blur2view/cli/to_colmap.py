@@ -119,11 +119,11 @@ class ToColmapOptions:
         jobs, backup = linked_jobs(photographs.jobs(), project), None
         if not self.link:
             refuse_existing(db, replace=holds_views_alone(db))
-        with photographs.writing(jobs, {}, beside=db):
+        with photographs.writing(jobs, db):
             by_name = {job.name: job for job in jobs if job.refusal is None}
-            finished = photographs.run(jobs, views_one, summaries=False)
+            finished = photographs.run(jobs, views_one, lines=False)
             views: list[ExposureViews] = [one.besides["views"] for one in finished.done]
-            photographs.close(finished, summaries=False)
+            photographs.close(finished, total=False)
             if finished.ended_early or not views:
                 return finished.exit_code
             with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
@@ -174,7 +174,8 @@ def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
     if plan is None:
         views = views_of(job.name, one.estimate)
     else:
-        views = keypoint_views(job.name, plan.keypoints, one.estimate)
+        robust = options.common.estimating.robust()
+        views = keypoint_views(job.name, plan.keypoints, one.estimate, robust)
     return Outcome(photograph=record_of(options, one, job), besides={"views": views})
 
 

@@ -104,11 +104,11 @@ class TriageOptions:
         """
         photographs = Photographs.of(self)
         jobs = photographs.jobs()
-        with photographs.writing(jobs, {"--keep": self.keep}, beside=self.extract):
+        with photographs.writing(jobs, self.extract, keep=self.keep):
             if self.extract is not None:
                 refuse_filled(self.extract)
             finished = photographs.run(jobs, look_at)
-            photographs.close(finished, summaries=False)
+            photographs.close(finished, total=False)
             if finished.done and not finished.ended_early:
                 self._write(finished)
         return finished.exit_code

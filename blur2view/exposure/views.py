@@ -79,7 +79,9 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     )
 
 
-def keypoint_views(name: str, keypoints: Array, estimate: Estimate) -> ExposureViews:
+def keypoint_views(
+    name: str, keypoints: Array, estimate: Estimate, options: EstimatorOptions | None = None
+) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
     Each by half of its smear; where the camera did not move they stay. Usable are those whose smear is known
@@ -105,7 +107,7 @@ def keypoint_views(name: str, keypoints: Array, estimate: Estimate) -> ExposureV
     fits = usable  # without F all are taken to follow H
     if geometry.F is not None:
         errors = serrmin(geometry.F, order.camera.undistorted(ends))
-        fits = usable & (errors < EstimatorOptions().tolerance_px(length, sampson) ** 2)
+        fits = usable & (errors < (options or EstimatorOptions()).tolerance_px(length, sampson) ** 2)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
     return ExposureViews(
         name=name,

@@ -68,19 +68,9 @@ def outcomes(
 ) -> Done:
     """Yield every job, of consecutive indices, with its outcome in their order, its files written.
 
-    Parameters
-    ----------
-    jobs : iterable of Job
-        The photographs in order.
-    done : callable
-        Takes jobs and is a generator of them with their outcomes, in any order, as of `runs.executors`.
-    find : callable
-        Returns the outcome of a job that an earlier call did; it is not done again.
-
-    Raises
-    ------
-    OutputError, RunError, KeyboardInterrupt
-        If no photograph can be done any more; after the outcomes that are there.
+    ``done``, as of `runs.executors`, takes jobs and yields them with their outcomes in any order; ``find``
+    returns the outcome of a job that an earlier call did, which is not done again. OutputError, RunError or
+    KeyboardInterrupt if no photograph can be done any more, after the outcomes that are there.
     """
     waiting: dict[int, tuple[Job, Outcome] | None] = {}  # by index; None of a frame that is not there
     turn = 0
