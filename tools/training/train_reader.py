@@ -13,7 +13,6 @@ shard: so many pictures of 320x256, or as many cells of larger ones.
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
@@ -23,21 +22,13 @@ from torch.nn import functional as nnf
 
 from blur2view.errors import ModelError
 from blur2view.smears.grid import from_double_angle
-from blur2view.smears.likelihood import DIRECTIONS, read_smears
+from blur2view.smears.likelihood import read_smears
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, load_shard, load_shards
 from tools.evaluation.evaluate import Smears, smear_figures
 from tools.metrics import DIRECTION_MIN_PX
-from tools.training.reader import (
-    Circular,
-    Reader,
-    box_sums,
-    cross_entropy,
-    kind_target,
-    radius_target,
-    target_of,
-)
-from tools.training.run import Schedule, Task, batched, fit
+from tools.training.reader import Circular, Reader, cross_entropy, kind_target, radius_target, target_of
+from tools.training.run import Schedule, Task, fit
 
 WEIGHTS = "network."
 """Prefix of the names of the weights in an exported file."""
@@ -47,8 +38,6 @@ PICTURE_CELLS = 80
 """Cells of a picture of 320x256, which sizes of batches are counted in."""
 COARSE_WEIGHT = 0.3
 """Weight of the smaller octaves' own losses."""
-DIFFERING_WEIGHT, LEAST_DIFFERENCE_PX = 2.0, 2.0
-"""Further weight of cells that differ wholly from those about them; and what of a difference is too small."""
 BLUR_WEIGHT = 0.4
 """Weight of the losses of radii and of kinds."""
 LONGEST_PX = 60.0
@@ -85,26 +74,10 @@ class ReaderTask(Task):
 
 
 def batch_of(shard: Example, rng: np.random.Generator, count: int) -> Batch:
-    """Return random examples of a shard, half mirrored: `count`, or as many cells in larger ones."""
+    """Return random examples of a shard: `count`, or as many cells in larger ones."""
     pictures, cells = len(shard["v0"]), int(np.prod(shard["v0"].shape[1:3]))
     chosen = rng.integers(pictures, size=max(1, count * PICTURE_CELLS // cells))
-    rows = [{name: array[k] for name, array in shard.items()} for k in chosen]
-    return batched([mirrored(row) if rng.random() < 0.5 else row for row in rows])
-
-
-def mirrored(row: Example) -> Example:
-    """Mirror an example left to right: its cells, its directions (k becomes -k) and its truth."""
-    back = (-np.arange(DIRECTIONS)) % DIRECTIONS
-    flipped = {key: array[:, ::-1] for key, array in row.items()}
-    for k in range(octaves_of(row)):
-        flipped[f"C{k}"] = flipped[f"C{k}"][:, :, back]
-        flipped[f"d{k}"] = flipped[f"d{k}"] * np.array([-1, 1], row[f"d{k}"].dtype)
-    return flipped
-
-
-def octaves_of(row: Mapping[str, Any]) -> int:
-    """Return how many octaves an example, or a batch of them, holds."""
-    return sum(key.startswith("v") for key in row)
+    return {name: torch.from_numpy(array[chosen]).float() for name, array in shard.items()}
 
 
 def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], tuple[Tensor, ...]]:
@@ -112,29 +85,17 @@ def losses_of(network: Reader, batch: Batch, half: bool) -> tuple[list[Tensor], 
 
     In order: smears, radii, kinds. Losses of one octave are summed by their weights.
     """
-    count = range(octaves_of(batch))
+    count = range(sum(key.startswith("v") for key in batch))
     with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
         joint = network([(batch[f"C{k}"], batch[f"s{k}"]) for k in count])
     losses = []
     for k, (smears, radii, kinds) in enumerate(joint):
         d, r, shows = (batch[f"{key}{k}"] for key in "drt")
         target, weight = target_of(d, batch[f"v{k}"], smears.shape[-1])
-        differing = 1 + DIFFERING_WEIGHT * difference_of(d)
         blur = cross_entropy(radii, radius_target(r, radii.shape[-1]), shows)
-        blur = blur + cross_entropy(kinds, kind_target(d, r, shows), differing)
-        losses.append(cross_entropy(smears, target, weight * differing, axes=2) + BLUR_WEIGHT * blur)
+        blur = blur + cross_entropy(kinds, kind_target(d, r, shows), torch.ones_like(weight))
+        losses.append(cross_entropy(smears, target, weight, axes=2) + BLUR_WEIGHT * blur)
     return losses, joint[0]
-
-
-def difference_of(displacement: Tensor) -> Tensor:
-    """Return how much cells of smears (N, h, w, S, 2) differ from the mean of 5 x 5 about them, 0 to 1."""
-    z = torch.view_as_complex(displacement.contiguous())
-    cell = torch.view_as_real(z * z / (z.abs() + 1e-6)).mean(-2)  # double angles: signs mean nothing
-    total, count = box_sums(2, cell[..., None, :], torch.ones_like(cell[..., None, :1]))
-    around = (total / count).squeeze(-2)
-    apart = torch.linalg.norm(cell - around, dim=-1)
-    share: Tensor = apart / (torch.linalg.norm(around, dim=-1) + LEAST_DIFFERENCE_PX)
-    return share.clamp(max=1)
 
 
 @torch.no_grad()
