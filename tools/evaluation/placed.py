@@ -4,8 +4,8 @@
 COLMAP triangulate and adjust from the true poses with the features of their blurred frames, links and places;
 all is kept in WORK. Each frame's motion from its own pose to both ends of its exposure is compared with the
 true one, after one scale for each model, in the better order of the ends: rotation, position, and over the
-exposure the mean distance of points at one and a half of the scene's depth from where they are. *linear* and
-*spline* (cubic) interpolate the frames' own poses and are told the exposure, as *place, told* is.
+exposure the mean distance of points at one and a half of the scene's depth from where they are. The
+cubic *spline* through the frames' own poses is told the exposure, as *place, told* is.
 """
 
 from itertools import product
@@ -27,7 +27,7 @@ from tools.rendering.video import Shake, VideoOptions, write_video
 SHAKES = {"30, slower": (30, 0.7, 10), "10, as fast": (10, 0.7, 10), "10, faster": (10, 6, 12)}
 """Frames a second and how fast the shake is beside half of that: the bounds of its frequencies, Hz."""
 SHARES = (0.33, 0.6, 0.9)  # exposure over frame interval
-METHODS = ("linear", "spline", "place, told", "place")
+METHODS = ("spline", "place, told", "place")
 TIMES: Array = np.linspace(-1, 1, 9)  # from shutter-open to shutter-close
 DEPTHS = (0.5, 1.0)
 TITLE = "Both ends of exposures, placed and interpolated"
@@ -40,6 +40,18 @@ Step = tuple[Array, Array]  # cam_open and cam_close from cam_middle, (3, 4) eac
 Poses = dict[str, Array]  # by frame: cam_from_world (3, 4)
 
 
+def extracted(folder: Path, frames: str, options: VideoOptions) -> Path:
+    """Return a project of the frames in a folder below, with features and matches."""
+    database, reader = folder / "project.db", pycolmap.ImageReaderOptions()
+    database.unlink(missing_ok=True)
+    reader.camera_model, f = "PINHOLE", options.focal_px
+    reader.camera_params = ",".join(map(str, (f, f, *(side / 2 for side in options.size))))
+    single = pycolmap.CameraMode.SINGLE
+    pycolmap.extract_features(database, folder / frames, camera_mode=single, reader_options=reader)
+    pycolmap.match_exhaustive(database)
+    return database
+
+
 def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path, Path]:
     """Return the linked project of the frames, and their model as COLMAP's bundle adjustment leaves it.
 
@@ -47,13 +59,7 @@ def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path,
     """
     database, frames, model = folder / "project.db", folder / "frames", folder / "model"
     if not model.exists():
-        database.unlink(missing_ok=True)
-        reader = pycolmap.ImageReaderOptions()
-        reader.camera_model, f = "PINHOLE", options.focal_px
-        reader.camera_params = ",".join(map(str, (f, f, *(side / 2 for side in options.size))))
-        single = pycolmap.CameraMode.SINGLE
-        pycolmap.extract_features(database, frames, camera_mode=single, reader_options=reader)
-        pycolmap.match_exhaustive(database)
+        extracted(folder, "frames", options)
         made = pycolmap.triangulate_points(begun(database, true), database, frames, folder)
         fixed = pycolmap.BundleAdjustmentOptions()
         fixed.refine_focal_length = fixed.refine_extra_params = False
@@ -107,13 +113,13 @@ def placed_steps(poses: Poses) -> dict[str, Step]:
     }
 
 
-def interpolated_steps(poses: Poses, share: float, degree: int) -> dict[str, Step]:
-    """Return the motions of a spline of this degree through the poses of frames in order."""
+def interpolated_steps(poses: Poses, share: float) -> dict[str, Step]:
+    """Return the motions of a cubic spline through the poses of frames in order."""
     names = sorted(poses)
     first = poses[names[0]][:, :3]
     turns = [rotation_vector(poses[name][:, :3] @ first.T) for name in names]
     places = np.hstack([turns, [centre_of(poses[name]) for name in names]])
-    spline = make_interp_spline(np.arange(len(names)), places, k=degree)
+    spline = make_interp_spline(np.arange(len(names)), places, k=3)
 
     def at(time: float) -> Array:
         place = spline(time)
@@ -168,7 +174,7 @@ def measure(work: Path, key: dict[str, Any]) -> dict[str, Any]:
     database, model = reconstruct(folder, options, true)
     poses = poses_of(pycolmap.Reconstruction(model))
     told, free = (place_views(database, model, sorted(true), given) for given in (share, None))
-    steps = [interpolated_steps(poses, share, degree) for degree in (1, 3)]
+    steps = [interpolated_steps(poses, share)]
     steps += [placed_steps(poses_of(placement.model)) for placement in (told, free)]
     to_scene, by_name = [1, 1, 1, scale_of(poses, true)], dict(zip(true, paths, strict=True))
     record = {**key, "fraction": free.fraction}

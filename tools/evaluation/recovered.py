@@ -17,19 +17,17 @@ from typing import Any
 import cv2
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import from_colmap
-from blur2view.colmap.blur_matching import GAMMA, blurred_along, linear_light
+from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.recovery import NEAR_FRAMES, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import run
-from tools.evaluation.placed import begun, centre_of
-from tools.pages import publish, table, write_picture
+from tools.evaluation.placed import begun, centre_of, extracted
+from tools.pages import publish, table
 from tools.rendering.video import VideoOptions, write_video
 
 RUNS, WIDER = [1, 3, 6], (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
@@ -38,8 +36,6 @@ RATES = (10, 30)  # frames a second
 SHAKES_PX = (10.0, 30.0)  # of a frame, root mean square
 SHORT, LONG = 0.05, 0.9  # exposures over frame interval, of frames of the model and of missing ones
 FRAMES = 20
-PATCHES, TIMES, CONTRAST, POINT = 8, 2, 45.0, (60, 255, 90)  # of the picture
-Picture = NDArray[np.uint8]
 LEAD = """\
 Runs of frames are missing from a COLMAP model; `blur2view recover` registers them from its other frames.
 Renderings are of a hand's shake, sharp in the model and blurred where missing. The missing frames of a
@@ -128,12 +124,7 @@ def rendered(work: Path, folder: Path, seed: int, options: VideoOptions, run_len
         shutil.copyfile((blurred if name in missing else sharp) / name, folder / "frames" / name)
         if name not in missing:
             shutil.copyfile(sharp / name, folder / "known" / name)
-    database, reader = folder / "project.db", pycolmap.ImageReaderOptions()
-    reader.camera_model, f = "PINHOLE", options.focal_px
-    reader.camera_params = ",".join(map(str, (f, f, *(side / 2 for side in options.size))))
-    single = pycolmap.CameraMode.SINGLE
-    pycolmap.extract_features(database, folder / "known", camera_mode=single, reader_options=reader)
-    pycolmap.match_exhaustive(database)
+    database = extracted(folder, "known", options)
     known = {name: pose for name, pose in true.items() if name not in missing}
     made = pycolmap.triangulate_points(begun(database, known), database, folder / "known", folder)
     (folder / "model").mkdir()
@@ -189,53 +180,6 @@ def row(name: str, run_length: int, records: Sequence[dict[str, list[Any]]]) -> 
     return (name, run_length, smear, f"{len(own)} of {total}", *figures, *worst, points, holds)
 
 
-def drawn(case: Case, name: str, network: SmearNetwork) -> Picture:
-    """Return a missing frame with the model's points where its recovered pose has them, above patches.
-
-    In columns a neighbour's patch as it is, blurred by the frame's smear, and the frame's by the neighbour's.
-    """
-    found = recover_frames(case.folder / "model", case.folder / "frames", sorted(case.true), network=network)
-    order = sorted(case.true)
-    near = min(found.sequence.images, key=lambda one: abs(order.index(one) - order.index(name)))
-    images = [found.model.find_image_with_name(one) for one in (name, near)]
-    seen = [{point.point3D_id for point in one.points2D if point.has_point3D()} for one in images]
-    world = [found.model.points3D[number].xyz for number in sorted(seen[0] & seen[1])]
-    pixels = [from_colmap(np.array([one.project_point(xyz) for xyz in world])) for one in images]
-    shown = [read_pixels(case.folder / "frames" / one) for one in (name, near)]
-    light = [linear_light(one / np.float32(255)) for one in shown]
-    smears = [network.predict(one).at(at).displacement for one, at in zip(shown, pixels, strict=True)]
-    picture = cv2.resize(shown[0], None, fx=TIMES, fy=TIMES, interpolation=cv2.INTER_CUBIC)
-    for x, y in TIMES * (pixels[0][::2] + 0.5) - 0.5:
-        cv2.circle(picture, (round(x), round(y)), 3, POINT, -1, cv2.LINE_AA)
-    side = picture.shape[1] // PATCHES
-    cut, columns = side // TIMES // 2, []
-    for index in apart(pixels, light[1], cut):
-        cuts = [(light[1], pixels[1][index])]
-        for one, other in ((1, 0), (0, 1)):
-            path = np.full((*light[one].shape, 2), smears[other][index], np.float32)
-            cuts.append((blurred_along(light[one], path)[0], pixels[one][index]))
-        patches = [cv2.getRectSubPix(image, (cut, cut), tuple(map(float, at))) for image, at in cuts]
-        coded = [np.clip(one / 255, 0, 1) ** (1 / GAMMA) for one in patches]
-        alike = [128 + CONTRAST * (one - one.mean()) / one.std() for one in coded]
-        large = [cv2.resize(one, (side, side), interpolation=cv2.INTER_CUBIC) for one in alike]
-        columns.append(np.vstack(large))
-    strips = np.clip(np.hstack(columns), 0, 255).astype(np.uint8)[..., None].repeat(3, axis=2)
-    return np.vstack([picture[:, : strips.shape[1]], strips])
-
-
-def apart(pixels: Sequence[Array], light: Any, margin: int) -> list[int]:
-    """Return points of contrast that are inside of both pictures and far from each other, left to right."""
-    both, size = np.stack(pixels), np.array(light.shape[::-1])
-    inside = np.all((both > margin) & (both < size - 1 - margin), axis=(0, 2))
-    patches = [cv2.getRectSubPix(light, (margin, margin), tuple(map(float, at))) for at in pixels[1]]
-    contrast = np.array([one.std() for one in patches])
-    chosen: list[int] = []
-    for index in np.argsort(-np.where(inside, contrast, 0)):
-        if all(np.linalg.norm(pixels[0][index] - pixels[0][one]) > 1.5 * margin for one in chosen):
-            chosen.append(int(index))
-    return sorted(chosen[:PATCHES], key=lambda index: float(pixels[0][index, 0]))
-
-
 def main(
     work: Path,
     *,
@@ -243,15 +187,9 @@ def main(
     scenes: int = 2,
     run_lengths: list[int] = RUNS,
     out: Path | None = None,
-    picture: Path | None = None,
 ) -> None:
-    """Measure cases of a folder of renderings, and of a sequence; with ``picture`` draw one instead."""
+    """Measure cases of a folder of renderings, and of a sequence."""
     network, rows = SmearNetwork(), []
-    if picture is not None:
-        options = VideoOptions(rate=RATES[1], share=LONG, frames=FRAMES, shake_px=SHAKES_PX[1])
-        case = rendered(work, work / "picture", 1, options, 3)
-        write_picture(picture, drawn(case, case.missing[4], network))
-        return
     for rate, shake_px, run_length in product(RATES, SHAKES_PX, run_lengths if scenes else ()):
         options = VideoOptions(rate=rate, share=LONG, frames=FRAMES, shake_px=shake_px)
         folders = {seed: work / f"{rate}_{shake_px:g}_{run_length}_{seed}" for seed in range(scenes)}
