@@ -153,16 +153,8 @@ def entries() -> Iterator[tuple[str, str, str]]:
 
 def explanations(*, flat: bool = False) -> dict[str, str]:
     """Return what explains the keys of JSON or, if ``flat``, the columns of a table."""
-    return {
-        name: f"({kind}) {text}" if not flat else text
-        for name, kind, text in ((name, _json_type(kind), text) for name, kind, text in entries())
-        if not flat or kind.split()[0] in ("str", "int", "float", "bool")
-    }
-
-
-def _json_type(kind: str) -> str:
-    name = kind.removesuffix(" | None").partition("[")[0]
-    return {"Matrix": "3x3", "dict": "object"}.get(name, name) + " or null" * kind.endswith("None")
+    plain = ("str", "int", "float", "bool")
+    return {name: text for name, kind, text in entries() if not flat or kind.split()[0] in plain}
 
 
 def table_text(rows: Iterable[Photograph]) -> bytes:

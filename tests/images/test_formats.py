@@ -58,20 +58,12 @@ def test_heic_is_read(tmp_path: Path) -> None:
     assert read_image(tmp_path / "a.jpg").shape == (40, 60, 3)
 
 
-@pytest.mark.parametrize(
-    ("name", "module", "content"),
-    [
-        ("a.heic", "pillow_heif", b"\0\0\0\x18ftypheic\0\0\0\0mif1heic"),
-        ("a.cr2", "rawpy", b"II*\0\x10\0\0\0CR\x02\0"),
-    ],
-)
-def test_without_the_extra_the_error_names_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, module: str, content: bytes
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(ImageError, match=f"install {module.replace('_', '-')}"):
-        read_image(tmp_path / name)
+def test_without_the_extra_the_error_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, module in (("a.heic", "pillow_heif"), ("a.cr2", "rawpy")):
+        monkeypatch.setitem(sys.modules, module, None)
+        (tmp_path / name).write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic")
+        with pytest.raises(ImageError, match=f"install {module.replace('_', '-')}"):
+            read_image(tmp_path / name)
 
 
 @pytest.mark.parametrize("kind", ["gif", "webp", "png", "tif"])
@@ -94,27 +86,16 @@ def test_frame_is_read_by_its_number_in_any_order(tmp_path: Path) -> None:
     assert frame_named(str(tmp_path / "000002")) is None
 
 
-@pytest.mark.parametrize(
-    ("turn", "shape", "rows"),
-    [
-        ((1, 0, 0, 1), (64, 80, 3), (0, 1)),
-        ((0, 1, -1, 0), (80, 64, 3), (-1, 0)),
-        ((0, -1, 1, 0), (80, 64, 3), (1, 0)),
-    ],
-)
-def test_rows_of_a_video_that_is_turned_upright(
-    tmp_path: Path, turn: tuple[int, ...], shape: tuple[int, ...], rows: tuple[int, int]
-) -> None:
-    clip = write_video(tmp_path / "clip.mp4", 3)
-
+def test_rows_of_a_video_that_is_turned_upright(tmp_path: Path) -> None:
     def matrix(a: int, b: int, c: int, d: int) -> bytes:  # of a track's header, 16.16 and 2.30
         return struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
 
-    content = clip.read_bytes()
-    header = content.index(b"tkhd")
-    place = content.index(matrix(1, 0, 0, 1), header)
-    clip.write_bytes(content[:place] + matrix(*turn) + content[place + 36 :])
-    assert read_frame(clip, 0).shape == shape and rows_towards(clip) == rows
+    content = write_video(clip := tmp_path / "clip.mp4", 3).read_bytes()
+    assert read_frame(clip, 0).shape == (64, 80, 3) and rows_towards(clip) == (0, 1)
+    place = content.index(matrix(1, 0, 0, 1), content.index(b"tkhd"))
+    turned = tmp_path / "turned.mp4"
+    turned.write_bytes(content[:place] + matrix(0, 1, -1, 0) + content[place + 36 :])
+    assert read_frame(turned, 0).shape == (80, 64, 3) and rows_towards(turned) == (-1, 0)
 
 
 def test_names_of_videos_are_names_of_files_and_open_no_network(tmp_path: Path) -> None:

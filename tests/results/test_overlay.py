@@ -1,7 +1,5 @@
 """The overlay: its parts are where the geometry says, at every size of photograph."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -15,45 +13,36 @@ from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of
 
-SIDEWAYS = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # camera moving along x: horizontal lines
 PHOTO = np.full((480, 640, 3), 0.5, np.float32)
 
 
-def estimate_of(ends: NDArray[np.float64], inliers: list[bool], F: NDArray[np.float64] | None) -> Estimate:
-    """Return an estimate of a photograph of 640x480 with these smears (N, 2, 2)."""
+def drawn(
+    ends: NDArray[np.float64], fits: bool, F: NDArray[np.float64] | None, swapped: bool = False
+) -> NDArray[np.uint8]:
+    """Return the overlay of smears (N, 2, 2) on a photograph of 640x480."""
     grid = grid_of(np.zeros((15, 20, 2)), 1.0, stride=32, shape=(480, 640))
     geometry = TwoViewGeometry(
         F=F,
         config=Configuration.DEGENERATE if F is None else Configuration.UNCALIBRATED,
         reason="the figures that decided",
-        inlier_mask=np.array(inliers, bool),
-        second_end_is_open=np.zeros(len(ends), bool),
+        inlier_mask=np.full(len(ends), fits),
+        second_end_is_open=np.full(len(ends), swapped),
     )
-    return Estimate(
-        grid=grid,
-        blur=blur_of(grid),
-        matches=SmearMatches(ends=ends, sigma_px=np.ones(len(ends))),
-        geometry=geometry,
-        model_id="made-up",
-    )
+    matches = SmearMatches(ends=ends, sigma_px=np.ones(len(ends)))
+    one = Estimate(grid=grid, blur=blur_of(grid), matches=matches, geometry=geometry, model_id="made-up")
+    with pytest.raises(ValueError, match="expected an estimate of shape"):
+        draw_overlay(PHOTO[:, :480], one)
+    return draw_overlay(PHOTO, one)
 
 
-def drawn(
-    points: list[tuple[float, float]], inliers: list[bool], F: NDArray[np.float64] | None = None
-) -> NDArray[np.uint8]:
-    """Return the overlay of smears of 12 px along x at points."""
-    ends = smear_ends(np.reshape(points, (-1, 2)), np.full((len(points), 2), (12.0, 0.0)))
-    return draw_overlay(PHOTO, estimate_of(ends, inliers, F))
-
-
-def test_epipolar_lines_run_through_inliers_alone_along_F() -> None:
-    points: list[tuple[float, float]] = [(100, 60), (300, 240), (500, 400)]
-    with_F, without = (drawn(points, [True] * 3, F) for F in (SIDEWAYS, None))
-    changed = (with_F[:480] != without[:480]).any(-1)
+def test_epipolar_lines_run_through_inliers_alone() -> None:
+    F = cross_matrix(np.array([1.0, 0.0, 0.0])) / 2**0.5  # of a camera that moves along x: horizontal lines
+    ends = smear_ends(np.array([(100.0, 60), (300, 240), (500, 400)]), np.full((3, 2), (12.0, 0.0)))
+    changed = (drawn(ends, True, F)[:480] != drawn(ends, True, None)[:480]).any(-1)
     rows = np.flatnonzero(changed.mean(axis=1) > 0.9)
     assert all(abs(rows - y).min() <= 1 for y in (60, 240, 400))
     assert all(abs(np.array([60, 240, 400]) - row).min() <= 1 for row in rows)
-    outlier = drawn([(100, 60)], [False], SIDEWAYS)
+    outlier = drawn(ends, False, F)
     assert (outlier[60, 200:] == outlier[0, 0]).all()
 
 
@@ -64,19 +53,11 @@ def test_epipolar_line_is_that_of_the_open_end_in_the_close_view(swapped: bool) 
     R[:2, :2] = [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
     F, ray = fundamental_from_pose(K, R, t), np.array([0.2, -0.1, 1.0])
     open_end, close_end = ((K @ point)[:2] / (K @ point)[2] for point in (ray, R @ ray + t))
-    line = F @ [*open_end, 1.0]  # rolled against the lines F^T x2 by 17 degrees
     ends = np.stack([close_end, open_end] if swapped else [open_end, close_end])[None]
-    estimate = estimate_of(ends, [True], F)
-    geometry = replace(estimate.geometry, second_end_is_open=np.array([swapped]))
-    picture = draw_overlay(PHOTO, replace(estimate, geometry=geometry))
+    picture, line = drawn(ends, True, F, swapped), F @ [*open_end, 1.0]  # 17 degrees from the lines F^T x2
     columns = np.array([20, 60, 580, 620])
     rows = np.round(-(line[0] * columns + line[2]) / line[1]).astype(int)
     inside = (rows > 2) & (rows < 477)
     assert inside.sum() >= 2
     for column, row in zip(columns[inside], rows[inside], strict=True):
         assert picture[row - 1 : row + 2, column].max() > picture[2, 2].max() + 30
-
-
-def test_an_estimate_of_another_size_is_refused() -> None:
-    with pytest.raises(ValueError, match="expected an estimate of shape"):
-        draw_overlay(np.zeros((640, 480, 3), np.float32), estimate_of(np.zeros((0, 2, 2)), [], None))
