@@ -15,7 +15,7 @@ import shutil
 import sys
 from argparse import BooleanOptionalAction
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, field, fields, is_dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, get_args, get_origin
@@ -44,29 +44,19 @@ def group(kind: type) -> Any:
     return field(default_factory=kind)
 
 
-@dataclass(kw_only=True)
-class Entry:
-    """What a docstring says of an option."""
-
-    names: list[str]
-    metavar: str
-    help: str
-    rare: bool
-
-
-def described(kind: type) -> tuple[str, list[Entry]]:
-    """Return what a dataclass of options says of itself, and of each option."""
+def described(kind: type) -> tuple[str, list[dict[str, Any]]]:
+    """Return what a dataclass of options says of itself, and of each option: names, metavar, help, rare."""
     about: list[str] = []
-    entries: list[Entry] = []
+    entries: list[dict[str, Any]] = []
     rare = False
     for line in inspect.cleandoc(kind.__doc__ or "").splitlines():
         if match := ENTRY.fullmatch(line):
-            names, metavar, text = match.groups()
-            entries.append(Entry(names=re.findall(r"[^, ]+", names), metavar=metavar, help=text, rare=rare))
+            names = re.findall(r"[^, ]+", match[1])
+            entries.append({"names": names, "metavar": match[2] or None, "help": match[3], "rare": rare})
         elif line == RARELY:
             rare = True
         elif entries:
-            entries[-1].help += f" {line.strip()}" * bool(line)
+            entries[-1]["help"] += f" {line.strip()}" * bool(line)
         else:
             about.append(line)
     return "\n".join(about).strip(), entries
@@ -119,38 +109,35 @@ class CommandParser(Parser):
         text = "show all options and files, and exit"
         self.add_argument("--help-all", action="help", help=text)
         self._sections: dict[str, Any] = {"options": self._optionals}
-        self._add(kind, "")
-        needed = [
-            [*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}"]
-            for one in self._actions
-            if one.required
-        ]
+        self._add(kind)
+        actions = [one for one in self._actions if one.required]
+        needed = [(*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}") for one in actions]
         self.usage = " ".join([self.prog, "[OPTIONS]", *(" ".join(one) for one in needed)])
         if everything:
             for title, rows in (kind.tables() | {"exit codes": EXIT_CODES}).items():
                 self.add_table(title, rows)
 
-    def _add(self, kind: Any, place: str) -> None:
-        """Add the options of a dataclass, whose values are found at a ``place`` in the command."""
+    def _add(self, kind: Any) -> None:
+        """Add the options of a dataclass and of its groups; all their names differ."""
         about, entries = described(kind)
-        title, _, about = about.removesuffix(".").partition(": ") if place else ("options", "", "")
-        own = [one for one in fields(kind) if not is_dataclass(one.type)]
+        title, _, about = (
+            about.removesuffix(".").partition(": ") if kind is not self.kind else ("options", "", "")
+        )
+        own, either = [one for one in fields(kind) if not is_dataclass(one.type)], None
         if own and title not in self._sections:
             text = f"{' '.join(about.split())}." if about and self.everything else None
             self._sections[title] = self.add_argument_group(title, text)
-        either = None
         for one, entry in zip(own, entries, strict=True):
             section = self._sections[title]
             if one.name in getattr(kind, "either", ()):
                 section = either = either or section.add_mutually_exclusive_group()
-            names, settings = _settings(one, entry, f"{place}{one.name}")
-            text = entry.help if self.everything else SHORT.split(entry.help)[0]
-            action = section.add_argument(*names, **settings)
-            action.help = argparse.SUPPRESS if entry.rare and not self.everything else text
-            action.metavar = entry.metavar or None
+            action = section.add_argument(*(entry["names"] or [one.name]), **_settings(one, entry["names"]))
+            text = entry["help"] if self.everything else SHORT.split(entry["help"])[0]
+            action.help = argparse.SUPPRESS if entry["rare"] and not self.everything else text
+            action.metavar = entry["metavar"]
         for one in fields(kind):
             if is_dataclass(one.type):
-                self._add(one.type, f"{place}{one.name}.")
+                self._add(one.type)
 
     def read(self, words: Sequence[str]) -> Any:
         """Return the options that words state; wrong usage ends the program with one line."""
@@ -161,7 +148,7 @@ class CommandParser(Parser):
                 self._refuse_unknown(word.partition("=")[0])
         values = vars(self.parse_intermixed_args(words))
         try:
-            return _made(self.kind, values, "")
+            return _made(self.kind, values)
         except (ValueError, CameraError) as error:
             self.error(str(error))
 
@@ -176,32 +163,27 @@ class CommandParser(Parser):
         self.error(f"{name} is no option of {self.command}{remedy}")
 
 
-def _settings(one: Field[Any], entry: Entry, dest: str) -> tuple[list[str], dict[str, Any]]:
-    """Return what argparse must know to read an option: its names, and how."""
+def _settings(one: Field[Any], names: Sequence[str]) -> dict[str, Any]:
+    """Return how argparse reads an option of these names, an argument if it has none."""
     kind, convert = get_args(one.type) if get_origin(one.type) is Annotated else (one.type, None)
-    kinds, needed = get_args(kind) or (kind,), one.default is MISSING
-    how: dict[str, Any] = {
-        "type": convert or next((CONVERT[part] for part in kinds if part in CONVERT), None)
-    }
+    converts = [CONVERT[part] for part in get_args(kind) or (kind,) if part in CONVERT]
+    how: dict[str, Any] = {"type": convert or next(iter(converts), None)}
     if kind is bool:
         how = {"action": "store_false" if one.default else "store_true"}
     elif kind == bool | None:
         how = {"action": BooleanOptionalAction}
     elif kind == list[str] | None:
         how |= {"action": "append"}
-    if not entry.names:
-        return [dest], how | ({"nargs": "+"} if kind == list[str] else {})
-    how |= {"required": True} if needed else {"default": one.default}
-    return entry.names, how | {"dest": dest}
+    if not names:
+        return how | ({"nargs": "+"} if kind == list[str] else {})
+    needed = one.default is MISSING
+    return how | {"dest": one.name} | ({"required": True} if needed else {"default": one.default})
 
 
-def _made(kind: Any, values: Mapping[str, Any], place: str) -> Any:
+def _made(kind: Any, values: Mapping[str, Any]) -> Any:
     """Return the dataclass of parsed values, with its groups; ValueError of what it refuses."""
-    return kind(
-        **{
-            one.name: _made(one.type, values, f"{place}{one.name}.")
-            if is_dataclass(one.type)
-            else values[f"{place}{one.name}"]
-            for one in fields(kind)
-        }
-    )
+    made = {
+        one.name: _made(one.type, values) if is_dataclass(one.type) else values[one.name]
+        for one in fields(kind)
+    }
+    return kind(**made)

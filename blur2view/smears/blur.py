@@ -103,7 +103,7 @@ class Blur:
             case BlurKind.OUT_OF_FOCUS:
                 return f"out of focus by a radius of {self.defocus_px:.1f} px"
             case BlurKind.CAMERA_AT_REST:
-                return f"something moves in {self.moving_share:.0%} of the picture, not what is around it"
+                return f"{100 * self.moving_share:.0f} % of the picture moves, not what is around it"
             case BlurKind.CANNOT_TELL:
                 return self.nothing_seen or "smooth all over, so that no blur is seen"
             case _:

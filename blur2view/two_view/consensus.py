@@ -80,11 +80,12 @@ def refused(matches: SmearMatches) -> TwoViewGeometry | None:
         return no_geometry(matches, f"{one}, as of any rotation or plane")
     share, width = coverage(matches), relative_width(matches)
     if share < c.MIN_COVERAGE:
-        little = f"the smears cover {share:.0%} of the image (at least {c.MIN_COVERAGE:.0%} needed)"
+        least = f"at least {100 * c.MIN_COVERAGE:.0f} % needed"
+        little = f"the smears cover {100 * share:.0f} % of the image ({least})"
         moved = f"{little}: perhaps one moving object before a still camera"
         return no_geometry(matches, moved, insufficient_data=True)
     if width <= c.LEAST_WIDTH:
-        line = f"all smears lie along one line: their midpoints are spread {width:.1%} across it"
+        line = f"all smears lie along one line: their midpoints are spread {100 * width:.1f} % across it"
         return no_geometry(matches, line, insufficient_data=True)
     return None
 
@@ -131,9 +132,9 @@ class Inliers:
 
     @property
     def figures(self) -> str:
-        """The clause that says so; rounded down, as only all are 100%."""
+        """The clause that says so; rounded down, as only all are 100 %."""
         share = 100 * int(self.mask.sum()) // max(len(self.mask), 1)
-        return f"{share}% of {len(self.mask)} smears fit, {self.by_chance:.0%} would by chance"
+        return f"{share} % of {len(self.mask)} smears fit, {100 * self.by_chance:.0f} % would by chance"
 
 
 def inliers_of(model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
