@@ -66,7 +66,7 @@ def test_fresh_database(run: Any, photos: list[Path], tmp_path: Path) -> None:
     code, out, err = run("--db", path, *CAMERA, *photos)
     assert (code, err) == (0, "")
     moving, still, total = out.splitlines()
-    assert moving.startswith("moving.png: added, translation known; ") and "order in time unknown" in moving
+    assert moving.startswith("moving.png: added, ") and "matches fit; order in time unknown" in moving
     assert still.startswith("still.png: added, no matches: ") and still.endswith("[DEGENERATE]")
     assert total == f"{path}: wrote 4 images of 2 photographs"
     assert check_database(path) == []
@@ -131,7 +131,7 @@ def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Pat
     exif = exif_of(orientation=6)  # upright it is 240 wide and 320 high
     Image.fromarray(picture_8_bit()).save(turned, quality=95, subsampling=0, exif=exif)
     code, out, err = run("--db", tmp_path / "new.db", *CAMERA, turned)
-    assert (code, err) == (0, "") and "translation known" in out
+    assert (code, err) == (0, "") and "matches fit" in out
     with pycolmap.Database.open(tmp_path / "new.db") as database:
         camera = database.read_camera(1)
         assert (camera.width, camera.height) == (320, 240)
