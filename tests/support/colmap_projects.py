@@ -48,7 +48,6 @@ class ProjectOptions:
     old: bool = False
     frames: bool = True
     wal: bool = True
-    prior_focal: bool = True
 
 
 def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 0) -> list[str]:
@@ -62,7 +61,7 @@ def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 
         if o.old:
             database.executescript(f"{OLD_TABLES} PRAGMA user_version = 3900;")
         params = struct.pack("<4d", 1.1 * o.size[0], o.size[0] / 2, o.size[1] / 2, 0.01)
-        database.execute("INSERT INTO cameras VALUES (1, 2, ?, ?, ?, ?)", (*o.size, params, o.prior_focal))
+        database.execute("INSERT INTO cameras VALUES (1, 2, ?, ?, ?, 1)", (*o.size, params))
         for index, name in enumerate(names, 1):
             _add_image(database, rng, index, name, o)
         if o.frames and not o.old:
