@@ -33,17 +33,6 @@ def test_what_says_that_it_is_empty_and_is_not_is_refused(name: str) -> None:
         open_regular(name)
 
 
-def test_a_file_that_becomes_a_pipe_is_not_waited_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "file").write_text("x")
-    stat = os.stat(tmp_path / "file")
-    monkeypatch.setattr(os, "stat", lambda path: stat)  # as it was a moment ago
-    with pytest.raises(OSError, match="is no regular file"):
-        open_regular(tmp_path / "pipe")
-
-
 @pytest.mark.skipif(not LINUX, reason="these files are Linux's")
 def test_a_stream_without_end_is_left() -> None:
     with open("/dev/zero", "rb") as endless, pytest.raises(OSError, match="larger than 1 MiB"):

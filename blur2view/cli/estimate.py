@@ -91,7 +91,7 @@ class EstimateOptions:
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
-        photographs, log = Photographs.of(self), self.gyroflow
+        photographs, log = Photographs(self), self.gyroflow
         jobs = photographs.jobs(ENDINGS)
         if log is not None and not photographs.inputs.one_video:
             raise OutputError(

@@ -49,7 +49,7 @@ class ReportOptions:
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
-        photographs, page = Photographs.of(self), self.output
+        photographs, page = Photographs(self), self.output
         jobs = photographs.jobs()
         with photographs.writing(jobs, output=page):
             finished = photographs.run(jobs, entry_one)

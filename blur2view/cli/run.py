@@ -55,23 +55,13 @@ class Finished:
         return self.ended_early or (FAILED if self.failures else DONE)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Photographs:
-    """The photographs of a call, how each is estimated, and how it goes through them."""
+    """The photographs of a command with these options, and how it goes through them."""
 
-    options: Any
-    inputs: Inputs
-
-    @classmethod
-    def of(cls, options: Any) -> "Photographs":
-        """Return those of a command with these options."""
-        return cls(options=options, inputs=options.common.reading.inputs())
-
-    @property
-    def folder(self) -> Folder:
-        """The options about files of each photograph, of a command that has some."""
-        found: Folder = getattr(self.options, "folder", Folder())
-        return found
+    def __init__(self, options: Any) -> None:
+        self.options = options
+        self.inputs: Inputs = options.common.reading.inputs()
+        self.folder: Folder = getattr(options, "folder", Folder())  # where each has files, if so
 
     def jobs(
         self, endings: Sequence[str] = (), beside: Callable[[Path], Sequence[Path]] = lambda name: ()

@@ -79,7 +79,7 @@ class SegmentOptions:
 
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        photographs, programs = Photographs.of(self), self.programs
+        photographs, programs = Photographs(self), self.programs
         jobs = photographs.jobs(ENDINGS, lambda name: [FOLDER / one.path(name) for one in programs])
         with photographs.writing(jobs):
             finished = photographs.run(jobs, segment_one)

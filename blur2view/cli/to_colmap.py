@@ -114,7 +114,7 @@ class ToColmapOptions:
 
         A run that ends early writes nothing.
         """
-        photographs, db = Photographs.of(self), self.db
+        photographs, db = Photographs(self), self.db
         project = db if self.link else None
         jobs, backup = linked_jobs(photographs.jobs(), project), None
         if not self.link:

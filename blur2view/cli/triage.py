@@ -102,7 +102,7 @@ class TriageOptions:
 
         A run that ends early writes the table of what is done.
         """
-        photographs = Photographs.of(self)
+        photographs = Photographs(self)
         jobs = photographs.jobs()
         with photographs.writing(jobs, self.extract, keep=self.keep):
             if self.extract is not None:
