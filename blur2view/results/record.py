@@ -32,8 +32,8 @@ class derived(property):  # noqa: N801
 
 
 def probability_of(text: str, *models: MotionModel) -> derived:
-    """Return the probability that it is one of some models, explained."""
-    return derived(lambda one: one.probability(*models), text)
+    """Return the probability that it is one of some models, with a shutter of either kind, explained."""
+    return derived(lambda one: one.probability(*models), f"Probability: {text}")
 
 
 def rate_about(axis: int, text: str) -> derived:
@@ -157,17 +157,9 @@ class Record:
         """The probability of the likeliest, with a shutter of either kind."""
         return likeliest_of(self.probability)[1] if self.models else None
 
-    parallax_probability = probability_of(
-        "Probability that things at different depths are seen; null where no models were compared.",
-        MotionModel.PARALLAX,
-    )
-    rotation_probability = probability_of(
-        "Probability that the camera turned alone, also with a rolling shutter.",
-        *FAMILIES[MotionModel.ROTATION],
-    )
-    plane_probability = probability_of(
-        "Probability that all lies in one plane, also with a rolling shutter.", *FAMILIES[MotionModel.PLANE]
-    )
+    parallax_probability = probability_of("that depths differ, if compared.", MotionModel.PARALLAX)
+    rotation_probability = probability_of("that the camera turned alone.", *FAMILIES[MotionModel.ROTATION])
+    plane_probability = probability_of("that all lies in one plane.", *FAMILIES[MotionModel.PLANE])
 
     @derived
     def rotation_deg(self) -> float | None:
@@ -175,12 +167,10 @@ class Record:
         return None if self.rates is None else math.degrees(math.hypot(*self.rates) * self.rated_s)
 
     wx = rate_about(
-        0,
-        """Rotation vector of cam2_from_cam1 over the exposure time, about the camera's x (right), rate_unit.
-        A gyroscope, which turns with the camera, shows the negative. The sign is of time: see time_known.""",
+        0, "Rotation vector of cam2_from_cam1 over the exposure time, about x (right), rate_unit."
     )
-    wy = rate_about(1, "The same about y (down).")
-    wz = rate_about(2, "The same about z (forwards).")
+    wy = rate_about(1, "The same about y (down). A gyroscope shows the negative.")
+    wz = rate_about(2, "The same about z (forwards). The sign is of time: see time_known.")
     sigma_wx = rate_sigma_about(0, "Standard deviation of wx.")
     sigma_wy = rate_sigma_about(1, "Standard deviation of wy.")
     sigma_wz = rate_sigma_about(2, "Standard deviation of wz.")
