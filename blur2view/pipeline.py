@@ -30,9 +30,9 @@ from blur2view.two_view.estimate import estimate_two_view, without_motion
 if TYPE_CHECKING:
     from PIL import Image
 
-AGREEMENT = 0.5
-"""Length of the camera's smooth motion over that of the smears: where it is less, these are errors. It is
-0.15 to 0.35 in sharp pictures of plain surfaces, 0.65 to 1 in frames of a moving camera."""
+AGREEMENT = 0.6
+"""Length of the camera's smooth motion over that of the smears below which these may be errors, and no motion
+explain them. It is 0.15 to 0.57 in pictures of cameras at rest, 0.65 to 1 in frames of moving ones."""
 CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
 
 
@@ -123,7 +123,8 @@ def estimate(
     matches = select_matches(grid, select)
     if blur.kind.of_camera:
         rng = np.random.default_rng(0 if rng is None else rng)
-        moved = grid.kinds is not None  # else only the geometry says whether the camera did
+        agree = moving is None or moving.camera_px >= AGREEMENT * (blur.smear_px or 0.0)
+        moved = agree and grid.kinds is not None  # else the geometry says whether the camera did
         geometry = estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
     else:
         geometry = without_motion(matches, blur)
@@ -145,8 +146,8 @@ def estimate(
 def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:
     """Return a photograph's smears, what blurred it, and what moves by itself, where the cells leave it open.
 
-    The camera moved where the U-Net says so and the motion is about as long as the smears. Of fewer windows
-    the cells say whether it did; if that is close, all windows are read.
+    Of fewer windows the cells say whether the camera moved, of all the U-Net; where the cells are close to
+    the limit all are read.
     """
     grid = network.predict(image, detail=detail)
     if detail is Detail.RANKING and is_close(grid):
@@ -156,8 +157,6 @@ def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearG
     if detail is Detail.RANKING and smeared_share(grid) > 0.5:
         return grid, blur_of(grid, image, camera_moved=1.0), None
     moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
-    seen, share = (grid, image, moving.share_of(grid)), mask_of(moving, image).shares["moving"]
-    blur = blur_of(*seen, moving.camera_moved if detail is Detail.GEOMETRY else 0.0, share)
-    if blur.kind.of_camera and moving.camera_px < AGREEMENT * (blur.smear_px or 0.0):
-        blur = blur_of(*seen, 0.0, share)
-    return grid, blur, moving
+    share = mask_of(moving, image).shares["moving"]
+    camera_moved = moving.camera_moved if detail is Detail.GEOMETRY else 0.0
+    return grid, blur_of(grid, image, moving.share_of(grid), camera_moved, share), moving
