@@ -21,7 +21,7 @@ from blur2view.images.video import read_frame
 from blur2view.networks.protocol import Detail
 from blur2view.output_files import write_file
 from blur2view.results.photograph import Photograph, explanations
-from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use, use_line
+from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 from blur2view.runs.jobs import Job, Outcome
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
@@ -159,9 +159,7 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
     """Return the record of one photograph, which is looked at less closely: of its blur alone."""
     one = estimated(options, job, detail=Detail.RANKING)
     record = record_of(options, one, job).of_use(options.max_smear, options.max_defocus).of_blur_alone()
-    summary = f"{printable(str(job.source))}: {use_line(record)}"
-    summary += f": {record.verdict}" * options.common.printing.verbose
-    return Outcome(photograph=record, summary=summary)
+    return Outcome(photograph=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
 
 
 def refuse_filled(folder: Path) -> None:

@@ -49,16 +49,6 @@ def use_of(one: Record, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: floa
     return Use.OUT_OF_FOCUS if soft else Use.SHARP
 
 
-def use_line(one: Record) -> str:
-    """Return what a photograph is of use for, and by how much it is blurred."""
-    if one.use == Use.UNCLEAR:
-        return f"{one.use} (no texture)"
-    if one.use == Use.OUT_OF_FOCUS:
-        return f"{one.use} ({_radius(one)})"
-    still = one.use == Use.SHARP and one.blur in STILL
-    return f"{one.use} ({'no motion of the camera' if still else length_text(one)})"
-
-
 def verdict(one: Record) -> str:
     """Return the sentence that matters: why there is no result, what blurred the photograph, what moved."""
     soft = (one.defocus_px or 0.0) > MAX_DEFOCUS_PX

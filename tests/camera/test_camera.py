@@ -82,22 +82,13 @@ def test_a_focal_length_must_be_possible(focal: float) -> None:
             make()
 
 
-@pytest.mark.parametrize(
-    ("edit", "camera_id", "image", "words"),
-    [
-        ("SELECT 1", 7, "", "no camera 7; it has cameras 1, 2"),
-        ("SELECT 1", None, "a.jpg", "name one as"),
-        ("UPDATE cameras SET model = 999", 1, "", "update pycolmap"),
-        ("UPDATE cameras SET params = zeroblob(800000)", 1, "", "SIMPLE_RADIAL has the parameters"),
-    ],
-)
-def test_a_camera_that_a_database_has_not_or_that_is_none(
-    database: Path, edit: str, camera_id: int | None, image: str, words: str
-) -> None:
-    run_sql(database, "PRAGMA foreign_keys = OFF", edit)
-    with pytest.raises(CameraError, match=words) as caught:
-        camera_of_database(database, camera_id, image)
-    assert str(caught.value).startswith(f"{database}: ")
+def test_a_camera_that_a_database_has_not_or_that_is_none(database: Path) -> None:
+    for camera_id, image, words in ((7, "", "no camera 7; it has"), (None, "a.jpg", "name one as")):
+        with pytest.raises(CameraError, match=f"{database}: .*{words}"):
+            camera_of_database(database, camera_id, image)
+    run_sql(database, "PRAGMA foreign_keys = OFF", "UPDATE cameras SET model = 999")
+    with pytest.raises(CameraError, match="update pycolmap"):
+        camera_of_database(database, 1, "")
 
 
 def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:

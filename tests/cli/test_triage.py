@@ -27,7 +27,7 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
     assert float(moving["smear_px"]) == pytest.approx(length, rel=0.15)
     assert moving["config"] == moving["parallax"] == moving["wx"] == ""  # it was looked at less closely
     assert done == 0 and "1 sharp, 1 blurred but of use, 1 unusable" in done.out
-    assert f"left/moving.png: blurred (smears of {float(moving['smear_px']):.0f} px, " in done.out
+    assert f"left/moving.png: {moving['verdict']} [blurred]" in done.out
     last = call("triage", frames / "chaos.png", "--keep", tmp_path / "other.txt").out
     assert "none is kept: --max-smear is 3, --max-defocus 2; --blurred " in last
     for more, names in (

@@ -1,7 +1,6 @@
 """Reading photographs: every storage that is promised, and every way to be unusable."""
 
 import io
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -105,20 +104,6 @@ def test_tiff_that_no_decoder_reads_right_is_refused(tmp_path: Path) -> None:
     for path in tmp_path.iterdir():
         with pytest.raises(ImageError, match="is a rare TIFF; save it as PNG"):
             read_image(path)
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_a_fourth_band_that_is_no_alpha_is_left_out(tmp_path: Path, dtype: type) -> None:
-    pixels: np.ndarray = np.random.default_rng(2).integers(0, 256, (20, 30, 4)).astype(dtype)  # infrared
-    # a file of data, the four numbers of bits, and its tags
-    end, bits = 8 + pixels.nbytes, 8 * pixels.itemsize
-    tags = {256: 30, 257: 20, 258: end, 259: 1, 262: 2, 273: 8, 277: 4, 278: 20, 279: pixels.nbytes, 338: 0}
-    entries = [struct.pack("<HHII", tag, 3, 4 if tag == 258 else 1, value) for tag, value in tags.items()]
-    content = struct.pack("<4sI", b"II*\0", end + 8) + pixels.tobytes() + struct.pack("<4H", *[bits] * 4)
-    content += struct.pack("<H", len(entries)) + b"".join(entries) + bytes(4)
-    (tmp_path / "a.tif").write_bytes(content)
-    expected = pixels[..., :3] / np.iinfo(dtype).max
-    np.testing.assert_allclose(read_image(tmp_path / "a.tif"), expected, atol=1e-6)
 
 
 def test_photograph_that_takes_too_much_memory_is_refused_before_it_is_decoded(
