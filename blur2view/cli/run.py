@@ -21,7 +21,7 @@ from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import check_file, real_paths, writable_folders, write_file
 from blur2view.results.photograph import Photograph, table_text
 from blur2view.runs.executors import in_cluster, in_processes
-from blur2view.runs.jobs import Job, Outcome, neighbours_of, outcomes
+from blur2view.runs.jobs import Job, Outcome, neighbours_of
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
 
@@ -76,7 +76,7 @@ class Photographs:
         digest = digest_of(self.options)
         near, jobs = neighbours_of(inputs.sources, time_options(self.options).sequence), list[Job]()
         named = zip(inputs.sources, inputs.names(), inputs.result_names(), strict=True)
-        for index, (source, name, stem) in enumerate(named):
+        for beside_it, (source, name, stem) in zip(near, named, strict=True):
             files: tuple[Path, ...] = ()
             refusal: Blur2ViewError | None = None
             if source in inputs.refused:
@@ -85,7 +85,7 @@ class Photographs:
                 own = (Path(f"{stem}{ending}") for ending in endings)
                 files = tuple(self.folder.output / path for path in (*beside(Path(name)), *own))
                 refusal = _conflict(source, files, read, first_of)
-            job = Job(index=index, source=source, name=name, neighbours=near[index], options_sha256=digest)
+            job = Job(source=source, name=name, neighbours=beside_it, options_sha256=digest)
             jobs.append(replace(job, files=files, refusal=refusal))
         return jobs
 
@@ -127,7 +127,7 @@ class Photographs:
             do = partial(in_cluster, address=many.dask)
         find = self._done_before if self.folder.resume else lambda job: None
         try:
-            with closing(outcomes(jobs, partial(do, partial(work, self.options)), find)) as results:
+            with closing(do(partial(work, self.options), jobs, find)) as results:
                 for job, outcome in results:
                     run.outcomes.append((job, outcome))
                     show_status()

@@ -203,16 +203,8 @@ def linked_jobs(jobs: Sequence[Job], project: Path | None) -> list[LinkJob]:
         if plan is None and not storable(job.name):
             refusal = DatabaseError(f"{job.source}: its name is no UTF-8, which a database needs; rename it")
         image = None if isinstance(plan, DatabaseError) else plan
-        linked.append(
-            LinkJob(
-                index=job.index,
-                source=job.source,
-                name=job.name if image is None else image.name,
-                neighbours=job.neighbours,
-                refusal=job.refusal or refusal,
-                plan=image,
-            )
-        )
+        changed = {"name": job.name if image is None else image.name, "refusal": job.refusal or refusal}
+        linked.append(LinkJob(**vars(job) | changed, plan=image))
     return linked
 
 

@@ -7,51 +7,56 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
-from itertools import islice
 from multiprocessing import get_context, parent_process
+from pathlib import Path
 from typing import Any
 
 import cv2
 
 from blur2view.errors import Blur2ViewError, ImageError, RunError
-from blur2view.runs.jobs import Done, Job, Outcome, Work, failed, perform
+from blur2view.images.video import EndOfVideo
+from blur2view.runs.jobs import Find, Job, Outcome, Work, begin, failed, perform, written
 
 CONNECT_S = 5  # for the scheduler to answer
 WORKERS_S = 10  # and then for a worker to be there
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")  # we say it
-AHEAD = 2  # jobs that wait per process: enough to keep it busy, few enough to hold their contents
+AHEAD = 3  # jobs begun per process: enough to keep it busy, few enough to hold their contents
+Done = Generator[tuple[Job, Outcome]]
 
 
-def in_processes(work: Work, jobs: Iterator[Job], *, count: int) -> Done:
+def in_processes(work: Work, jobs: Iterable[Job], find: Find, *, count: int) -> Done:
     """Yield jobs with their outcomes, done by as many processes, or by a thread if one is enough.
 
     So Ctrl-C is answered at once, and not when a network has run. RunError where no process can be started.
     """
-    if count == 1:
-        yield from _done(work, jobs, partial(ThreadPoolExecutor, 1), lambda: 1)
-        return
+    start, slots = (
+        (partial(_pool, count), AHEAD * count) if count > 1 else (partial(ThreadPoolExecutor, 1), 1)
+    )
     try:
-        yield from _done(work, jobs, partial(_pool, count), lambda: AHEAD * count)
+        yield from _in_order(work, jobs, find, start, lambda: slots)
     except OSError as error:
         reason = f"{error.strerror or error}; give it fewer with --jobs"
         raise RunError(f"no processes can be started ({reason})") from None
 
 
-def in_cluster(work: Work, jobs: Iterator[Job], *, address: str) -> Done:
+def in_cluster(work: Work, jobs: Iterable[Job], find: Find, *, address: str) -> Done:
     """Yield jobs with their outcomes, done by the workers of a Dask cluster (``tcp://HOST:8786``).
 
     A worker that is lost costs the time of its photographs: Dask gives them to others. RunError if Dask is
     not installed, no scheduler answers, there is no worker, or whatever else keeps it from going on.
     """
     client, killed = _connected(address)
+    start = partial(client.get_executor, pure=False)
     try:
-        start = partial(client.get_executor, pure=False)
-        slots = lambda: AHEAD * max(sum(client.nthreads().values()), 1)  # noqa: E731
-        yield from _done(work, jobs, start, slots, lost=killed)
+        yield from _in_order(
+            work, jobs, find, start, lambda: AHEAD * max(sum(client.nthreads().values()), 1), killed
+        )
     except Blur2ViewError:
         raise
     except Exception as error:  # of any type, as the scheduler is gone, or a worker lacks a module
@@ -64,39 +69,58 @@ def in_cluster(work: Work, jobs: Iterator[Job], *, address: str) -> Done:
         threading.Thread(target=client.close, daemon=True).start()  # it may wait for a scheduler that is gone
 
 
-def _done(
+def _in_order(
     work: Work,
-    jobs: Iterator[Job],
+    jobs: Iterable[Job],
+    find: Find,
     start: Callable[[], Executor],
     slots: Callable[[], int],
     lost: type[Exception] = BrokenProcessPool,
 ) -> Done:
-    """Yield jobs with their outcomes, in any order, done by the executor that ``start`` returns.
+    """Yield jobs in order with their outcomes, files written, done by the executor that ``start`` returns.
 
-    As many as there are ``slots`` are given to it at a time. A process that dies (of too little memory, of a
-    damaged file that crashes a decoder) is ``lost`` with the jobs in hand; each is tried once more, alone.
+    As many as there are ``slots`` are begun at a time; ``find`` returns the outcome of what an earlier call
+    did. A process that dies (of too little memory, of a damaged file that crashes a decoder) is ``lost`` with
+    the jobs in hand; each is tried once more, alone. That a video is cut off is said once. OutputError on a
+    full disk.
     """
-    executor, pending = start(), dict[Future[Outcome], Job]()
+    executor, pending, cut = start(), deque[tuple[Job, Outcome | Future[Outcome]]](), set[Path]()
+
+    def oldest() -> tuple[Job, Outcome]:
+        job, outcome = pending[0]
+        if isinstance(outcome, Future):
+            try:
+                outcome = outcome.result()
+            except lost:
+                outcome = _alone(work, job)
+        pending.popleft()
+        return replace(job, contents={}), written(outcome)
+
     try:
-        while True:
-            for job in islice(jobs, max(slots() - len(pending), 0)):
+        for job in jobs:
+            outcome: Outcome | Future[Outcome] | None
+            try:
+                job, outcome = begin(job, find)
+            except EndOfVideo as end:
+                if end.whole or job.source.path in cut:
+                    continue
+                cut.add(job.source.path)
+                outcome = failed(job.name, end)
+            if outcome is None:
                 try:
-                    future = executor.submit(perform, work, job)
+                    outcome = executor.submit(perform, work, job)
                 except lost:  # meanwhile
                     executor = start()
-                    future = executor.submit(perform, work, job)
-                pending[future] = job
-            if not pending:
-                return
-            finished = wait(pending, return_when=FIRST_COMPLETED).done
-            if any(isinstance(one.exception(), lost) for one in finished):
-                finished, executor = wait(pending).done, start()
-            for future in finished:
-                job = pending.pop(future)
-                yield job, _alone(work, job) if isinstance(future.exception(), lost) else future.result()
+                    outcome = executor.submit(perform, work, job)
+            pending.append((job, outcome))
+            while len(pending) >= slots():
+                yield oldest()
+        while pending:
+            yield oldest()
     finally:
-        for future in pending:
-            future.cancel()
+        for _, outcome in pending:
+            if isinstance(outcome, Future):
+                outcome.cancel()
         executor.shutdown(wait=False)
 
 

@@ -1,15 +1,15 @@
-"""Jobs, a photograph each: what goes to the process that does one, what comes back, and the loop over all."""
+"""Jobs, a photograph each: what goes to the process that does one, and what comes back."""
 
 import errno
 import hashlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError, within_memory
+from blur2view.errors import Blur2ViewError, ImageError, within_memory
 from blur2view.images.source import Source, read_content
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.output_files import file_digest, unwritable, write_files
@@ -25,7 +25,6 @@ Neighbours = tuple[tuple[int, Source], ...]
 class Job:
     """One photograph, as it goes to the process that works on it."""
 
-    index: int  # its place in the call
     source: Source
     name: str = ""  # in tables and databases
     files: tuple[Path, ...] = ()  # where its results go, in the order of writing, its JSON last
@@ -59,36 +58,27 @@ class Outcome:
 
 Work = Callable[[Any], Outcome]
 """What is done with every job, in whichever process. Blur2ViewError of what fails."""
-Done = Generator[tuple[Job, Outcome]]
 Find = Callable[[Job], Outcome | None]
 
 
-def outcomes(
-    jobs: Iterable[Job], done: Callable[[Iterator[Job]], Done], find: Find = lambda job: None
-) -> Done:
-    """Yield every job, of consecutive indices, with its outcome in their order, its files written.
+def begin(job: Job, find: Find) -> tuple[Job, Outcome | None]:
+    """Return a job with digests and contents, and its outcome if it fails at once or ``find`` knows it.
 
-    ``done``, as of `runs.executors`, takes jobs and yields them with their outcomes in any order; ``find``
-    returns the outcome of a job that an earlier call did, which is not done again. OutputError, RunError or
-    KeyboardInterrupt if no photograph can be done any more, after the outcomes that are there.
+    EndOfVideo of a frame that its video does not have.
     """
-    waiting: dict[int, tuple[Job, Outcome] | None] = {}  # by index; None of a frame that is not there
-    turn = 0
     try:
-        with closing(done(_left(jobs, find, waiting))) as found:
-            for job, outcome in found:
-                waiting[job.index] = replace(job, contents={}), _written(outcome)
-                while turn in waiting:
-                    if (pair := waiting.pop(turn)) is not None:
-                        yield pair
-                    turn += 1
-    except (KeyboardInterrupt, OutputError, RunError):
-        yield from filter(None, (waiting[index] for index in sorted(waiting)))
+        if job.refusal is not None:
+            raise job.refusal
+        job = _identified(job)
+        found = find(job)
+        return (_read(job), None) if found is None else (job, found)
+    except EndOfVideo:
         raise
-    yield from filter(None, (waiting[index] for index in sorted(waiting)))
+    except Blur2ViewError as error:
+        return job, failed(job.name, error)
 
 
-def _written(outcome: Outcome) -> Outcome:
+def written(outcome: Outcome) -> Outcome:
     """Return an outcome whose files are written, or a failure; OutputError on a full disk."""
     try:
         if outcome.files:
@@ -99,29 +89,6 @@ def _written(outcome: Outcome) -> Outcome:
             raise refusal from None
         return failed(outcome.photograph.name, refusal)
     return replace(outcome, files={})
-
-
-def _left(jobs: Iterable[Job], find: Find, waiting: dict[int, Any]) -> Iterator[Job]:
-    """Yield the jobs that are to be done, with contents; the outcomes of the others go where they wait.
-
-    That a video is cut off is said once.
-    """
-    cut: set[Path] = set()
-    for job in jobs:
-        try:
-            if job.refusal is not None:
-                raise job.refusal
-            job = _identified(job)
-            if (outcome := find(job)) is None:
-                yield _read(job)
-            else:
-                waiting[job.index] = job, outcome
-        except EndOfVideo as end:
-            said = end.whole or job.source.path in cut
-            waiting[job.index] = None if said else (job, failed(job.name, end))
-            cut.add(job.source.path)
-        except Blur2ViewError as error:
-            waiting[job.index] = job, failed(job.name, error)
 
 
 def _read(job: Job) -> Job:

@@ -117,7 +117,7 @@ def test_links_are_written_anew_and_what_is_the_users_stays(
 def test_line_and_record_give_one_reason_and_say_where_order_is_from(project: Path) -> None:
     plan = link_of(only_plan(project, "still.png"))[0]
     views = random_views("still.png", len(plan.keypoints), np.random.default_rng(0))
-    job = LinkJob(index=0, source=Source(path=Path("a/still.png")), name="still.png", plan=plan)
+    job = LinkJob(source=Source(path=Path("a/still.png")), name="still.png", plan=plan)
     record = views_record(job, replace(views, usable=np.zeros(len(views.points_open), bool)))
     assert record["reason"] == "no feature of yours has a smear that can be used"
     assert f"no matches: {record['reason']}" in views_line(record, verbose=False)

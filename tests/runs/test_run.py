@@ -3,7 +3,6 @@
 import os
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ from blur2view.errors import ImageError
 from blur2view.images.source import Source
 from blur2view.results.photograph import Photograph
 from blur2view.runs.executors import in_processes
-from blur2view.runs.jobs import Job, Outcome, neighbours_of, outcomes
+from blur2view.runs.jobs import Job, Outcome, neighbours_of
 
 
 @dataclass
@@ -23,7 +22,7 @@ class CountWork:
 
     def __call__(self, job: Job) -> Outcome:
         """Return the process and the number of bytes."""
-        time.sleep(0.05 * max(self.count - job.index, 0))
+        time.sleep(0.05 * max(self.count - int(job.source.path.stem), 0))
         if job.content == b"fail":
             raise ImageError(f"{job.source}: fails")
         if job.content == b"die":
@@ -37,10 +36,10 @@ def results(folder: Path, *words: str, processes: int = 2) -> list[Outcome]:
     jobs = []
     for index, word in enumerate(words):
         (path := folder / f"{index}.txt").write_text(word)
-        jobs.append(Job(index=index, source=Source(path=path), name=path.name))
+        jobs.append(Job(source=Source(path=path), name=path.name))
     work = CountWork(count=len(words))
-    found = list(outcomes(jobs, partial(in_processes, work, count=processes)))
-    assert [job.index for job, _ in found] == list(range(len(words)))
+    found = list(in_processes(work, jobs, lambda job: None, count=processes))
+    assert [job.name for job, _ in found] == [job.name for job in jobs]
     return [outcome for _, outcome in found]
 
 
