@@ -2,14 +2,13 @@
 
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from blur2view.cli import commands as cli
-from blur2view.cli.adapter import CommandParser, group
-from blur2view.cli.options import Printing
+from blur2view.cli.estimate import EstimateOptions
+from blur2view.cli.options import Common, Estimating, Printing, Reading
 from blur2view.results.photograph import explanations
 from tests.support.calls import call_program
 
@@ -18,41 +17,19 @@ WITHOUT_ESTIMATE = ("place", "recover", "to-transforms")
 HEAVY = ["scipy", "skimage", "onnxruntime", "pycolmap"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CountOptions:
-    """The options of ``blur2view count``.
-
-    Count.
-
-    THING: what to count
-    Rarely:
-    --floor SHARE: least share that moves
-        (default: %(default)s)
-    """
-
-    things: list[str]
-    floor: float = 0.5
-    printing: Printing = group(Printing)
-    examples = ("blur2view count",)
-
-    @staticmethod
-    def tables() -> dict[str, str]:
-        """Return what --help-all lists besides options."""
-        return {"colours": "red: as blood\nblue: as the\n    sea"}
-
-
-def test_an_option_is_declared_once(capsys: pytest.CaptureFixture[str]) -> None:
-    short, whole = (CommandParser("count", CountOptions, everything=one) for one in (False, True))
-    text = " ".join(whole.format_help().split())
-    assert "--floor SHARE least share that moves (default: 0.5)" in text and "blue as the sea" in text
-    assert "--floor" not in short.format_help() and "count [OPTIONS] THING..." in text
+def test_options_are_read_on_both_sides_of_photographs_and_wrong_ones_named(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    parser = cli.parser_of("estimate")
+    options = parser.read(["a", "--seed", "7", "-v", "b", "--", "-c"])
+    reading, estimating = Reading(images=["a", "b", "-c"]), Estimating(seed=7)
+    common = Common(reading=reading, estimating=estimating, printing=Printing(verbose=True))
+    assert options == EstimateOptions(common=common)
     with pytest.raises(SystemExit, match="2"):
-        short.read(["a", "--floor", "x"])
-    complaint = "blur2view count: --floor: expected a number, got 'x' (see blur2view count --help)\n"
+        parser.read(["a", "--beta", "x"])
+    complaint = "blur2view estimate: --beta: expected a number, got 'x' (see blur2view estimate --help)\n"
     assert capsys.readouterr().err == complaint
-    options = short.read(["a", "--floor", "0.25", "-v", "b", "--", "-c"])
-    assert options == CountOptions(things=["a", "b", "-c"], floor=0.25, printing=Printing(verbose=True))
-    assert short.read(["a"]) == CountOptions(things=["a"])
+    assert "--seed" not in parser.format_help() and "estimate [OPTIONS] INPUT..." in parser.format_help()
 
 
 def test_help_imports_no_network_and_no_colmap() -> None:
