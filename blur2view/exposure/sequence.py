@@ -57,7 +57,7 @@ def estimate_frames(
     has::
 
         paths = sorted(Path("mav0/cam0/data").glob("*.png"))
-        stamps = blur2view.timestamps_of(paths, "mav0/cam0/data.csv")  # or from the names alone
+        stamps = blur2view.timestamps_of(paths)  # from the names
         images, camera = map(blur2view.read_image, paths), blur2view.Camera.from_focal(458.0, (752, 480))
         for one in blur2view.estimate_frames(images, timestamps_s=stamps, camera=camera):
             rate = one.angular_velocity(0.02)

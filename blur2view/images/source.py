@@ -16,7 +16,6 @@ from blur2view.input_files import read_regular
 DIGITS, MOST_DIGITS = 6, 18  # of the number by which a frame is named
 UNIT_S = {10: 1.0, 13: 1e-3, 16: 1e-6, 19: 1e-9}
 """Seconds, by the digits of a whole number: those of our years since 1970 in s, ms, us and ns."""
-MAX_TABLE_BYTES = 1 << 25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,39 +86,14 @@ def timestamp_of(name: str | os.PathLike[str]) -> float | None:
     return _seconds(Path(name).stem)
 
 
-def timestamps_of(
-    paths: Iterable[str | os.PathLike[str]], table: str | os.PathLike[str] | None = None
-) -> list[float]:
-    """Return the seconds of photographs in order, from their names or from a column of a table.
-
-    ``table`` is text with a row for each photograph, which names it in one column and has its time, as
-    `timestamp_of` reads it, in another one, parted by commas or spaces; lines that begin with # are passed
-    over. EuRoC's ``data.csv`` and TUM's ``rgb.txt`` are such tables. ImageError if it cannot be read, or a
-    photograph has no time.
-    """
-    times = {} if table is None else _read(Path(table))
+def timestamps_of(paths: Iterable[str | os.PathLike[str]]) -> list[float]:
+    """Return the seconds of photographs in order, as of `timestamp_of`; ImageError if one has no time."""
     found = []
-    for path in map(Path, paths):
-        if (time := timestamp_of(path) if table is None else times.get(path.name)) is None:
-            where = "its name is no time" if table is None else f"{table} has no time of it"
-            raise ImageError(f"{path}: {where}; name a table that has one")
+    for path in paths:
+        if (time := timestamp_of(path)) is None:
+            raise ImageError(f"{path}: its name is no time; name it by one, as 1403636579.763.png")
         found.append(time)
     return found
-
-
-def _read(table: Path) -> dict[str, float]:
-    """Return the times of a table by the photographs' names without their folders."""
-    try:
-        lines = read_regular(table, MAX_TABLE_BYTES).decode().splitlines()
-    except (OSError, ValueError) as error:
-        raise ImageError(f"{table}: cannot be read ({error}); name a table of times") from None
-    times: dict[str, float] = {}
-    for line in lines:
-        cells = re.split(r"[,\s]+", line.strip())
-        values = [value for value in map(_seconds, cells) if value is not None]
-        if values and not line.lstrip().startswith("#"):
-            times |= {Path(cell).name: values[0] for cell in cells if Path(cell).suffix}
-    return times
 
 
 def _seconds(text: str) -> float | None:

@@ -42,16 +42,7 @@ def test_names_that_are_times_say_when(name: str, seconds: float | None) -> None
     assert timestamp_of(name) == (None if seconds is None else pytest.approx(seconds, abs=1e-6))
 
 
-def test_times_come_from_names_or_from_the_column_of_a_table(tmp_path: Path) -> None:
-    euroc, tum = tmp_path / "data.csv", tmp_path / "rgb.txt"
-    euroc.write_text("#timestamp [ns],filename\n1403636579763555584,a.png\n1403636579813555584,b.png\n")
-    tum.write_text("# timestamp filename\n1305031102.175304 rgb/b.png\n\n1305031102.211214 rgb/c.png\n")
-    assert timestamps_of(["x/b.png", "x/a.png"], euroc) == pytest.approx([1403636579.8136, 1403636579.7636])
-    assert timestamps_of(["b.png", "c.png"], tum) == [1305031102.175304, 1305031102.211214]
+def test_times_come_from_names() -> None:
     assert timestamps_of(["1.5.png", "2.25.png"]) == [1.5, 2.25]
     with pytest.raises(ImageError, match="a.png: its name is no time"):
         timestamps_of(["a.png"])
-    with pytest.raises(ImageError, match="d.png: .*data.csv has no time of it"):
-        timestamps_of(["d.png"], euroc)
-    with pytest.raises(ImageError, match="none.csv: cannot be read"):
-        timestamps_of(["d.png"], tmp_path / "none.csv")
