@@ -90,7 +90,9 @@ def recover_frames(
     if len(sequence.images) < 2:
         count = f"has {len(sequence.images)} of the {len(names)} frames in {frames}"
         raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
-    recovered, refused = sequence.recover([name for name in names if name not in sequence.images], show)
+    found = sequence.recover([name for name in names if name not in sequence.images], show)
+    recovered = {name: one for name in names if isinstance(one := found.get(name), RecoveredFrame)}
+    refused = {name: one for name in names if isinstance(one := found.get(name), str)}
     for name, frame in recovered.items():
         _add_frame(sequence, name, frame)
     if refine and recovered:
@@ -115,27 +117,21 @@ class FrameSequence:
 
     def recover(
         self, names: Sequence[str], show: Callable[[int, int], None]
-    ) -> tuple[dict[str, RecoveredFrame], dict[str, str]]:
-        """Return the frames of these names that can be recovered, and why others cannot, each in order.
+    ) -> dict[str, RecoveredFrame | str]:
+        """Return the frames of these names that can be recovered, or why one cannot.
 
         Those next to registered ones first: they are known for the spline through the others.
         """
-        found, refused = dict[str, RecoveredFrame](), dict[str, str]()
-        order = sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name]))
-        for number, name in enumerate(order):
-            show(number, len(names))
+        found = dict[str, RecoveredFrame | str]()
+        for name in sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name])):
+            show(len(found), len(names))
             try:
-                one = self._recover_one(name)
+                one = found[name] = self._recover_one(name)
             except ImageError as error:
-                one = str(error)
+                one = found[name] = str(error)
             if isinstance(one, RecoveredFrame):
-                found[name], self.poses[name] = one, one.pose
-            else:
-                refused[name] = one
-        return (
-            {name: found[name] for name in names if name in found},
-            {name: refused[name] for name in names if name in refused},
-        )
+                self.poses[name] = one.pose
+        return found
 
     def near(self, name: str) -> list[str]:
         """Return registered frames, the nearest in time first: itself, if it is one."""
