@@ -92,6 +92,15 @@ def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: Recover
     assert not recovery.refused
 
 
+def test_large_frames_are_worked_on_smaller(
+    folder: Path, network: ExactSmears, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("blur2view.colmap.recovery.WORK_SIDE", 180)
+    found = recover(folder, network).recovered[PLANE.names[MISSING[0]]]
+    assert apart(found.pose, PLANE.pose(MISSING[0]))[0] < 0.3
+    assert PLANE.inside(found.places).all() and np.ptp(found.places, axis=0).min() > 120
+
+
 def test_same_call_gives_same_bytes(folder: Path, network: ExactSmears, tmp_path: Path) -> None:
     written = []
     for name in ("first", "second"):
