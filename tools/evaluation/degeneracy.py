@@ -43,7 +43,8 @@ SHARED_DEG, LENGTH_SHARE = 4.0, 0.15
 SHARED = NoiseModel(effective_share=0.03, length=0.04, direction_rad=0.02)
 """What errors that are correlated over 40 px have in common."""
 WORDS = (
-    "Synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to 30 % outliers.",
+    "Synthetic scenes: 1000 to 2000 smears of 8 to 40 px, noise 0.25 to 1 px, 0 to 30 % outliers. "
+    "Right answers are bold.",
     f"The same with errors that neighbours share besides (direction {SHARED_DEG:.0f} degrees, length "
     f"{LENGTH_SHARE:.0%}, correlated over 40 px). Small parallax looks the same and is left open.",
     "Photographs of four kinds of motion; general motion has a parallax of a fifth of the smears or more.",
