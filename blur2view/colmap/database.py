@@ -147,8 +147,6 @@ def refuse_existing(path: Path, *, replace: bool = False) -> None:
         if os.path.lexists(log):
             why = "of a program that uses the database or was killed; close it, or open it once with COLMAP"
             raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise DatabaseError(f"{path}: {path.parent} is no folder that can be written; choose another --db")
 
 
 def holds_views_alone(path: Path) -> bool:

@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from blur2view.arrays import Array
+from blur2view.arrays import TINY, Array
 from blur2view.colmap import DIALECTS, INSTANT_NGP
 from blur2view.colmap.models import DATABASE, noted, observed
 from blur2view.colmap.project import smear_lengths
@@ -200,7 +200,11 @@ def _box(model: Any, images: list[Any]) -> dict[str, Any]:
     scale = NERF_SCALE * MEAN_DISTANCE / distance if distance > 0 else NERF_SCALE
     up = poses[:, :3, 1].mean(axis=0)
     place = {"aabb_scale": BOX, "scale": scale, "offset": (0.5 - scale * middle).tolist()}
-    return {"rolling_shutter": GLOBAL_SHUTTER, **place, "up": up.tolist()}
+    return {
+        "rolling_shutter": GLOBAL_SHUTTER,
+        **place,
+        "up": (up / max(float(np.linalg.norm(up)), TINY)).tolist(),
+    }
 
 
 def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:

@@ -98,7 +98,7 @@ def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
     with pytest.raises(DatabaseError, match="exists; choose another --db"):
         write_database(path, [make_views()])
     assert path.read_text() == "mine"
-    with pytest.raises(DatabaseError, match="no folder"):
+    with pytest.raises(DatabaseError, match="cannot be written"):
         write_database(tmp_path / "none" / "new.db", [make_views()])
 
 
