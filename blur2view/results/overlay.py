@@ -59,7 +59,9 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     one = one or Photograph.of(estimate, name="")
     lines, smears = line_layer(estimate), smear_layer(estimate)
     fits = bool(estimate.geometry.inlier_mask.any())
-    words = ["coloured by direction: smears that fit"] * fits + ["grey: other smears"] * bool(smears.any())
+    words = ["coloured by direction: smears that fit"] * fits + [
+        "grey: smears that do not" if fits else "grey: smears"
+    ] * bool(smears.any())
     words += ["white: epipolar lines, rings: epipoles"] * bool(lines.any())
     text = f"{fit_line(one)}{f' (COLMAP: {one.config})' * one.moved}. {'; '.join(words).capitalize()}"
     return captioned(
@@ -209,25 +211,19 @@ def draw_line(layer: Picture, ends: Array, colour: ArrayLike, thickness: int, op
 
 def captioned(picture: Picture, head: str, text: str) -> Picture:
     """Return a picture over its caption, words in two sizes; a narrow one gets room on both sides."""
-    width = max(picture.shape[1], MIN_SIDE_PX)
-    left, right = (width - picture.shape[1]) // 2, -(-(width - picture.shape[1]) // 2)
-    lines = [(line, size) for words, size in ((head, HEAD_SIZE_PX), (text, TEXT_SIZE_PX))
-             for line in wrap(words, int((width - 20) / (LETTER * size)))]  # fmt: skip
+    (height, shown_px), width = picture.shape[:2], max(picture.shape[1], MIN_SIDE_PX)
+    lines = []
+    for words, size in ((head, HEAD_SIZE_PX), (text, TEXT_SIZE_PX)):
+        lines += [(line, size) for line in wrap(words, int((width - 20) / (LETTER * size)))]
     below = 20 + sum(round(LEADING * size) for _, size in lines)
-    page = np.pad(picture, [(0, below), (left, right), (0, 0)])
-    page[picture.shape[0] :] = page[:, :left] = page[:, left + picture.shape[1] :] = PAPER
-    base = picture.shape[0] + 2
+    page = Image.new("RGB", (width, height + below), PAPER)
+    page.paste(Image.fromarray(picture), ((width - shown_px) // 2, 0))
+    pen, base = ImageDraw.Draw(page), height + 2
     for line, size in lines:
-        write(page, line, (10, base := base + round(LEADING * size)), size_px=size)
-    return page
-
-
-def write(picture: Picture, line: str, at: tuple[int, int], *, size_px: int = TEXT_SIZE_PX) -> None:
-    """Write a line with the left end of its base at a place."""
-    page = Image.fromarray(picture)
-    printable = line.encode("utf-8", "replace").decode()  # a file name may hold bytes that are no text
-    ImageDraw.Draw(page).text(at, printable, INK, _font(size_px), anchor="ls")
-    picture[:] = np.asarray(page)
+        base += round(LEADING * size)
+        printable = line.encode("utf-8", "replace").decode()  # a file name may hold bytes that are no text
+        pen.text((10, base), printable, INK, _font(size), anchor="ls")
+    return np.array(page)
 
 
 def png(picture: AnyArray) -> bytes:
