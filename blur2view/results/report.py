@@ -77,10 +77,10 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
     """
     failed, count = sum(bool(one.error) for one, _ in photographs), len(photographs)
     counts = f"{count} photograph{'s' * (count != 1)}" + f", {failed} failed" * bool(failed)
-    rows = (
-        f'<tr><td><a href="#photo-{k}">{escape(one.name)}</a></td><td>{escape(one.verdict)}</td></tr>'
-        for k, (one, _) in enumerate(photographs)
-    )
+    rows = ""
+    for k, (one, text) in enumerate(photographs):
+        link = f'<a href="#photo-{k}">{escape(one.name)}</a>' if text else escape(one.name)
+        rows += f"<tr><td>{link}</td><td>{escape(one.verdict)}</td></tr>"
     articles = (
         f'<article id="photo-{k}">\n{text}\n</article>' for k, (_, text) in enumerate(photographs) if text
     )
@@ -97,7 +97,7 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
 <link rel="icon" href="data:,">
 <style>{STYLE}</style>
 <p><b>blur2view</b> report: {counts}</p>
-<table>{"".join(rows)}</table>
+<table>{rows}</table>
 {"".join(articles)}
 </html>
 """
