@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, BinaryIO
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
-MAX_BYTES = 1 << 30  # 16-bit colour of 175 megapixels, stored as it is, has as much
+MAX_BYTES = 1 << 30  # 16-bit colour of 105 megapixels, stored as it is, has 0.6 GiB
 MAX_PIXELS = 105_000_000  # of a photograph, as medium-format sensors have; an estimate takes 64 bytes of each
 # What is read, by Pillow's names. Of the others it calls Ghostscript for one, PostScript, which is a program.
 FORMATS = ("JPEG", "PNG", "BMP", "GIF", "PPM", "TIFF", "WEBP", "AVIF", "JPEG2000", "TGA")

@@ -100,17 +100,15 @@ class EstimateOptions:
         with photographs.writing(jobs, gyroflow=log):
             finished = photographs.run(jobs, estimate_one)
             photographs.close(finished, "estimates")
-            records = [one.photograph for one in finished.done]
-            if log is not None and records and not finished.ended_early:
-                write_file(log, gyroflow_of(records, jobs[0].source.path.name).encode())
+            done = [(job.source, one.photograph) for job, one in finished.outcomes if not one.error]
+            if log is not None and done and not finished.ended_early:
+                text = gyroflow_of([record for _, record in done], done[0][0].path.name)
+                write_file(log, text.encode())
         return finished.exit_code
 
 
 def gyroflow_of(records: Sequence[Photograph], video: str) -> str:
-    """Return Gyroflow's log of the frames of a video whose rates and direction of time are known.
-
-    OutputError without any, or if the video gives two of them one time.
-    """
+    """Return Gyroflow's log of frames whose rates and direction of time are known; OutputError if none."""
     known = [one for one in records if one.time_known and one.exposure_s and one.timestamp_s is not None]
     rates = {one.timestamp_s or 0.0: (one.wx, one.wy, one.wz) for one in known if one.wx is not None}
     if not rates:
