@@ -181,6 +181,8 @@ def is_close(grid: SmearGrid) -> bool:
 
     So it is where about half of it is smeared, where a part is surely smeared before a camera at rest, and
     where the camera moved, but smears are short, or what is in focus has the radius of a lens out of focus.
+    Of 280 pictures that chose none of the limits, sharp, soft, out of focus, smeared and of DAVIS, this is
+    true of 33, and 13 of the others have another kind than by all windows.
     """
     if grid.kinds is None:
         return False
