@@ -17,26 +17,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import TINY, AnyArray, Array
 
 FloatArray = NDArray[np.floating[Any]]
 
 # The nine entries of [v]x, row by row, are v @ CROSS.
 CROSS: Array = np.zeros((3, 9))
 CROSS[[0, 0, 1, 1, 2, 2], [7, 5, 2, 6, 3, 1]] = [1, -1, 1, -1, 1, -1]
-UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])
 # From the entries of F, row by row, to S11, S12, S13, S22, S23, S33 and a, of F = S + [a]x.
 FORMS: Array = np.zeros((9, 9))
-for _k, (_i, _j) in enumerate(zip(*UPPER, strict=True)):
+for _k, (_i, _j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
     FORMS[3 * _i + _j, _k] += 0.5
     FORMS[3 * _j + _i, _k] += 0.5
-FORMS[[7, 5, 2, 6, 3, 1], [6, 6, 7, 7, 8, 8]] = [0.5, -0.5, 0.5, -0.5, 0.5, -0.5]
-# From G1 + G2 and G2 - G1, symmetrised, to the upper half of the one and two rows of the other.
-GRADIENTS: Array = np.zeros((18, 12))
-GRADIENTS[:9, :6] = FORMS[:, :6]
+FORMS[:, 6:] = 0.5 * CROSS.T
+GRADIENTS: Array = np.zeros((9, 6))  # from G2 - G1, symmetrised, to two rows of it
 for _i, _j in np.ndindex(2, 3):
-    GRADIENTS[9 + 3 * _i + _j, 6 + 3 * _i + _j] += 0.5
-    GRADIENTS[9 + 3 * _j + _i, 6 + 3 * _i + _j] += 0.5
+    GRADIENTS[3 * _i + _j, 3 * _i + _j] += 0.5
+    GRADIENTS[3 * _j + _i, 3 * _i + _j] += 0.5
 CHUNK = 16384  # residuals of models at once: beyond the processor's cache each takes 3 to 4 times as long
 
 
@@ -63,8 +60,7 @@ def transfer(H: Array, points1: Array, points2: Array) -> Array:
 
 def unit_norm(F: Array) -> Array:
     """Return matrices (..., 3, 3) scaled to Frobenius norm 1; a zero matrix stays zero."""
-    norm = np.linalg.norm(F, axis=(-2, -1), keepdims=True)
-    scaled: Array = F / np.maximum(norm, TINY)
+    scaled: Array = F / np.maximum(np.linalg.norm(F, axis=(-2, -1), keepdims=True), TINY)
     return scaled
 
 
@@ -73,10 +69,8 @@ def symmetric_skew(F: Array) -> tuple[Array, Array]:
 
     S is zero for a pure translation; the transpose of F has -a.
     """
-    transposed = np.swapaxes(F, -2, -1)
-    skew = 0.5 * (F - transposed)
-    a = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-    return 0.5 * (F + transposed), a
+    F = np.asarray(F)
+    return 0.5 * (F + np.swapaxes(F, -2, -1)), F.reshape(*F.shape[:-2], 9) @ FORMS[:, 6:]
 
 
 def quadratic_features(ends: Array) -> tuple[Array, Array]:
@@ -98,7 +92,7 @@ def epipoles(F: Array) -> tuple[Array, Array]:
     return Vt[..., 2, :], U[..., :, 2]
 
 
-def unit_lines(translations: Array, middle: Array) -> tuple[Array, Array]:
+def unit_lines(translations: AnyArray, middle: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Return unit vectors (G, 2, N) along epipolar lines at points (N, 2) and across them, K = identity.
 
     Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
@@ -113,8 +107,7 @@ def fundamental_from_pose(K: Array, R: Array, t: Array) -> Array:
     """Return F of unit norm from K, of both views, and cam2_from_cam1 = (R, t); ValueError if t is zero."""
     if not np.linalg.norm(t) > 0:
         raise ValueError("t is zero: a pure rotation has no fundamental matrix")
-    inverse = np.linalg.inv(K)
-    return unit_norm(inverse.T @ cross_matrix(np.asarray(t, float)) @ R @ inverse)
+    return denormalise(cross_matrix(np.asarray(t, float)) @ R, np.asarray(np.linalg.inv(K), float))
 
 
 def denormalise(F: Array, T: Array) -> Array:
@@ -153,31 +146,24 @@ class EndProducts:
     """Products of the coordinates of smears' ends, by which Sampson distances of F are products of matrices.
 
     With x, y = p -+ s (midpoint and half displacement) and F = S + [a]x the Sampson distances of the two
-    orders are (q + l) / sqrt(E + O) and (q - l) / sqrt(E - O): q is linear in S, l in a (`epipolar`), and the
-    squared gradient |(F x)_12|^2 + |(F^T y)_12|^2 = x^T G1 x + y^T G2 y has an even part E, of entries of
-    G1 + G2, and an odd one O, of entries of G2 - G1, in the exchange of the ends.
+    orders are (q + l) / sqrt(E + O) and (q - l) / sqrt(E - O): q is linear in S, l in a, and the squared
+    gradient |(F x)_12|^2 + |(F^T y)_12|^2 = x^T G1 x + y^T G2 y has an even part E, of entries of G1 + G2,
+    and an odd one O, of entries of G2 - G1, in the exchange of the ends (Hartley and Zisserman, 11.9).
 
-    Parameters
-    ----------
-    ends : ndarray of shape (N, 2, 2)
-        Normalised, so that coordinates are of order one: in float32 distances err by about 1e-4 of a pixel.
-    sigma : ndarray of shape (N,) or float
-        Unit of the distances of every smear, as its standard deviation.
-    dtype : numpy dtype
-
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., equation 11.9.
+    Of ends (N, 2, 2), normalised so that coordinates are of order one; ``sigma`` (N,), a smear's standard
+    deviation, is the unit of its distances, which in float32 err by about 1e-4 of a pixel.
     """
 
     def __init__(self, ends: Array, sigma: Array | float = 1.0, dtype: type = np.float64) -> None:
         q, skew = (part.T / sigma for part in quadratic_features(ends))
-        p, s = ends.mean(axis=1), 0.5 * (ends[:, 1] - ends[:, 0])
-        even, odd = (part.T for part in _gradient_features(p, s))
-        self.count = len(ends)
+        (u, v), (su, sv) = ends.mean(axis=1).T, 0.5 * (ends[:, 1] - ends[:, 0]).T
+        # monomials of p p^T + s s^T and of 2 s p^T
+        even = [u * u + su * su, 2 * (u * v + su * sv), 2 * u, v * v + sv * sv, 2 * v, np.ones_like(u)]
+        odd = 2 * np.array([su * u, su * v, su, sv * u, sv * v, sv])
         # both orders side by side, (9, 2 N) and (12, 2 N)
         self._algebraic: FloatArray = np.ascontiguousarray(np.block([[q, q], [skew, -skew]]), dtype)
-        self._gradient: FloatArray = np.ascontiguousarray(np.block([[even, even], [odd, -odd]]), dtype)
+        gradient = np.block([[np.array(even), np.array(even)], [odd, -odd]])
+        self._gradient: FloatArray = np.ascontiguousarray(gradient, dtype)
 
     def distances(self, F: Array) -> tuple[Array, Array]:
         """Return signed Sampson distances (2, N) of F (3, 3), ends[:, 0] first and ends[:, 1] first.
@@ -196,45 +182,38 @@ class EndProducts:
         change /= root
         return np.asarray(change)
 
-    def costs(self, F: Array, limit: float, block: slice | NDArray[np.int_] = slice(None)) -> FloatArray:
+    def costs(self, F: Array, limit: float, block: NDArray[np.int_] | slice = slice(None)) -> FloatArray:
         """Return the sums (M,) of SErrMin of models F (M, 3, 3) over a block of smears, each at most a limit.
 
         Few models at a time, whose residuals stay in the processor's cache.
         """
-        forms, gradients = F.reshape(-1, 9) @ FORMS, _gradients(F, F)
-        rows = [
-            np.asarray(part, self._gradient.dtype)
-            for part in (*np.split(forms, [6], 1), *np.split(gradients, 2, 1))
-        ]
-        one = self._algebraic[:, : self.count][:, block], self._gradient[:, : self.count][:, block]
-        columns = [*np.split(one[0], [6]), *np.split(one[1], 2)]
-        total, step = np.empty(len(F), rows[0].dtype), max(CHUNK // max(columns[0].shape[1], 1), 1)
-        for start in range(0, len(F), step):
-            part = slice(start, start + step)
-            q, skew, even, odd = (row[part] @ column for row, column in zip(rows, columns, strict=True))
-            least = np.minimum(_ratio(q + skew, even + odd), _ratio(q - skew, even - odd))
-            total[part] = np.minimum(least, least.dtype.type(limit), out=least).sum(axis=1)
+        half, dtype = self._algebraic.shape[1] // 2, self._algebraic.dtype
+        q, skew = np.split(self._algebraic[:, :half][:, block], [6])
+        even, odd = np.split(self._gradient[:, :half][:, block], 2)
+        F = F.astype(dtype)
+        forms, gradients = F.reshape(-1, 9) @ FORMS.astype(dtype), _gradients(F, F)
+        total, step = np.empty(len(F), dtype), max(CHUNK // max(q.shape[1], 1), 1)
+        for part in (slice(start, start + step) for start in range(0, len(F), step)):
+            same, swapped = forms[part, :6] @ q, forms[part, 6:] @ skew
+            of_both, apart = gradients[part, :6] @ even, gradients[part, 6:] @ odd
+            least = np.minimum(
+                _ratio(same + swapped, of_both + apart), _ratio(same - swapped, of_both - apart)
+            )
+            total[part] = np.minimum(least, dtype.type(limit), out=least).sum(axis=1)
         return total
 
 
 def _gradients(F: Array, T: Array) -> Array:
     """Return the coefficients (..., 12) of E and O for F = T (..., 3, 3), else half their change along T."""
-    gram1 = np.swapaxes(F[..., :2, :], -2, -1) @ T[..., :2, :]
-    gram2 = F[..., :2] @ np.swapaxes(T[..., :2], -2, -1)
-    grams = np.stack([gram1 + gram2, gram2 - gram1], axis=-3)
-    return np.asarray(grams.reshape(*grams.shape[:-3], 18) @ GRADIENTS)
-
-
-def _gradient_features(p: Array, s: Array) -> tuple[Array, Array]:
-    """Return monomials of p p^T + s s^T and of 2 s p^T, (N, 6), with homogeneous p and s = (su, sv, 0)."""
-    u, v, su, sv = p[:, 0], p[:, 1], s[:, 0], s[:, 1]
-    one = np.ones_like(u)
-    even = [u * u + su * su, 2 * (u * v + su * sv), 2 * u, v * v + sv * sv, 2 * v, one]
-    odd = [2 * su * u, 2 * su * v, 2 * su, 2 * sv * u, 2 * sv * v, 2 * sv]
-    return np.stack(even, axis=1), np.stack(odd, axis=1)
+    gram1 = F[..., 0, :, None] * T[..., 0, None, :] + F[..., 1, :, None] * T[..., 1, None, :]
+    gram2 = F[..., :, 0, None] * T[..., None, :, 0] + F[..., :, 1, None] * T[..., None, :, 1]
+    even, odd = (one.reshape(*one.shape[:-2], 9) for one in (gram1 + gram2, gram2 - gram1))
+    parts = even @ FORMS[:, :6].astype(F.dtype), odd @ GRADIENTS.astype(F.dtype)
+    return np.concatenate(parts, axis=-1)
 
 
 def _ratio(numerator: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return numerator^2 / gradient."""
     squared: FloatArray = numerator * numerator
     squared /= np.maximum(gradient, np.float32(1e-20))
     return squared

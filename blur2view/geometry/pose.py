@@ -7,7 +7,7 @@ the ends of every smear) inverts the pose: both are one answer.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +21,9 @@ QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigidTransform:
-    """``cam2_from_cam1``: X2 = R X1 + t.
+    """``cam2_from_cam1``: X2 = R X1 + t, with a rotation matrix (3, 3) and a unit direction (3,).
 
-    Parameters
-    ----------
-    rotation : ndarray of shape (3, 3)
-        Rotation matrix.
-    translation : ndarray of shape (3,)
-        Unit direction; zero where there is no translation or none can be estimated.
-
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
+    The translation is zero where there is none or none can be estimated. ValueError of anything else.
     """
 
     rotation: Array
@@ -41,13 +31,10 @@ class RigidTransform:
 
     def __post_init__(self) -> None:
         R, t = np.array(self.rotation, np.float64), np.array(self.translation, np.float64)
-        if R.shape != (3, 3) or t.shape != (3,):
-            raise ValueError(f"expected shapes (3, 3) and (3,), got {R.shape} and {t.shape}")
-        if not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or not np.linalg.det(R) > 0:
-            raise ValueError(f"rotation must be a rotation matrix, got {R.tolist()}")
-        norm = float(np.linalg.norm(t))
-        if not (norm == 0 or abs(norm - 1) < 1e-6):
-            raise ValueError(f"translation must be of unit length or zero, got {t.tolist()}")
+        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) <= 0:
+            raise ValueError(f"rotation must be a rotation matrix (3, 3), got {R.tolist()}")
+        if t.shape != (3,) or (t.any() and not abs(np.linalg.norm(t) - 1) < 1e-6):
+            raise ValueError(f"translation (3,) must be of unit length or zero, got {t.tolist()}")
         object.__setattr__(self, "rotation", R)
         object.__setattr__(self, "translation", t)
 
@@ -95,7 +82,7 @@ class AngularVelocity:
     @property
     def of_gyroscope(self) -> AngularVelocity:
         """What a gyroscope along the camera's axes shows, which turns with it: the negative, as sure."""
-        return AngularVelocity(mean=-self.mean, covariance=self.covariance)
+        return replace(self, mean=-self.mean)
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
@@ -103,19 +90,14 @@ def decompose_essential(E: Array) -> list[RigidTransform]:
 
     References
     ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 9.6.2.
+    Hartley and Zisserman, Multiple View Geometry, 2nd ed., result 9.19.
     """
     rotations, t = essential_motions(E)
     return [RigidTransform(rotation=R, translation=sign * t) for R in rotations for sign in (1.0, -1.0)]
 
 
 def essential_motions(E: Array) -> tuple[list[Array], Array]:
-    """Return both rotations (3, 3) of the essential matrix nearest to E, the smaller first, and +-t (3,).
-
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., result 9.19.
-    """
+    """Return both rotations (3, 3) of the essential matrix nearest to E, the smaller first, and +-t (3,)."""
     U, _, Vt = np.linalg.svd(E)
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     rotations = sorted((U @ W @ Vt for W in (QUARTER_TURN, QUARTER_TURN.T)), key=lambda R: -np.trace(R))
@@ -135,9 +117,8 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
     x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
     normal = np.cross(y, x)
     scale = np.maximum((normal**2).sum(axis=1), TINY)
-    depth1 = (np.cross(pose.translation, y) * normal).sum(axis=1) / scale
-    depth2 = (np.cross(pose.translation, x) * normal).sum(axis=1) / scale
-    return np.asarray((depth1 > 0) & (depth2 > 0))
+    depths = [(np.cross(pose.translation, ray) * normal).sum(axis=1) / scale for ray in (x, y)]
+    return np.asarray((depths[0] > 0) & (depths[1] > 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,21 +132,10 @@ class PoseCovariance:
         t + u @ tangents, u in radians to first order.
     tangents : ndarray of shape (2, 3)
         Unit vectors across t and each other.
-
-    Raises
-    ------
-    ValueError
-        If shapes are not as above.
     """
 
     matrix: Array
     tangents: Array
-
-    def __post_init__(self) -> None:
-        if self.matrix.shape != (5, 5) or self.tangents.shape != (2, 3):
-            raise ValueError(
-                f"expected shapes (5, 5) and (2, 3), got {self.matrix.shape}, {self.tangents.shape}"
-            )
 
     @property
     def rotation_sigma_deg(self) -> Array:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
 from blur2view.smears.matches import SmearMatches
 
 LONGEST_S = 1.0  # no electronic shutter is as slow
@@ -53,29 +52,22 @@ class RollingShutter:
         if self.towards not in ((0, 1), (0, -1), (1, 0), (-1, 0)):
             raise ValueError(f"towards must be (0, 1), (0, -1), (1, 0) or (-1, 0), got {self.towards}")
 
-    def exposures(self, displacement: Array, image_size: tuple[int, int]) -> Array:
-        """Return for how many exposure times (N,) the points of smears (N, 2), open to close end, were seen.
-
-        Not positive where no motion in this order in time leaves such a smear.
-        """
-        rows = int(np.abs(self.towards) @ image_size)
-        share: Array = displacement @ np.array(self.towards) / max(rows - 1, 1)
-        return 1 + self.readout_s / self.exposure_s * share
-
     def all_rows_at_once(
         self, matches: SmearMatches, second_end_is_open: NDArray[np.bool_], image_size: tuple[int, int]
     ) -> SmearMatches | None:
         """Return the matches as an exposure of all rows at once leaves them, in a given order (N,) of ends.
 
-        Each is shorter by its `exposures` about its midpoint and ordered as the AROUND nearest are. None
-        where no motion leaves them in this order in time.
+        Each is shortened about its midpoint and ordered as the AROUND nearest are. None where no motion
+        leaves them in this order in time.
         """
         from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
 
         directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement
         around = cKDTree(matches.midpoint).query(matches.midpoint, min(AROUND, len(matches)))[1]
-        backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1, keepdims=True) < 0
-        exposures = self.exposures(np.where(backward, -1.0, 1.0) * matches.displacement, image_size)
+        backward = (matches.displacement * directed[around].sum(axis=1)).sum(axis=1) < 0
+        rows = max(int(np.abs(self.towards) @ image_size) - 1, 1)
+        later = np.where(backward, -1.0, 1.0) * (matches.displacement @ np.array(self.towards)) / rows
+        exposures = 1 + self.readout_s / self.exposure_s * later  # for how many exposure times each was seen
         if np.median(exposures) <= LEAST:
             return None
         exposures = np.maximum(exposures, LEAST)

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import cross_matrix
 
 PLANE: Array = np.eye(2, 3)
@@ -47,7 +47,7 @@ def step_on_sphere(unit: Array, delta: Array) -> Array:
     return moved / math.sqrt(moved @ moved)
 
 
-def rotation_flow(middle: Array) -> Array:
+def rotation_flow(middle: AnyArray) -> AnyArray:
     """Return the motion (2, 3, N) of points (N, 2), K = identity, per radian of rotation about x, y and z.
 
     To first order: a rotation w moves the point p by w x p - p (w x p)_z.

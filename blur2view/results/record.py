@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field
 from typing import Any
 
-from blur2view.geometry.two_view_geometry import FAMILIES, MotionModel, likeliest_of
+from blur2view.geometry.two_view_geometry import MotionModel
 
 Matrix = list[list[float]]
 ALONG_SMEAR = math.sqrt(3)
@@ -31,9 +31,9 @@ class derived(property):  # noqa: N801
         self.kind = value.__annotations__.get("return", kind)
 
 
-def probability_of(text: str, *models: MotionModel) -> derived:
-    """Return the probability that it is one of some models, with a shutter of either kind, explained."""
-    return derived(lambda one: one.probability(*models), f"Probability: {text}")
+def probability_of(text: str, model: MotionModel) -> derived:
+    """Return the probability of a model, with a shutter of either kind, explained."""
+    return derived(lambda one: one.probability(model), f"Probability: {text}")
 
 
 def rate_about(axis: int, text: str) -> derived:
@@ -150,16 +150,16 @@ class Record:
     @derived
     def model(self) -> str:
         """The likeliest of no motion, rotation, plane and parallax; empty where none were compared."""
-        return str(likeliest_of(self.probability)[0]) if self.models else ""
+        return str(self.models[0]["model"]) if self.models else ""
 
     @derived
     def model_probability(self) -> float | None:
         """The probability of the likeliest, with a shutter of either kind."""
-        return likeliest_of(self.probability)[1] if self.models else None
+        return float(self.models[0]["probability"]) if self.models else None
 
     parallax_probability = probability_of("that depths differ, if compared.", MotionModel.PARALLAX)
-    rotation_probability = probability_of("that the camera turned alone.", *FAMILIES[MotionModel.ROTATION])
-    plane_probability = probability_of("that all lies in one plane.", *FAMILIES[MotionModel.PLANE])
+    rotation_probability = probability_of("that the camera turned alone.", MotionModel.ROTATION)
+    plane_probability = probability_of("that all lies in one plane.", MotionModel.PLANE)
 
     @derived
     def rotation_deg(self) -> float | None:
@@ -215,8 +215,8 @@ class Record:
         variances = [self.pose_covariance["matrix"][axis][axis] for axis in range(3)]
         return [math.sqrt(max(one, 0.0)) / self.rated_s for one in variances]
 
-    def probability(self, *models: str) -> float | None:
-        """Return the probability that it is one of these models; None where none were compared."""
+    def probability(self, model: str) -> float | None:
+        """Return the probability that it is a model; None where none were compared."""
         if not self.models:
             return None
-        return float(sum(one["probability"] for one in self.models if one["model"] in models))
+        return float(sum(one["probability"] for one in self.models if one["model"] == model))

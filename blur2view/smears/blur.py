@@ -19,33 +19,23 @@ from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, 
 
 Floats = NDArray[np.float32]
 
-LEAST_KNOWN = 0.04
-"""Share of the cells that must tell their blur."""
-BORDER, BORDER_WEIGHT = 0.15, 3.0
-"""Share of a side that is near the border, and how much more what lies there counts."""
-MOVED = 0.5
-"""Share that must be smeared for the camera to have moved."""
-CLOSE_MOVED = 0.2
-"""Of the share that decides if the camera moved, what is close to its limit."""
+LEAST_KNOWN = 0.04  # share of the cells that must tell their blur
+BORDER, BORDER_WEIGHT = 0.15, 3.0  # share of a side that is near the border, and how much more that counts
+MOVED = 0.5  # share that must be smeared for the camera to have moved
+CLOSE_MOVED = 0.2  # of the share that decides if the camera moved, what is close to its limit
+# Length of what is surely smeared, also in standard deviations; share of the cells that must be so.
 SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
-"""Length of what is surely smeared, also in standard deviations; share of the cells that must be so."""
-MOVING_SHARE = 0.005
-"""Share of the picture that must move for the camera to be at rest before it."""
+MOVING_SHARE = 0.005  # share of the picture that must move for the camera to be at rest before it
+# Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
+# the smears, pixels, of a camera that plainly moved.
 LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
-"""Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
-the smears, pixels, of a camera that plainly moved."""
-IN_FOCUS = 0.2
-"""Share of what is not smeared that must be sharp, of a photograph that is not out of focus: its subject."""
-DEFOCUSED_PX = 2.0
-"""Radius, of what is sharpest, above which a photograph is out of focus."""
-DARK, BRIGHT = 0.02, 0.98
-"""Values below, or above, which a whole photograph is too dark, or overexposed."""
-UNSEEN_PX = 500.0
-"""Standard deviation of what shows no texture at all, which a network gives 1000, or borders on it."""
-KNOWN_BEST = 0.2
-"""Relative deviation of a length below which it counts no more: bound."""
+IN_FOCUS = 0.2  # share of what is not smeared that must be sharp: the subject
+DEFOCUSED_PX = 2.0  # radius, of what is sharpest, above which a photograph is out of focus
+DARK, BRIGHT = 0.02, 0.98  # values below, or above, which a whole photograph is too dark, or overexposed
+UNSEEN_PX = 500.0  # standard deviation of what shows no texture, which a network gives 1000, or borders on it
+KNOWN_BEST = 0.2  # relative deviation of a length below which it counts no more: bound
+# Length of the mean smear, in double angle, over the mean length, from which on there is one direction.
 COMMON_DIRECTION = 0.5
-"""Length of the mean smear, in double angle, over the mean length, from which on there is one direction."""
 
 
 class BlurKind(StrEnum):
@@ -99,15 +89,13 @@ class Blur:
     @property
     def reason(self) -> str:
         """What the kind is, with its figures."""
-        match self.kind:
-            case BlurKind.OUT_OF_FOCUS:
-                return f"out of focus by a radius of {self.defocus_px:.1f} px"
-            case BlurKind.CAMERA_AT_REST:
-                return f"{100 * self.moving_share:.0f} % of the picture moves, not what is around it"
-            case BlurKind.CANNOT_TELL:
-                return self.nothing_seen or "smooth all over, so that no blur is seen"
-            case _:
-                return str(self.kind)
+        if self.kind is BlurKind.OUT_OF_FOCUS:
+            return f"out of focus by a radius of {self.defocus_px:.1f} px"
+        if self.kind is BlurKind.CAMERA_AT_REST:
+            return f"{100 * self.moving_share:.0f} % of the picture moves, not what is around it"
+        if self.kind is BlurKind.CANNOT_TELL:
+            return self.nothing_seen or "smooth all over, so that no blur is seen"
+        return str(self.kind)
 
     @property
     def is_short(self) -> bool:
@@ -142,10 +130,10 @@ def blur_of(
         return smeared
     kinds = np.asarray(grid.kinds, float)
     known = 1 - kinds[..., CANNOT_TELL]
-    share = np.zeros(known.shape) if moving is None else np.asarray(moving)
     if known.mean() < LEAST_KNOWN:
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
+    share = np.zeros(known.shape) if moving is None else np.asarray(moving)
     moving_share = float(share.mean()) if moving_share is None else moving_share
     kind = kind_of(kinds * (1 - share[..., None]), moving_share, camera_moved)
     if smeared.is_short and camera_moved is None:
@@ -166,7 +154,7 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float
     They are weighed by how much of a cell stands still; ``moving_share`` of the picture does not.
     ``camera_moved`` is the probability that the camera did, where more than the cells was asked.
     """
-    sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
+    sharp, defocused, smeared, both = near_border(kinds)
     moved, still = smeared + both, sharp + defocused
     if moved > MOVED * (moved + still) if camera_moved is None else camera_moved > 0.5:
         return BlurKind.OUT_OF_FOCUS_AND_MOVED if both > smeared else BlurKind.CAMERA_MOVED
@@ -174,6 +162,13 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float
         return BlurKind.CAMERA_AT_REST
     sharp, defocused = kinds.sum((0, 1))[:SMEARED]
     return BlurKind.OUT_OF_FOCUS if sharp <= IN_FOCUS * (sharp + defocused) else BlurKind.SHARP
+
+
+def near_border(kinds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much of a photograph is of each kind of blur but CANNOT_TELL, more so near the border."""
+    near = [np.minimum(np.arange(n), np.arange(n)[::-1]) < BORDER * n for n in kinds.shape[:2]]
+    weight = np.where(near[0][:, None] | near[1], BORDER_WEIGHT, 1.0)
+    return np.asarray((kinds * weight[..., None]).sum((0, 1))[:CANNOT_TELL])
 
 
 def is_close(grid: SmearGrid) -> bool:
@@ -198,8 +193,7 @@ def is_close(grid: SmearGrid) -> bool:
 
 def smeared_share(grid: SmearGrid) -> float:
     """Return the share of a grid with kinds of blur that is smeared, as it counts for the camera's motion."""
-    kinds = np.asarray(grid.kinds, float)
-    sharp, defocused, smeared, both = (kinds * near_border(kinds.shape[:2])).sum((0, 1))[:CANNOT_TELL]
+    sharp, defocused, smeared, both = near_border(np.asarray(grid.kinds, float))
     return float((smeared + both) / (sharp + defocused + smeared + both))
 
 
@@ -226,12 +220,6 @@ def nothing_seen(image: AnyArray) -> str:
     if low > BRIGHT:
         return "overexposed"
     return "one colour all over, or transparent" if high - low < 1 / 255 else ""
-
-
-def near_border(shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return how much each cell (h, w, 1) counts for the camera's motion."""
-    near = [np.minimum(np.arange(n), np.arange(n)[::-1]) < BORDER * n for n in shape]
-    return np.where(near[0][:, None] | near[1], BORDER_WEIGHT, 1.0)[..., None]
 
 
 def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None = None) -> Blur:

@@ -8,8 +8,6 @@ photograph of 20 megapixels takes 0.2 MB, where all its pixels take 320.
 
 from __future__ import annotations
 
-import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,20 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
-from blur2view.input_files import MAX_PIXELS, open_regular
+from blur2view.input_files import open_regular
 from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP
 from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel, of_kinds
 
 Floats = NDArray[np.floating[Any]]
 
-STRIP_CELLS = 8
-"""Grid rows decoded to pixels at a time: bounds the temporaries of a large photograph."""
 GRID, BLUR = "smear_grid", "blur_grid"
-MOST_BYTES = 1 << 26
-"""Of an array of a file; a grid's has some millions."""
-DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
-          RuntimeError, MemoryError, zipfile.BadZipFile)  # fmt: skip
-"""What the readers of ZIP and NPY raise of damaged bytes; RuntimeError of an archive with a password."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,33 +40,11 @@ class SmearField:
         Standard deviation of the end-point error |d - d*|, in pixels; not negative.
     sigma_rad : ndarray of shape (...), float32
         Standard deviation of the smear's direction, radians; not negative.
-
-    Raises
-    ------
-    ValueError
-        If the shapes disagree, a value is not finite or a sigma is negative.
     """
 
     displacement: NDArray[np.float32]
     sigma_px: NDArray[np.float32]
     sigma_rad: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        displacement = np.asarray(self.displacement, dtype=np.float32)
-        object.__setattr__(self, "displacement", displacement)
-        for name in ("sigma_px", "sigma_rad"):
-            sigma = np.asarray(getattr(self, name), dtype=np.float32)
-            if displacement.shape != (*sigma.shape, 2):
-                got = f"{displacement.shape} and {sigma.shape}"
-                raise ValueError(f"expected a displacement (..., 2) and {name} (...), got {got}")
-            # min and max propagate NaN and need no temporary the size of the field
-            if sigma.size and not 0 <= sigma.min() <= sigma.max() < np.inf:
-                raise ValueError(
-                    f"{name} must be finite and not negative, got {sigma.min()} to {sigma.max()}"
-                )
-            object.__setattr__(self, name, sigma)
-        if displacement.size and not np.isfinite([displacement.min(), displacement.max()]).all():
-            raise ValueError("smears must be finite")
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -111,6 +80,12 @@ def from_double_angle(double_angle: ArrayLike) -> Floats:
     return np.stack([length * np.cos(phi), length * np.sin(phi)], -1)
 
 
+def _vectors(values: ArrayLike) -> Floats:
+    """Return a float array of shape (..., 2), keeping float32."""
+    vectors = np.asarray(values)
+    return vectors if np.issubdtype(vectors.dtype, np.floating) else vectors.astype(np.float64)
+
+
 def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64]:
     """Return both ends (N, 2, 2), p - d/2 and p + d/2, of smears d (N, 2) at mid-exposure pixels p (N, 2).
 
@@ -129,20 +104,10 @@ def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]
     Cell j's centre is at pixel stride*j + (stride-1)/2; outside the outermost centres the nearest cell
     continues. Directions must be in double angle: averaging d and -d would cancel them.
     """
-    if grid.ndim != 3 or stride < 1:
-        raise ValueError(f"expected shape (h, w, C) and a positive stride, got {grid.shape}, {stride}")
-    height, width = grid.shape[:2]
+    height, width, channels = grid.shape
     # OpenCV's pixel centres are at integer + 0.5 of the cell, which is exactly the convention above
     resized = cv2.resize(grid, (width * stride, height * stride), interpolation=cv2.INTER_LINEAR)
-    return resized.reshape(height * stride, width * stride, grid.shape[2]).astype(np.float32, copy=False)
-
-
-def _vectors(values: ArrayLike) -> Floats:
-    """Return a float array of shape (..., 2), keeping float32."""
-    vectors = np.asarray(values)
-    if vectors.ndim == 0 or vectors.shape[-1] != 2:
-        raise ValueError(f"expected an array of shape (..., 2), got {vectors.shape}")
-    return vectors if np.issubdtype(vectors.dtype, np.floating) else vectors.astype(np.float64)
+    return resized.reshape(height * stride, width * stride, channels).astype(np.float32, copy=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,7 +146,7 @@ class SmearGrid:
 
     def __post_init__(self) -> None:
         covered = tuple(-(-side // self.stride) for side in self.shape) if self.stride > 0 else ()
-        if self.cells.ndim != 3 or self.cells.shape != (*covered, 4):
+        if self.cells.shape != (*covered, 4) or len(covered) != 2:
             got = f"{self.cells.shape}, stride {self.stride} and shape {self.shape}"
             raise ValueError(f"expected cells (h, w, 4) that cover a photograph, got {got}")
         if self.blur is not None and self.blur.shape != (*covered, 1 + len(KINDS)):
@@ -238,30 +203,21 @@ class SmearGrid:
         left, top = np.floor(column).astype(int), np.floor(row).astype(int)
         right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
         across, down = (column - left)[:, None], (row - top)[:, None]
-        above = (1 - across) * self.cells[top, left] + across * self.cells[top, right]
-        below = (1 - across) * self.cells[bottom, left] + across * self.cells[bottom, right]
+        above, below = (
+            (1 - across) * self.cells[line, left] + across * self.cells[line, right] for line in (top, bottom)
+        )
         return _decoded(((1 - down) * above + down * below).astype(np.float32))
 
     def at_pixels(self) -> SmearField:
-        """Return the smears of every pixel, (H, W): resampled in double angle, a strip at a time."""
-        grid, stride, (height, width) = self.cells, self.stride, self.shape
-        displacement = np.empty((height, width, 2), np.float32)
-        sigmas = [np.empty((height, width), np.float32) for _ in range(2)]
-        for first in range(0, grid.shape[0], STRIP_CELLS):
-            above = max(first - 1, 0)  # one more row on each side, so that strips join without a seam
-            pixels = upsample_grid(grid[above : first + STRIP_CELLS + 1], stride)[(first - above) * stride :]
-            rows = slice(first * stride, min((first + STRIP_CELLS) * stride, height))
-            strip = pixels[: rows.stop - rows.start, :width]
-            displacement[rows] = from_double_angle(strip[..., :2])
-            for k, sigma in enumerate(sigmas):
-                np.maximum(strip[..., 2 + k], 0, out=sigma[rows])
-        return SmearField(displacement=displacement, sigma_px=sigmas[0], sigma_rad=sigmas[1])
+        """Return the smears of every pixel, (H, W), interpolated in double angle."""
+        height, width = self.shape
+        return _decoded(upsample_grid(self.cells, self.stride)[:height, :width])
 
 
 def _decoded(cells: NDArray[np.float32]) -> SmearField:
     """Return the smears of cells (..., 4)."""
     sigma_px, sigma_rad = np.moveaxis(np.maximum(cells[..., 2:], 0), -1, 0)
-    displacement = from_double_angle(cells[..., :2])
+    displacement = np.asarray(from_double_angle(cells[..., :2]), np.float32)
     return SmearField(displacement=displacement, sigma_px=sigma_px, sigma_rad=sigma_rad)
 
 
@@ -276,51 +232,25 @@ def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
 def load_smears(path: str | Path) -> SmearGrid:
     """Return the smears that ``blur2view estimate -o`` has written to a ``.smear.npz`` file.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    SmearGrid
-        As `SmearNetwork.predict` returns it, with ``at(points)`` and ``at_pixels()``.
-
-    Raises
-    ------
-    OutputError
-        If the file is missing, damaged or something else.
+    As `SmearNetwork.predict` returns them, with ``at(points)`` and ``at_pixels()``. OutputError if the file
+    is missing, damaged or something else.
     """
     try:
-        with open_regular(path) as file, np.load(file, allow_pickle=False) as stored:
-            return _grid(dict(_arrays(stored)))
+        with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
+            cells = arrays[GRID].astype(np.float32)
+            blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
+            if not np.isfinite(cells).all() or (blur is not None and not np.isfinite(blur).all()):
+                raise ValueError("smears must be finite")
+            height, width = map(int, arrays["shape"])
+            return SmearGrid(
+                cells=cells,
+                blur=blur,
+                stride=int(arrays["stride"]),
+                shape=(height, width),
+                window_px=int(arrays["window_px"]) or None,
+            )
     except FileNotFoundError:
         raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
-    except DAMAGE:
+    except Exception:  # whatever the readers of ZIP and NPY raise of damaged bytes
         remedy = "write it again with blur2view estimate -o"
         raise OutputError(f"{path}: is no whole .smear.npz file of blur2view; {remedy}") from None
-
-
-def _arrays(stored: Any) -> Iterator[tuple[str, AnyArray]]:
-    """Yield the arrays of an open file by name; ValueError of one that is larger than any grid's.
-
-    `numpy.savez` compresses nothing: what unfolds to more than the file has is refused before it does.
-    """
-    for member in stored.zip.infolist():
-        if member.compress_type != zipfile.ZIP_STORED or member.file_size > MOST_BYTES:
-            raise ValueError(f"{member.filename} is compressed or too large")
-        name = member.filename.removesuffix(".npy")
-        yield name, stored[name]
-
-
-def _grid(arrays: dict[str, AnyArray]) -> SmearGrid:
-    cells, (height, width) = arrays[GRID].astype(np.float32), map(int, arrays["shape"])
-    stride, window_px = int(arrays["stride"]), int(arrays.get("window_px", WINDOW_PX))
-    blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
-    if not (np.isfinite(cells).all() and (blur is None or np.isfinite(blur).all())):
-        raise ValueError("smears must be finite")
-    if height * width > MAX_PIXELS:
-        raise ValueError("a grid must be of a photograph")
-    return SmearGrid(
-        cells=cells, blur=blur, stride=stride, shape=(height, width), window_px=window_px or None
-    )

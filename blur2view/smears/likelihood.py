@@ -13,42 +13,37 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
-DIRECTIONS = 32
-"""Bins of direction over 180 degrees; bin k is the direction 180 k / 32 degrees from x towards y."""
-PER_OCTAVE = 4
-"""Bins of length an octave."""
-SHORTEST_PX = 2.0
-"""Length of bin 1."""
-BINS = 20
-"""Bins of length in one octave: anything shorter, 2 to 38 px, anything longer."""
-STILL_PX = 0.4
-"""Length that stands for bin 0, anything shorter: most of it is no smear at all."""
-LABEL_SPREAD = 0.6
-"""Standard deviation, in bins, of what the likelihood was fitted to."""
-PEAK_BINS = 2
-"""Bins on each side of the peak whose mean is the smear."""
+DIRECTIONS = 32  # bins over 180 degrees; bin k is the direction 180 k / 32 degrees from x towards y
+PER_OCTAVE = 4  # bins of length an octave
+SHORTEST_PX = 2.0  # length of bin 1
+BINS = 20  # of length in one octave: anything shorter, 2 to 38 px, anything longer
+STILL_PX = 0.4  # length that stands for bin 0, anything shorter: most of it is no smear at all
+LABEL_SPREAD = 0.6  # standard deviation, in bins, of what the likelihood was fitted to
+PEAK_BINS = 2  # bins on each side of the peak whose mean is the smear
+# Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
+# (tools/results/training_log.md, 20 test photographs).
 SURE_PEAK = 0.6
-"""Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
-(tools/results/training_log.md, 20 test photographs)."""
-ANY_PX = 16.0
-"""Root mean square of lengths of 2 to 38 px, as frequent in every octave: of a smear that is not seen."""
-LEAST_SIGMA_RAD, LEAST_SIGMA_PX = float(np.deg2rad(0.3)), 0.15
-"""Least deviations that the bins resolve."""
+ANY_PX = 16.0  # root mean square of lengths of 2 to 38 px, as frequent in every octave: of an unseen smear
+LEAST_SIGMA_RAD, LEAST_SIGMA_PX = float(np.deg2rad(0.3)), 0.15  # that the bins resolve
+# Kinds of blur that a cell may show, in the order of the network's logits.
 KINDS = ("sharp", "out of focus", "smeared", "out of focus and smeared", "cannot tell")
-"""Kinds of blur that a cell may show, in the order of the network's logits."""
 SHARP, OUT_OF_FOCUS, SMEARED, BOTH, CANNOT_TELL = range(len(KINDS))
+# Radius of bin 1, of four an octave; before it stands one bin for anything smaller, last one for anything
+# larger. A radius is that of the disc which spreads as widely as lens and camera do.
 SMALLEST_RADIUS_PX = 0.7
-"""Radius of bin 1, of four an octave; before it stands one bin for anything smaller, last one for anything
-larger. A radius is that of the disc which spreads as widely as lens and camera do."""
-IN_FOCUS_PX = 0.5
-"""Radius that stands for bin 0."""
+IN_FOCUS_PX = 0.5  # radius that stands for bin 0
 
 
-def lengths_px(bins: int) -> Floats:
-    """Return the lengths of the bins, (bins,), pixels."""
-    lengths = SHORTEST_PX * 2.0 ** ((np.arange(bins) - 1) / PER_OCTAVE)
-    lengths[0] = STILL_PX
+def lengths_px(bins: int, first_px: float = SHORTEST_PX, below_px: float = STILL_PX) -> Floats:
+    """Return the lengths of the bins, (bins,), pixels: of bin 1, and what stands for anything shorter."""
+    lengths = first_px * 2.0 ** ((np.arange(bins) - 1) / PER_OCTAVE)
+    lengths[0] = below_px
     return lengths.astype(np.float32)
+
+
+def radii_px(bins: int) -> Floats:
+    """Return the radii of the bins, (bins,), pixels."""
+    return lengths_px(bins, SMALLEST_RADIUS_PX, IN_FOCUS_PX)
 
 
 def normalised(log_likelihood: Floats) -> Floats:
@@ -147,13 +142,6 @@ def _peak(likelihood: Floats) -> tuple[Floats, Floats, Floats]:
     position = column + (near.sum(-2) @ steps) / mass
     log_length = np.interp(position, np.arange(bins), np.log(lengths_px(bins)))
     return direction.astype(np.float32), np.exp(log_length).astype(np.float32), mass
-
-
-def radii_px(bins: int) -> Floats:
-    """Return the radii of the bins, (bins,), pixels."""
-    radii = SMALLEST_RADIUS_PX * 2.0 ** ((np.arange(bins) - 1) / PER_OCTAVE)
-    radii[0] = IN_FOCUS_PX
-    return radii.astype(np.float32)
 
 
 def softmax(logits: Floats) -> Floats:

@@ -51,18 +51,16 @@ class SmearMatches:
 
     def __post_init__(self) -> None:
         ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)
-        if ends.ndim != 3 or ends.shape[1:] != (2, 2) or sigma.shape != ends.shape[:1]:
-            raise ValueError(f"expected ends (N, 2, 2) and sigma_px (N,), got {ends.shape} and {sigma.shape}")
-        if not (np.isfinite(ends).all() and np.isfinite(sigma).all() and (sigma > 0).all()):
-            raise ValueError("ends must be finite, sigma_px finite and positive")
-        if self.image_size is not None and min(self.image_size) < 1:
-            raise ValueError(f"image_size must be positive, got {self.image_size}")
         across = 0.5**0.5 * sigma if self.across_px is None else np.array(self.across_px, np.float64)
-        if across.shape != sigma.shape or not (np.isfinite(across).all() and (across > 0).all()):
-            raise ValueError(f"across_px must be finite and positive, of shape {sigma.shape}")
-        object.__setattr__(self, "across_px", across)
-        object.__setattr__(self, "ends", ends)
-        object.__setattr__(self, "sigma_px", sigma)
+        if ends.shape != (*sigma.shape, 2, 2) or sigma.ndim != 1 or across.shape != sigma.shape:
+            got = f"{ends.shape}, {sigma.shape} and {across.shape}"
+            raise ValueError(f"expected ends (N, 2, 2), sigma_px (N,) and across_px (N,), got {got}")
+        if not (np.isfinite(ends).all() and np.isfinite([sigma, across]).all()):
+            raise ValueError("ends, sigma_px and across_px must be finite")
+        if not ((sigma > 0).all() and (across > 0).all() and min(self.image_size or (1,)) >= 1):
+            raise ValueError("sigma_px, across_px and image_size must be positive")
+        for name, array in (("ends", ends), ("sigma_px", sigma), ("across_px", across)):
+            object.__setattr__(self, name, array)
 
     @classmethod
     def from_points(
@@ -88,23 +86,23 @@ class SmearMatches:
 
     def subset(self, index: NDArray[Any] | slice) -> SmearMatches:
         """Return the matches of an index or mask."""
-        arrays = self.ends[index], self.sigma_px[index], self.across_px[index]
-        return replace(self, ends=arrays[0], sigma_px=arrays[1], across_px=arrays[2])
+        ends, sigma, across = self.ends[index], self.sigma_px[index], self.across_px[index]
+        return replace(self, ends=ends, sigma_px=sigma, across_px=across)
 
     @cached_property
     def midpoint(self) -> Array:
         """Mid-exposure pixels, (N, 2)."""
-        return _read_only(self.ends.mean(axis=1))
+        return np.asarray(self.ends.mean(axis=1))
 
     @cached_property
     def displacement(self) -> Array:
         """Displacements d, (N, 2), pixels, sign arbitrary."""
-        return _read_only(self.ends[:, 1] - self.ends[:, 0])
+        return self.ends[:, 1] - self.ends[:, 0]
 
     @cached_property
     def length_px(self) -> Array:
         """Lengths |d|, (N,), pixels."""
-        return _read_only(np.hypot(*self.displacement.T))
+        return np.asarray(np.hypot(*self.displacement.T))
 
     @property
     def sampson_px(self) -> Array:
@@ -115,12 +113,6 @@ class SmearMatches:
     def inlier_sigma_px(self) -> tuple[Array, Array]:
         """Standard deviations (N,) along and across the smears of errors that are no outliers, pixels."""
         return inlier_sigma_px(self.length_px, self.sigma_px, self.across_px, self.shared)
-
-
-def _read_only(array: Array) -> Array:
-    """Keep an array, which is shared, from being written to."""
-    array.flags.writeable = False
-    return array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,17 +141,17 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     require("grid", grid, SmearGrid, "as of network.predict(image)")
     options = options or SelectOptions()
     require("select", options, SelectOptions, "as SelectOptions(beta=0.5)")
-    step = cells_apart(grid, options)
+    # cells from one match to the next in a row or column
+    step = max(1, int(np.ceil((options.beta * grid.cells[..., 0].size / options.max_matches) ** 0.5)))
     rows, columns = (slice(min(step, count) // 2, None, step) for count in grid.cells.shape[:2])
     points = grid.points()[rows, columns]
-    inside = (points < grid.size).all(axis=-1)
-    points, smears = points[inside], grid.at(points[inside])
+    points = points[(points < grid.size).all(axis=-1)]
+    smears = grid.at(points)
     length = smears.length_px.astype(np.float64)
     sigma = np.maximum(smears.sigma_px.astype(np.float64), TINY_SIGMA_PX)
-    long = length >= SHORTEST_PX
     order = np.argsort(sigma, kind="stable")
     most = min(int(np.ceil(options.beta * len(length))), options.max_matches)
-    kept = np.sort(order[long[order]][:most])
+    kept = np.sort(order[(length >= SHORTEST_PX)[order]][:most])
     return SmearMatches(
         ends=smear_ends(points[kept], smears.displacement[kept]),
         sigma_px=sigma[kept],
@@ -167,8 +159,3 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
         across_px=across_px(length, smears.sigma_rad.astype(np.float64))[kept],
         shared=grid.shared_errors(step * grid.stride),
     )
-
-
-def cells_apart(grid: SmearGrid, options: SelectOptions) -> int:
-    """Return how many cells lie from one match to the next in a row or column: 1 if all may be matches."""
-    return max(1, int(np.ceil((options.beta * grid.cells[..., 0].size / options.max_matches) ** 0.5)))

@@ -25,19 +25,15 @@ from blur2view.smears.likelihood import SHORTEST_PX, STILL_PX
 
 Floats = NDArray[np.float32]
 
-LEAST_PX = 0.1
-LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01
-"""Least standard deviations of a smear: pixels, and shares of its length."""
-CLAIMED = 0.65
-"""Of the stated standard deviations, the 68 % points of what is no outlier: for regions."""
-WINDOW_PX = 96
-"""Side of the window that a cell is read from, pixels."""
+LEAST_PX = 0.1  # least standard deviation of a smear
+LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01  # and as shares of its length
+CLAIMED = 0.65  # of the stated standard deviations, the 68 % points of what is no outlier: for regions
+WINDOW_PX = 96  # side of the window that a cell is read from, pixels
+# How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
 CORRELATED_CELLS = 46.0 / 9.0
-"""How many times fewer cells are independent than their overlap says: the correlation reaches beyond it."""
+# Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear.
 SURE_STILL = 0.68
-"""Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear."""
-SAMPSON_SHARE = 0.5**0.5
-"""Of the error across a smear, that of the Sampson distance of its two ends, which share it."""
+SAMPSON_SHARE = 0.5**0.5  # of the error across a smear, that of the Sampson distance of its two ends
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,11 +70,6 @@ class NoiseModel:
     least_along: float = LEAST_ALONG
     least_across: float = LEAST_ACROSS
     outlier_odds: float = 0.5
-
-    def __post_init__(self) -> None:
-        sigmas = self.length, self.direction_rad, self.least, self.least_along, self.least_across
-        if not (0 < self.effective_share <= 1 <= self.correlation and min(sigmas) >= 0 and self.inlier > 0):
-            raise ValueError(f"expected a share in (0, 1] and standard deviations, got {self}")
 
     @property
     def fully_correlated(self) -> NoiseModel:

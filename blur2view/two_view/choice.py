@@ -1,30 +1,28 @@
 """Which model the smears show: a table of all, a probability of each, and a name.
 
 Every model is a displacement field judged by the same likelihood (`HomographyFit.costs`) on the same
-smears: none, a rotation, one whose rate changes down the rows of a rolling shutter, any homography, and that
-homography with parallax along the lines of F. One calibrated step (`probabilities`) leads from their
-log-likelihoods, of the effective number of smears, to probabilities. Parallax is proven, undecided or absent
-as its probability lies in a range; where few smears are independent a small one does not mean that it is
-absent: then F is given with the homography beside it.
+smears: none, a rotation, any homography, both also with a rate that changes down the rows of a rolling
+shutter, and that homography with parallax along the lines of F. One calibrated step (`rows_of`) leads from
+their log-likelihoods, of the effective number of smears, to probabilities. Parallax is proven, undecided or
+absent as its probability lies in a range; where few smears are independent a small one does not mean that it
+is absent: then F is given with the homography beside it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from blur2view.geometry.two_view_geometry import FAMILIES, Configuration, ModelRow, ModelTable, MotionModel
+from blur2view.geometry.two_view_geometry import Configuration, ModelRow, MotionModel
 from blur2view.two_view import constants as c
 from blur2view.two_view.consensus import within_errors
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import HomographyFit, find_plane, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import HomographyFlow, rotation_of
-
-WITHOUT_SIZE = "without an image size a rotation cannot be told from a plane"
-ROLLING = {MotionModel.ROTATION: MotionModel.ROLLING_ROTATION, MotionModel.PLANE: MotionModel.ROLLING_PLANE}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,19 +36,23 @@ class Choice:
     config: Configuration
     sentence: str
     fit: FundamentalFit
+    models: tuple[ModelRow, ...] = ()
+    independent_smears: float = 0.0
     reports_F: bool = False
     homography: HomographyFit | None = None
-    table: ModelTable = field(default_factory=ModelTable)
+
+
+class Field(NamedTuple):
+    """A fitted field, or without one what parallax gains over a plane; ``rolls``: with a rolling shutter."""
+
+    model: MotionModel
+    rolls: bool
+    fit: HomographyFit | None
+    log_posterior: float
 
 
 def choose(
-    likelihood: Likelihood,
-    fit: FundamentalFit,
-    rng: np.random.Generator,
-    *,
-    agreement: float,
-    rolling: bool,
-    moved: bool = False,
+    likelihood: Likelihood, fit: FundamentalFit, *, agreement: float, rolling: bool, moved: bool = False
 ) -> Choice:
     """Return what the smears show, given the F of least cost.
 
@@ -62,117 +64,111 @@ def choose(
     if not has_consensus and not moved and within_errors(likelihood.matches):
         sentence = "no motion, the smears are no longer than their errors"
         return Choice(config=Configuration.DEGENERATE, sentence=sentence, fit=fit)
-    sample = likelihood.subset(np.sort(rng.permutation(len(likelihood))[: c.SAMPLE]))
+    sample = likelihood.thinned(c.SAMPLE)
     there = FundamentalFit(point=fit.point, likelihood=sample, sign=fit.sign)
     orders = there.residuals.backward, there.residuals.forward_share < 0.5  # by F, and by depth as well
-    plane = find_plane(sample, fit.point.motion()[0], orders)
-    fields = fields_of(sample, plane, rolling)
-    if moved:
-        del fields[MotionModel.STILL]
-    plane = fields[MotionModel.PLANE]
-    table = table_of(fields, plane.gain_of_parallax(fit.point.matrix()) if has_consensus else None)
-    return named(table, fields, fit, agreement)
+    plane = find_plane(sample, fit.point.motion()[0], *orders)
+    fields = fields_of(sample, plane, rolling)[moved:]  # no motion is the first
+    if has_consensus:
+        gain = plane.gain_of_parallax(fit.point.matrix())
+        fields.append(Field(MotionModel.PARALLAX, False, None, plane.log_posterior + gain))
+    probabilities = probabilities_of(fields, sample)
+    return named(fields, probabilities, plane, fit, agreement)
 
 
-def fields_of(sample: Likelihood, plane: HomographyFit, rolling: bool) -> dict[MotionModel, HomographyFit]:
+def fields_of(sample: Likelihood, plane: HomographyFit, rolling: bool) -> list[Field]:
     """Return every displacement field, fitted; without a camera there are no rotations."""
-    prior = sample.prior
-    fields = {
-        MotionModel.STILL: HomographyFit(likelihood=sample, family=HomographyFlow.plane(np.zeros(8), prior))
-    }
+    still = HomographyFlow.plane(np.zeros(8), sample.prior)
+    fits = {MotionModel.STILL: HomographyFit(likelihood=sample, family=still), MotionModel.PLANE: plane}
     if sample.has_camera:
-        rotation = HomographyFlow.rotation(rotation_of(plane.family.generator()), prior)
-        fields[MotionModel.ROTATION] = fit_homography(rotation, sample)
-    fields[MotionModel.PLANE] = plane
-    if rolling:
-        for still_model in [model for model in ROLLING if model in fields]:
-            middle = fields[still_model].family
-            fields[ROLLING[still_model]] = fit_homography(middle.rolling(0), sample, middle.rolling(1))
+        turning = HomographyFlow.rotation(rotation_of(plane.family.generator()), sample.prior)
+        fits[MotionModel.ROTATION] = fit_homography(sample, turning)
+    fields = [Field(model, False, fit, fit.log_posterior) for model, fit in fits.items()]
+    for model, fit in list(fits.items())[1:] if rolling else ():
+        rolled = fit_homography(sample, fit.family.rolling(sample.rows_axis))
+        fields.append(Field(model, True, rolled, rolled.log_posterior))
     return fields
 
 
-def table_of(fields: dict[MotionModel, HomographyFit], gain: float | None) -> ModelTable:
-    """Return the table of the fields and, where F has a ``gain`` over the plane, of parallax."""
-    plane = fields[MotionModel.PLANE]
-    log_likelihood = {model: fit.log_posterior for model, fit in fields.items()}
-    if gain is not None:
-        log_likelihood[MotionModel.PARALLAX] = log_likelihood[MotionModel.PLANE] + gain
-    likelihood = plane.likelihood
-    odds = probabilities(log_likelihood, likelihood)
-    rows = [
-        ModelRow(model=model, parameters=c.MODELS[model][0], log_likelihood=value, probability=odds[model])
-        for model, value in log_likelihood.items()
-    ]
-    rows.sort(key=lambda row: -row.probability)
-    return ModelTable(rows=tuple(rows), effective_count=likelihood.effective_count)
-
-
-def probabilities(
-    log_likelihood: dict[MotionModel, float], likelihood: Likelihood
-) -> dict[MotionModel, float]:
-    """Return the models' probabilities: the one calibrated step, the same for all photographs.
+def probabilities_of(fields: list[Field], likelihood: Likelihood) -> list[float]:
+    """Return the fields' probabilities: the one calibrated step, the same for all photographs.
 
     Errors that neighbours share look like fields and like parallax: of the log-likelihoods those of smears
     with all correlation counted. Each model has a penalty, which grows with the number of smears by Schwarz's
     criterion.
     """
-    slope = likelihood.fully_correlated.effective_share / likelihood.effective_share
-    more = 0.5 * float(np.log(max(likelihood.fully_correlated.effective_count / c.PENALTY_COUNT, 1.0)))
-    rows = [(value, *c.MODELS[model]) for model, value in log_likelihood.items()]
-    score = [slope * value - penalty - more * parameters for value, parameters, penalty in rows]
+    correlated = likelihood.fully_correlated
+    slope = correlated.effective_share / likelihood.effective_share
+    more = 0.5 * float(np.log(max(correlated.effective_count / c.PENALTY_COUNT, 1.0)))
+    score = []
+    for field in fields:
+        parameters, penalty = np.add(c.MODELS[field.model], np.multiply(field.rolls, c.ROLLING))
+        score.append(slope * field.log_posterior - penalty - more * parameters)
     odds = np.exp(np.array(score) - max(score))
-    return dict(zip(log_likelihood, (float(p) for p in odds / odds.sum()), strict=True))
+    return [float(p) for p in odds / odds.sum()]
+
+
+def rows_of(fields: list[Field], probabilities: list[float]) -> tuple[ModelRow, ...]:
+    """Return a row of each model, likeliest first, with a shutter of either kind."""
+    rows = []
+    for model in dict.fromkeys(field.model for field in fields):
+        own = [(p, one) for p, one in zip(probabilities, fields, strict=True) if one.model is model]
+        _, best = max(own, key=lambda pair: pair[0])
+        rows.append(
+            ModelRow(
+                model=model,
+                parameters=int(c.MODELS[model][0] + best.rolls * c.ROLLING[0]),
+                log_likelihood=best.log_posterior,
+                probability=sum(p for p, _ in own),
+            )
+        )
+    return tuple(sorted(rows, key=lambda row: -row.probability))
 
 
 def named(
-    table: ModelTable, fields: dict[MotionModel, HomographyFit], fit: FundamentalFit, agreement: float
+    fields: list[Field],
+    probabilities: list[float],
+    plane: HomographyFit,
+    fit: FundamentalFit,
+    agreement: float,
 ) -> Choice:
-    """Return the choice of a table: F if parallax is not absent, and the homography unless it is proven."""
-
-    def odds(*models: MotionModel) -> float:
-        return table.probability(*models) or 0.0
-
-    parallax, still = odds(MotionModel.PARALLAX), odds(MotionModel.STILL)
-    choice = partial(Choice, fit=fit, table=table)
+    """Return the choice: F if parallax is not absent, and the homography unless it is proven."""
+    rows, correlated = rows_of(fields, probabilities), plane.likelihood.fully_correlated
+    odds = {row.model: row.probability for row in rows}
+    parallax, still = odds.get(MotionModel.PARALLAX, 0.0), odds.get(MotionModel.STILL, 0.0)
+    choice = partial(Choice, fit=fit, models=rows, independent_smears=plane.likelihood.effective_count)
+    figures = "no F to compare with"
+    if MotionModel.PARALLAX in odds:
+        ratio = fields[-1].log_posterior - max(field.log_posterior for field in fields[:-1])
+        figures = f"probability {parallax:.2f} (log-likelihood ratio {ratio:z.0f})"
     if parallax >= c.PROVEN_FROM and agreement >= c.PROVEN_AGREEMENT:
-        sentence = f"parallax is proven: {figures_of(table)}"
+        sentence = f"parallax is proven: {figures}"
         return choice(config=Configuration.UNCALIBRATED, sentence=sentence, reports_F=True)
     if still > 0.5:
         return choice(config=Configuration.DEGENERATE, sentence=f"no motion: probability {still:.2f}")
-    plane = fields[MotionModel.PLANE]
     on_plane = float((np.hypot(*plane.residual) < c.ON_PLANE).mean())
-    count = plane.likelihood.fully_correlated.effective_count
-    enough = count >= c.LEAST_INDEPENDENT and on_plane >= c.LEAST_ON_PLANE
+    enough = correlated.has_many_independent and on_plane >= c.LEAST_ON_PLANE
     # where a shutter that reads row after row is what explains the smears, parallax may be there as well
-    at_once = odds(*(model for model in fields if model not in ROLLING.values()))
-    absent = enough and parallax < c.ABSENT_BELOW * (parallax + at_once)
+    rolled = sum(p for p, field in zip(probabilities, fields, strict=True) if field.rolls)
+    absent = enough and parallax < c.ABSENT_BELOW * (1 - rolled)
     if agreement < c.MIN_AGREEMENT and not absent:
         return choice(config=Configuration.UNDEFINED, sentence="no consensus")
-    first, probability = table.likeliest()
-    config, model, comparison = Configuration.PLANAR_OR_PANORAMIC, MotionModel.PLANE, WITHOUT_SIZE
-    if MotionModel.ROTATION in fields:
-        turns, flat = FAMILIES[MotionModel.ROTATION], FAMILIES[MotionModel.PLANE]
-        is_turn = odds(*turns) >= odds(*flat)
-        comparison = f"of a rotation {odds(*turns):.2f}, of a plane {odds(*flat):.2f}"
-        if is_turn:
-            model = max((one for one in turns if one in fields), key=odds)
-        if first is not MotionModel.STILL:  # which is likelier than each, not than all others
-            config = Configuration.PANORAMIC if is_turn else Configuration.PLANAR
-    few = ", as few smears follow F" * (parallax >= c.PROVEN_FROM)
-    sentence = f"{'there is no parallax' if absent else f'parallax is undecided{few}'}: {figures_of(table)}"
-    if first is MotionModel.PARALLAX and not few:
+    turns = odds.get(MotionModel.ROTATION, 0.0) >= odds[MotionModel.PLANE]
+    model = MotionModel.ROTATION if turns else MotionModel.PLANE
+    best = max(zip(probabilities, fields, strict=True), key=lambda one: (one[1].model is model, one[0]))[1]
+    config = Configuration.PLANAR_OR_PANORAMIC
+    comparison = "without an image size a rotation cannot be told from a plane"
+    if MotionModel.ROTATION in odds:
+        of_both = odds[MotionModel.ROTATION], odds[MotionModel.PLANE]
+        comparison = "of a rotation {:.2f}, of a plane {:.2f}".format(*of_both)
+        if rows[0].model is not MotionModel.STILL:  # which is likelier than each, not than all others
+            config = Configuration.PANORAMIC if turns else Configuration.PLANAR
+    sentence = f"{'there is no parallax' if absent else 'parallax is undecided'}: {figures}"
+    if parallax >= c.PROVEN_FROM:
+        sentence += ", but few smears follow F"
+    elif rows[0].model is MotionModel.PARALLAX:
         sentence += f", less than the {c.PROVEN_FROM:g} that would prove it"
-    elif first is not MotionModel.PARALLAX:
-        sentence = f"{first}, probability {probability:.2f}; {sentence}"
+    else:
+        sentence = f"{rows[0].model}, probability {rows[0].probability:.2f}; {sentence}"
     sentence += f"; {comparison}"
-    return choice(config=config, sentence=sentence, reports_F=not absent, homography=fields[model])
-
-
-def figures_of(table: ModelTable) -> str:
-    """Return the clause with the probability of parallax and what it rests on."""
-    parallax = [row for row in table.rows if row.model is MotionModel.PARALLAX]
-    if not parallax:
-        return "no F to compare with"
-    others = max(row.log_likelihood for row in table.rows if row.model is not MotionModel.PARALLAX)
-    ratio = parallax[0].log_likelihood - others
-    return f"probability {parallax[0].probability:.2f} (log-likelihood ratio {ratio:z.0f})"
+    return choice(config=config, sentence=sentence, reports_F=not absent, homography=best.fit)

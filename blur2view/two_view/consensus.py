@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
@@ -21,18 +22,9 @@ MOST_PX = 1e6  # beyond any photograph, and its square is a number
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorOptions:
-    """How F is estimated, and which smears follow it.
+    """Which smears follow F: those nearer than `tolerance_px`, of ``max_error_px`` pixels at most.
 
-    Parameters
-    ----------
-    max_error_px : float
-        Largest distance of an inlier from its epipolar line, see `tolerance_px` (the paper: 3 squared
-        pixels).
-
-    Raises
-    ------
-    ValueError
-        If it is not positive or beyond any photograph.
+    By default the paper's 3 squared pixels. ValueError if it is not positive or beyond any photograph.
     """
 
     max_error_px: float = 3**0.5
@@ -51,23 +43,17 @@ class EstimatorOptions:
         return np.maximum(most, c.INLIER_SIGMAS * sigma_px)
 
 
-def no_geometry(
-    matches: SmearMatches, reason: str, *, stood_still: bool = False, insufficient_data: bool = False
-) -> TwoViewGeometry:
+def no_geometry(matches: SmearMatches, reason: str, **why: Any) -> TwoViewGeometry:
     """Return a degenerate geometry: neither F nor H, and no smear is an inlier."""
+    none = np.zeros(len(matches), bool)
+    config = Configuration.DEGENERATE
     return TwoViewGeometry(
-        F=None,
-        config=Configuration.DEGENERATE,
-        reason=reason,
-        inlier_mask=np.zeros(len(matches), bool),
-        second_end_is_open=np.zeros(len(matches), bool),
-        stood_still=stood_still,
-        insufficient_data=insufficient_data,
+        F=None, config=config, reason=reason, inlier_mask=none, second_end_is_open=none, **why
     )
 
 
 def refused(matches: SmearMatches) -> TwoViewGeometry | None:
-    """Return the geometry of smears that show no motion, one constant motion or too little; else None."""
+    """Return the geometry of smears that show no motion or too little; else None."""
     if len(matches) < c.MIN_MATCHES:
         few = f"too few smears: {len(matches)}, at least {c.MIN_MATCHES} are needed"
         return no_geometry(matches, few, insufficient_data=True)
@@ -75,27 +61,16 @@ def refused(matches: SmearMatches) -> TwoViewGeometry | None:
     if median < c.MIN_LENGTH_PX:
         short = f"no motion: the median smear is {median:.2f} px long, below {c.MIN_LENGTH_PX:.2f} px"
         return no_geometry(matches, short, stood_still=True)
-    if constant_field(matches):
-        one = f"constant field: all smears have one displacement ({median:.1f} px)"
-        return no_geometry(matches, f"{one}, as of any rotation or plane")
-    share, width = coverage(matches), relative_width(matches)
+    share = coverage(matches)
     if share < c.MIN_COVERAGE:
         least = f"at least {100 * c.MIN_COVERAGE:.0f} % needed"
         little = f"the smears cover {100 * share:.0f} % of the image ({least})"
         moved = f"{little}: perhaps one moving object before a still camera"
         return no_geometry(matches, moved, insufficient_data=True)
-    if width <= c.LEAST_WIDTH:
-        line = f"all smears lie along one line: their midpoints are spread {100 * width:.1f} % across it"
-        return no_geometry(matches, line, insufficient_data=True)
+    short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
+    if short <= c.LEAST_WIDTH * long:  # leaves F and H open
+        return no_geometry(matches, "all smears lie along one line", insufficient_data=True)
     return None
-
-
-def constant_field(matches: SmearMatches) -> bool:
-    """Return whether 95 % of the displacements agree, up to sign, within a share CONSTANT of their length."""
-    d = matches.displacement
-    reference = d[np.argsort(matches.length_px)[len(d) // 2]]
-    difference = np.minimum(np.linalg.norm(d - reference, axis=1), np.linalg.norm(d + reference, axis=1))
-    return bool(np.quantile(difference, 0.95) <= c.CONSTANT * np.linalg.norm(reference))
 
 
 def coverage(matches: SmearMatches) -> float:
@@ -107,12 +82,6 @@ def coverage(matches: SmearMatches) -> float:
     return float(len(np.unique(np.floor(matches.midpoint / block_px), axis=0)) / blocks)
 
 
-def relative_width(matches: SmearMatches) -> float:
-    """Return the spread of the midpoints across over along the line that fits them; 0 leaves F and H open."""
-    short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
-    return float(short / max(long, TINY))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inliers:
     """Which smears follow a model, and what share would if their directions were random."""
@@ -121,19 +90,14 @@ class Inliers:
     by_chance: float = 0.0
 
     @property
-    def share(self) -> float:
-        """Share of the smears that are inliers."""
-        return float(self.mask.mean()) if len(self.mask) else 0.0
-
-    @property
     def beyond_chance(self) -> float:
         """Share of inliers of the smears that do not fit by chance; negative if fewer fit than would."""
-        return (self.share - self.by_chance) / max(1 - self.by_chance, 1e-9)
+        return (float(self.mask.mean()) - self.by_chance) / max(1 - self.by_chance, 1e-9)
 
     @property
     def figures(self) -> str:
         """The clause that says so; rounded down, as only all are 100 %."""
-        share = 100 * int(self.mask.sum()) // max(len(self.mask), 1)
+        share = 100 * int(self.mask.sum()) // len(self.mask)
         return f"{share} % of {len(self.mask)} smears fit, {100 * self.by_chance:.0f} % would by chance"
 
 
@@ -148,10 +112,8 @@ def inliers_of(model: Array | HomographyFit, likelihood: Likelihood, options: Es
 
     def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
         if isinstance(model, HomographyFit):
-            distance = np.abs(model.orders(likelihood).least) * likelihood.sigma_px
-        else:
-            distance = np.sqrt(serrmin(model, likelihood.matches.ends))
-        return np.asarray(distance < tolerance)
+            return np.asarray(model.orders(likelihood).least * likelihood.sigma_px < tolerance)
+        return np.asarray(np.sqrt(serrmin(model, likelihood.matches.ends)) < tolerance)
 
     scattered = replace(likelihood, matches=in_random_directions(likelihood.matches))
     return Inliers(mask=fitting(likelihood), by_chance=float(fitting(scattered).mean()))
@@ -162,6 +124,11 @@ def in_random_directions(matches: SmearMatches) -> SmearMatches:
     angle = np.pi * (GOLDEN * np.arange(len(matches)) % 1.0)
     half = 0.5 * matches.length_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return replace(matches, ends=np.stack([matches.midpoint - half, matches.midpoint + half], axis=1))
+
+
+def no_inliers(likelihood: Likelihood) -> Inliers:
+    """Return that no smear follows anything."""
+    return Inliers(mask=np.zeros(len(likelihood), bool))
 
 
 def within_errors(matches: SmearMatches) -> bool:

@@ -20,47 +20,36 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.least_squares import reweighted_motion
 from blur2view.two_view.likelihood import Likelihood
 
+LEAST_LENGTH = np.float32(1e-6)  # of a smear over the focal length: shorter ones have no direction
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DirectionLikelihood:
-    """Smears of a known camera under any direction of translation."""
+    """Smears of a camera (K = identity) under any direction of translation; all their correlation counts."""
 
-    likelihood: Likelihood  # thinned, all correlation counted, in coordinates of the camera (K = identity)
-    across: Array  # (N,) standard deviations of the error across each smear over its length
-    count: float  # how many of the smears are independent
-
-    @classmethod
-    def of(cls, likelihood: Likelihood) -> DirectionLikelihood:
-        """Return the smears of a likelihood, thinned; all correlation of neighbours is counted."""
-        correlated = likelihood.fully_correlated
-        part = correlated.subset(slice(None, None, max(1, len(correlated) // c.GRID_SMEARS)))
-        _, across_px = part.matches.inlier_sigma_px
-        share = likelihood.sigma_scale * across_px / np.maximum(part.length_px, TINY)
-        return cls(
-            likelihood=part,
-            across=np.hypot(share, part.matches.shared.least),
-            count=correlated.effective_count,
-        )
+    likelihood: Likelihood
 
     def at(self, directions: Array) -> tuple[Array, Array, Array]:
         """Return rotation vectors (G, 3) of directions (G, 3), their costs (G,), and orders of smears (G, N).
 
         Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
         """
-        middle, displacement = self.likelihood.middle, self.likelihood.displacement
-        length = np.maximum(np.hypot(*displacement.T), TINY)
-        along, across = unit_lines(directions, middle)  # (G, 2, N)
-        flow = rotation_flow(middle) / length
+        some = self.likelihood.thinned(c.GRID_SMEARS)
+        middle, displacement = (one.astype(np.float32) for one in (some.middle, some.displacement))
+        length = np.maximum(np.hypot(*displacement.T), LEAST_LENGTH)
+        unit, flow = displacement.T / length, rotation_flow(middle) / length
+        along, across = unit_lines(directions.astype(np.float32), middle)  # (G, 2, N)
         rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
-        unit = displacement.T / length
-        outwards = np.where(along[:, 0] * unit[0] + along[:, 1] * unit[1] >= 0, 1.0, -1.0)
+        outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
         wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
+        own = some.sigma_scale * some.matches.inlier_sigma_px[1] / (length * some.unit_px)
+        share = np.hypot(own, some.matches.shared.least).astype(np.float32)  # error across over length
         rotations, missed = reweighted_motion(
-            rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: self.across
+            rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: share
         )
-        data = (c.FREEDOM + 1) * np.log1p((missed / self.across) ** 2 / c.FREEDOM).mean(axis=1)
-        spread = c.GRID_ROTATION_SPREAD * float(np.median(length))
-        return rotations, self.count * data + ((rotations / spread) ** 2).sum(axis=1), outwards
+        data = (c.FREEDOM + 1) * np.log1p((missed / share) ** 2 / c.FREEDOM).mean(axis=1, dtype=float)
+        prior = ((rotations / (c.GRID_ROTATION_SPREAD * float(np.median(length)))) ** 2).sum(axis=1)
+        return rotations.astype(float), self.likelihood.effective_count * data + prior, outwards
 
     @cached_property
     def grid(self) -> tuple[Array, Array, Array, Array]:
@@ -70,12 +59,14 @@ class DirectionLikelihood:
         rotations, costs, orders = (np.concatenate(part) for part in zip(*parts, strict=True))
         return directions, rotations, costs, orders
 
-    @cached_property
-    def best(self) -> tuple[Array, Array]:
-        """Rotation vector and translation (3,) of the greatest likelihood on the grid."""
+    def likeliest(self, count: int) -> list[tuple[Array, Array]]:
+        """Return rotation vectors and translations (3,) of the greatest likelihood, no two close together."""
         directions, rotations, costs, _ = self.grid
-        best = int(np.argmin(costs))
-        return rotations[best], directions[best]
+        kept: list[int] = []
+        for one in np.argsort(costs):
+            if len(kept) < count and (np.abs(directions[kept] @ directions[one]) < c.GRID_APART).all():
+                kept.append(int(one))
+        return [(rotations[one], directions[one]) for one in kept]
 
     def region(self, pose: RigidTransform) -> tuple[Array, PoseCovariance]:
         """Return the mean rotation vector (3,) over all directions, and the covariance about a pose."""

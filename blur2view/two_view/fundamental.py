@@ -23,7 +23,7 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.directions import DirectionLikelihood
 from blur2view.two_view.least_squares import least_of, levenberg_marquardt
 from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
-from blur2view.two_view.models import UNROTATED, CameraF, FundamentalModel, GeneralF
+from blur2view.two_view.models import UNROTATED, CameraF
 from blur2view.two_view.ransac import ransac, weighted_samples
 
 ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])  # but for F^T
@@ -31,7 +31,7 @@ ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FundamentalFit:
-    """A point of a family of F with the odds of the smears' orders there: a `least_squares.Problem`.
+    """An F with the odds of the smears' orders there: a `least_squares.Problem`.
 
     The order of every smear, and whether it is an outlier, are weighed anew at every point (expectation-
     maximisation), so nothing is ever fixed but the ``sign`` of the translation, by which positive depth
@@ -41,12 +41,12 @@ class FundamentalFit:
     outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
     """
 
-    point: FundamentalModel
+    point: CameraF
     likelihood: Likelihood
     sign: float = 0.0
 
     @classmethod
-    def likelier(cls, point: FundamentalModel, likelihood: Likelihood) -> FundamentalFit:
+    def likelier(cls, point: CameraF, likelihood: Likelihood) -> FundamentalFit:
         """Return a point with the sign of the translation that explains more."""
         both = (cls(point=point, likelihood=likelihood, sign=sign) for sign in (1.0, -1.0))
         return min(both, key=lambda state: state.cost)
@@ -67,22 +67,24 @@ class FundamentalFit:
         return float(self.likelihood.effective_share * data + prior @ prior)
 
     def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (k, k) and J^T W r (k,) of data, in the orders that count, and prior."""
-        weight = np.sqrt(self.likelihood.effective_share * self.likelihood.order_weights(self.residuals))
-        jacobian = self.likelihood.derivatives(self.point.matrix(), self.point.tangent(), self.residuals)
+        """Return J^T W J (8, 8) and J^T W r (8,) of data, in the orders that count, and prior."""
+        likelihood, residuals = self.likelihood, self.residuals
+        weight = np.sqrt(likelihood.effective_share * likelihood.order_weights(residuals))
+        F, tangents = self.point.matrix(), self.point.tangent()
+        jacobian = likelihood.products.derivatives(F, tangents, residuals.both, residuals.root)
         jacobian *= weight
         jacobian = jacobian.reshape(len(jacobian), -1)
         prior, of_prior = self.point.prior()
-        gradient = jacobian @ (weight * self.residuals.both).reshape(-1)
+        gradient = jacobian @ (weight * residuals.both).reshape(-1)
         return jacobian @ jacobian.T + of_prior.T @ of_prior, gradient + of_prior.T @ prior
 
     def moved(self, delta: Array) -> FundamentalFit:
-        """Return the point moved by delta (k,)."""
+        """Return the point moved by delta (8,)."""
         return replace(self, point=self.point.step(delta))
 
 
 def fit_best(
-    starts: Sequence[FundamentalModel], likelihood: Likelihood, tolerance: float = c.TOLERANCE
+    starts: Sequence[CameraF], likelihood: Likelihood, tolerance: float = c.TOLERANCE
 ) -> FundamentalFit:
     """Return the cheapest refinement of the starts, which race (`constants.STARTERS`)."""
     points = [FundamentalFit.likelier(start, likelihood) for start in starts]
@@ -104,8 +106,7 @@ class SmearEstimator:
     @cached_property
     def products(self) -> EndProducts:
         """Products of the ends' coordinates, for SErrMin of many models at once."""
-        sigma = self.likelihood.sigma_px / self.likelihood.unit_px
-        return EndProducts(self.likelihood.ends, sigma, np.float32)
+        return EndProducts(self.likelihood.ends, self.likelihood.sigma, np.float32)
 
     @cached_property
     def quality(self) -> Array:
@@ -115,8 +116,8 @@ class SmearEstimator:
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three, for every direction."""
-        limit = 3 * np.array(self.likelihood.prior.rotation)
         three = weighted_samples(self.quality, 3, samples, rng)
+        limit = 3 * self.likelihood.prior[:3]
         return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.DIRECTIONS), limit)
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
@@ -125,10 +126,11 @@ class SmearEstimator:
 
     def refine(self, model: Array) -> Array:
         """Return F (3, 3) after a few steps on all its parameters, wider deviations first: it is coarse."""
-        some = self.likelihood.thinned
+        some = self.likelihood.thinned(c.ROUGH_COUNT)
         for likelihood in (some.rescaled(c.WIDE), some):
-            start = FundamentalFit(point=GeneralF.from_matrix(model), likelihood=likelihood)
-            *_, best = levenberg_marquardt(start, c.SEARCH_STEPS, c.SEARCH_TOLERANCE)
+            start = CameraF.from_matrix(model, likelihood.prior)
+            problem = FundamentalFit(point=start, likelihood=likelihood)
+            *_, best = levenberg_marquardt(problem, c.SEARCH_STEPS, c.SEARCH_TOLERANCE)
             model = best.point.matrix()
         return model
 
@@ -140,7 +142,7 @@ class SmearEstimator:
         """
         bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / np.maximum(self.likelihood.length_px, TINY)
         chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
-        inside = float((np.abs(self.likelihood.residuals(model).least) < c.CUTOFF).mean())
+        inside = float((self.likelihood.residuals(model).least < c.CUTOFF).mean())
         return float((inside - chance + TINY) / (1 - chance + TINY))
 
 
@@ -180,46 +182,35 @@ def _cross(a: Array, b: Array) -> Array:
 def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Likelihood, FundamentalFit]:
     """Return the likelihood with the noise that F leaves, and F, fitted after a robust search.
 
-    Where a camera may be assumed F is that of one (`CameraF`), else any (`GeneralF`). A camera's is refined
-    from any F, too, as the rough fit may have ended in another minimum: beside a plane of 80 % in 2 of 16
-    scenes, with an epipole 8 degrees off (`test_plane_parallax`). Where enough smears are independent the
-    likeliest direction of translation is a start, too: without it 3 of 46 scenes of exact smears end in
-    another minimum.
+    Where many smears are independent the likeliest directions of translation are starts, too: without them 3
+    of 46 scenes of exact smears end in another minimum.
     """
     estimator = SmearEstimator(likelihood=likelihood)
     searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
     starts = [simple] if searched is None else [searched, simple]
-    tells_minima_apart = likelihood.effective_count >= c.LEAST_INDEPENDENT
-    if tells_minima_apart:
-        rotation, t = DirectionLikelihood.of(likelihood).best
-        starts.append(cross_matrix(t) @ rotation_matrix(rotation))
-    rough = with_measured_noise(likelihood.thinned, starts[0])  # as the search's F has it
+    if likelihood.has_many_independent:
+        grid = DirectionLikelihood(likelihood=likelihood.fully_correlated)
+        starts += [cross_matrix(t) @ rotation_matrix(w) for w, t in grid.likeliest(c.GRID_STARTS)]
+    rough = with_measured_noise(likelihood.thinned(c.ROUGH_COUNT), starts[0])  # as the search's F has it
     point = fit_best([CameraF.from_matrix(F, likelihood.prior) for F in starts], rough).point
     measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
-    camera = fit_best([point], measured)
-    if measured.has_camera and not tells_minima_apart:
-        return measured, camera
-    free = fit_best([GeneralF.from_matrix(F) for F in (camera.point.matrix(), *starts)], measured)
-    if not measured.has_camera:
-        return measured, free
-    other = fit_best([CameraF.from_matrix(free.point.matrix(), measured.prior)], measured)
-    return measured, min(camera, other, key=lambda fit: fit.cost)
+    return measured, fit_best([point], measured)
 
 
-def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> FundamentalModel:
+def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> CameraF:
     """Return the two-parameter F [e]x, fitted on the standard deviations as given.
 
     The best of the points e where the lines of two smears meet is the start: unit homogeneous points, that
     of parallel smears at infinity; two parts of one line meet nowhere and are left out.
     """
-    some, ends = estimator.likelihood.thinned, estimator.likelihood.ends
+    some, ends = estimator.likelihood.thinned(c.ROUGH_COUNT), estimator.likelihood.ends
     pairs = ends[weighted_samples(estimator.quality, 2, c.PAIRS, rng)]
     lines = np.cross(homogeneous(pairs[:, :, 0]), homogeneous(pairs[:, :, 1]))  # (PAIRS, 2, 3)
     points = np.vstack([[0.0, 0.0, 1.0], np.cross(lines[:, 0], lines[:, 1])])
     norm = np.linalg.norm(points, axis=1, keepdims=True)
     points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]
     cost = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
-    start = CameraF(t=points[int(np.argmin(cost))], R=np.eye(3), spread=UNROTATED)
+    start = CameraF(t=points[int(np.argmin(cost))], R=np.eye(3), sigma=UNROTATED)
     *_, best = levenberg_marquardt(FundamentalFit(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
     return best.point
 
@@ -230,7 +221,7 @@ def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
     Residuals of the better order below c.CUTOFF are a mixture of a half normal distribution and of a
     uniform one, the outliers; expectation-maximisation separates them.
     """
-    residual = np.abs(likelihood.residuals(F).least)
+    residual = likelihood.residuals(F).least
     squared = residual[residual < c.CUTOFF] ** 2
     if not len(squared):
         return likelihood

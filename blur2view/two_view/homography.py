@@ -7,7 +7,6 @@ of lengths that err by 4 % would speak against every rotation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -15,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import cross_matrix, symmetric_skew, unit_lines
+from blur2view.geometry.epipolar import symmetric_skew, unit_lines
 from blur2view.two_view import constants as c
 from blur2view.two_view.constants import FREEDOM
 from blur2view.two_view.least_squares import least_of, reweighted_motion
-from blur2view.two_view.likelihood import Likelihood, OrderedResiduals, mixture
-from blur2view.two_view.models import HomographyFlow, entries_of, velocity_basis
+from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
+from blur2view.two_view.models import HomographyFlow, velocity_basis
 
 SLOW = 6  # parameters of the errors that vary slowly
 # Their precisions. The first, lengths wrong by a share everywhere, is held at zero: no residual shows it, and
@@ -30,7 +29,7 @@ PRECISION = np.array([1e6, 1, 1, 1, 1, 1])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HomographyFit:
-    """A field among smears, each in the order that fits it better."""
+    """A field among smears, each in the order that fits it better: a `least_squares.Problem`."""
 
     likelihood: Likelihood
     family: HomographyFlow
@@ -42,6 +41,12 @@ class HomographyFit:
         return self.likelihood.whiten(self.family.displacement(self.likelihood.middle).T)
 
     @cached_property
+    def measured(self) -> Array:
+        """The smears (2, N), less the errors that vary slowly, in standard deviations."""
+        slow = np.tensordot(self.slow, self.likelihood.slow_errors, 1)
+        return np.asarray(self.likelihood.white_displacement - slow)
+
+    @cached_property
     def sign(self) -> Array:
         """1 where the smear runs from ends[:, 0] to ends[:, 1], -1 where backward, (N,)."""
         along = (self.predicted * self.likelihood.white_displacement).sum(axis=0)
@@ -50,7 +55,7 @@ class HomographyFit:
     @cached_property
     def residual(self) -> Array:
         """Residuals (2, N) along and across, in standard deviations."""
-        return self.predicted - self.sign * self.likelihood.measured(self.slow)
+        return self.predicted - self.sign * self.measured
 
     @property
     def prior_cost(self) -> float:
@@ -77,8 +82,7 @@ class HomographyFit:
     @property
     def both(self) -> Array:
         """Residuals (2, 2, N) of the smears as they are and reversed, in standard deviations."""
-        measured = self.likelihood.measured(self.slow)
-        return np.stack([self.predicted - measured, self.predicted + measured])
+        return np.stack([self.predicted - self.measured, self.predicted + self.measured])
 
     def gain_of_parallax(self, F: Array) -> float:
         """Return what parallax along the lines of F (3, 3) gains over the field alone, in log-likelihood.
@@ -91,16 +95,14 @@ class HomographyFit:
         line /= np.maximum(np.hypot(*line), TINY)
         height = line[0] * across[1] - line[1] * across[0]  # deviations per unit off the line
         along = (self.both * line).sum(axis=1)
-        scale = 2**0.5 * height * likelihood.sigma_px / likelihood.unit_px
-        off = [likelihood.residuals(f).both * scale for f in (F, F.T)]  # of F and not of the field
+        off = [likelihood.residuals(f).both * 2**0.5 * height * likelihood.sigma for f in (F, F.T)]
         likely = min(off, key=lambda d: float(np.minimum((d**2 + along**2).min(axis=0), 25.0).sum()))
         turned = np.stack([along, likely], axis=1)
         # errors worse than stated, in all directions, and chance: they are no parallax
         other = student(turned / c.WIDER, np.ones(1))[0] / c.WIDER**2 + likelihood.field_chance
         density = student(turned, np.hypot(1.0, [0.0, *c.PARALLAX_WIDTHS]))
         density += likelihood.matches.shared.outlier_odds * other
-        _, log_density = mixture(density.T)
-        return likelihood.effective_share * float((log_density - np.log(density[0])).sum())
+        return likelihood.effective_share * float((mixture(density.T) - np.log(density[0])).sum())
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of the field, then the errors that vary slowly."""
@@ -130,34 +132,29 @@ class HomographyFit:
     def orders(self, likelihood: Likelihood) -> OrderedResiduals:
         """Return how far smears are from the field, in deviations of a Sampson distance, in both orders."""
         predicted = self.family.displacement(likelihood.middle)
-        sigma = 2**0.5 * likelihood.sigma_px / likelihood.unit_px
-        both = [np.hypot(*(predicted - sign * likelihood.displacement).T) / sigma for sign in (1.0, -1.0)]
-        return OrderedResiduals(both=np.stack(both))
+        both = [np.hypot(*(predicted - sign * likelihood.displacement).T) for sign in (1.0, -1.0)]
+        return OrderedResiduals(both=np.stack(both) / (2**0.5 * likelihood.sigma))
 
 
 def fit_homography(
-    start: HomographyFlow, likelihood: Likelihood, other: HomographyFlow | None = None
+    likelihood: Likelihood, *starts: HomographyFlow, steps: int = c.FIELD_STEPS
 ) -> HomographyFit:
-    """Return the cheapest field near a start, or near that of two which is cheaper after a step."""
-    starts = [
-        HomographyFit(likelihood=likelihood, family=field) for field in (start, other) if field is not None
-    ]
-    return least_of(starts, (2,), c.FIELD_STEPS, c.FIELD_TOLERANCE)
+    """Return the cheapest field near a start, or near that of several which is cheaper after some steps."""
+    fits = [HomographyFit(likelihood=likelihood, family=field) for field in starts]
+    return least_of(fits, c.FIELD_STARTERS, steps, c.FIELD_TOLERANCE)
 
 
-def find_plane(likelihood: Likelihood, rotation: Array, orders: Sequence[NDArray[np.bool_]]) -> HomographyFit:
-    """Return the cheapest homography near a rotation vector (3,) or near what follows smears in some order.
+def find_plane(likelihood: Likelihood, rotation: Array, *orders: NDArray[np.bool_]) -> HomographyFit:
+    """Return the cheapest homography near a rotation's entries (8,) or near what follows smears in an order.
 
-    ``orders`` are masks (N,) of the smears whose ends[:, 1] is to be the open end: in each the homography
-    that follows most smears is linear. From there the fit decides every order anew.
+    Of the smears with ends[:, 1] first where an order (N,) is true the homography that follows most is
+    linear. From there the fit decides every order anew.
     """
-    basis, scale = velocity_basis(likelihood.middle), 2**0.5 * likelihood.sigma_px / likelihood.unit_px
+    basis, scale = velocity_basis(likelihood.middle), 2**0.5 * likelihood.sigma
     signed = [np.where(backward, -1.0, 1.0) * likelihood.displacement.T for backward in orders]
-    entries = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in signed]
-    entries.append(entries_of(cross_matrix(rotation)))
-    planes = [HomographyFlow.plane(start, likelihood.prior) for start in entries]
-    starts = [HomographyFit(likelihood=likelihood, family=plane) for plane in planes]
-    return least_of(starts, c.PLANES, 2 * c.FIELD_STEPS, c.FIELD_TOLERANCE)
+    linear = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in signed]
+    starts = (HomographyFlow.plane(start, likelihood.prior) for start in (*linear, rotation))
+    return fit_homography(likelihood, *starts, steps=2 * c.FIELD_STEPS)
 
 
 def student(both: Array, widths: Array) -> Array:
@@ -169,3 +166,12 @@ def student(both: Array, widths: Array) -> Array:
     squared = (both[:, 0] / width) ** 2 + both[:, 1] ** 2  # (W, 2, N)
     density = (1 + squared / FREEDOM) ** (-0.5 * FREEDOM - 1) / width
     return np.asarray(0.5 * density.sum(axis=1))
+
+
+def mixture(density: Array) -> Array:
+    """Return log-densities (N,) of the mixture of greatest likelihood of components of density (N, J)."""
+    others = density.shape[1] - 1
+    weights = np.array([0.5, *others * [0.5 / others]])
+    for _ in range(c.MIXTURE_ROUNDS):
+        weights = weights * ((1 / (density @ weights)) @ density) / len(density)
+    return np.asarray(np.log(density @ weights))

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 from blur2view.camera.camera import Camera
 from blur2view.geometry.epipolar import EndProducts, denormalise
-from blur2view.geometry.rotation import rotation_flow
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
-from blur2view.two_view.models import CameraPrior, assumed_camera, velocity_basis
+from blur2view.two_view.models import assumed_camera, velocity_basis
 
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
 MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
@@ -51,8 +50,8 @@ class OrderedResiduals:
 
     @cached_property
     def least(self) -> Array:
-        """Residuals (N,) of the better order, signed."""
-        return np.asarray(np.where(self.backward, self.both[1], self.both[0]))
+        """Absolute residuals (N,) of the better order."""
+        return np.asarray(np.abs(self.both).min(axis=0))
 
     @cached_property
     def likelihoods(self) -> Array:
@@ -79,20 +78,19 @@ class Likelihood:
     T: Array  # (3, 3) pixels to normalised: the inverse of the camera, assumed or given
     has_camera: bool  # whether T is that of a camera
     # standard deviations of the log focal length and of the principal point in focal lengths; 0: known
-    lens: tuple[float, float] = (CameraPrior.log_focal, CameraPrior.principal)
+    lens: tuple[float, float]
     sigma_fitted: float = 1.0  # scale of the Sampson deviations, over those stated
 
     @classmethod
     def of(cls, matches: SmearMatches, camera: Camera | None = None) -> Likelihood:
         """Return the likelihood of matches, whose ends are undistorted pixels of the camera, if one is given.
 
-        Without it an ordinary camera is assumed; without an image size nothing is, and coordinates are those
-        of an image which just holds the ends.
+        Without it an ordinary camera is assumed; without an image size one whose picture just holds the ends.
         """
-        lens = CameraPrior.log_focal, CameraPrior.principal
+        lens = c.LENS_SPREAD
         if camera is not None:
             T: Array = np.asarray(np.linalg.inv(camera.K), float)
-            lens = camera.log_focal_sigma, 0.0 if camera.known else CameraPrior.principal
+            lens = camera.log_focal_sigma, 0.0 if camera.known else lens[1]
         elif matches.image_size is not None:
             T = assumed_camera(matches.image_size)
         else:
@@ -126,6 +124,11 @@ class Likelihood:
         return np.asarray(self.matches.sampson_px * self.sigma_fitted)
 
     @property
+    def sigma(self) -> Array:
+        """Standard deviations (N,) of the Sampson distance, normalised."""
+        return self.sigma_px / self.unit_px
+
+    @property
     def intrinsics_known(self) -> bool:
         """Whether the intrinsics are known."""
         return self.lens == (0.0, 0.0)
@@ -150,24 +153,32 @@ class Likelihood:
         """Effective number of independent smears."""
         return self.effective_share * len(self)
 
+    @property
+    def has_many_independent(self) -> bool:
+        """Whether so many smears are independent that residuals tell minima of the cost apart."""
+        return self.effective_count >= c.LEAST_INDEPENDENT
+
     @cached_property
-    def prior(self) -> CameraPrior:
-        """What an ordinary camera does while smears of this length arise."""
-        x, y, z = np.array(c.ROTATION_SPREAD) * float(np.median(self.length_px)) / self.unit_px
-        return CameraPrior(rotation=(x, y, z), log_focal=self.lens[0], principal=self.lens[1])
+    def prior(self) -> Array:
+        """Standard deviations (6,) of a camera's motion and lens while smears of this length arise."""
+        rotation = np.array(c.ROTATION_SPREAD) * float(np.median(self.length_px)) / self.unit_px
+        spread = np.array([*rotation, self.lens[0], self.lens[1], self.lens[1]])
+        return spread if self.has_camera else c.NO_CAMERA * spread
+
+    @property
+    def rows_axis(self) -> int:
+        """Axis along which a sensor's rows follow one another, 0 (x) or 1 (y): that of the shorter side."""
+        width, height = self.matches.image_size or (1, 1)
+        return int(height <= width)
 
     def rescaled(self, factor: float) -> Likelihood:
         """Return the likelihood with the deviations of Sampson distances multiplied by a factor."""
         return replace(self, sigma_fitted=self.sigma_fitted * factor)
 
-    def subset(self, index: NDArray[np.int_] | slice) -> Likelihood:
-        """Return the likelihood of some smears; the share of independent ones stays."""
-        return replace(self, matches=self.matches.subset(index))
-
-    @cached_property
-    def thinned(self) -> Likelihood:
-        """ROUGH_COUNT of the smears or up to twice as many, evenly."""
-        return self.subset(slice(None, None, max(1, len(self) // c.ROUGH_COUNT)))
+    def thinned(self, count: int) -> Likelihood:
+        """Return that of so many of the smears or up to twice as many, evenly; their correlation stays."""
+        step = max(1, len(self) // count)
+        return replace(self, matches=self.matches.subset(slice(None, None, step)))
 
     @cached_property
     def fully_correlated(self) -> Likelihood:
@@ -183,12 +194,7 @@ class Likelihood:
     @cached_property
     def products(self) -> EndProducts:
         """Products of the ends' coordinates, for residuals."""
-        return EndProducts(self.ends, self.sigma_px / self.unit_px)
-
-    @cached_property
-    def along(self) -> Array:
-        """Standard deviations (N,) of displacements along epipolar lines, normalised."""
-        return np.hypot(2**0.5 * self.sigma_px, c.LENGTH_ERROR * self.length_px) / self.unit_px
+        return EndProducts(self.ends, self.sigma)
 
     @cached_property
     def chance(self) -> Array:
@@ -201,23 +207,25 @@ class Likelihood:
         both, root = self.products.distances(F)
         return OrderedResiduals(both=both, root=root)
 
-    def derivatives(self, F: Array, tangents: Array, residuals: OrderedResiduals) -> Array:
-        """Return how residuals of F change (k, 2, N) along tangents (k, 3, 3)."""
-        return self.products.derivatives(F, tangents, residuals.both, residuals.root)
+    @cached_property
+    def _along(self) -> Array:
+        """Standard deviations (N,) of displacements along epipolar lines, normalised."""
+        return np.hypot(2**0.5 * self.sigma_px, c.LENGTH_ERROR * self.length_px) / self.unit_px
 
     @cached_property
     def _depths(self) -> tuple[Array, Array]:
-        """Products (3, N) and (9, N) of which t and t w^T give smears and rotations along epipolar lines."""
-        flow = np.concatenate([self.displacement.T[:, None], rotation_flow(self.middle)], axis=1)  # (2, 4, N)
+        """Products (3, N) and (24, N) of which t and t A^T give smears and a field along epipolar lines."""
+        basis = velocity_basis(self.middle).swapaxes(0, 1)  # (2, 8, N)
+        flow = np.concatenate([self.displacement.T[:, None], basis], axis=1)
         along = np.concatenate([flow, -(self.middle.T[:, None] * flow).sum(axis=0, keepdims=True)])
-        return along[:, 0], along[:, 1:].reshape(9, -1)
+        return along[:, 0], along[:, 1:].reshape(24, -1)
 
     def order_odds(self, rotation: Array, t: Array, sign: float) -> Array:
-        """Return the probability (2, N) of both orders by positive depth, of a rotation vector w and +-t.
+        """Return the probability (2, N) of both orders by depth, of a rotation's entries (8,) and +-t.
 
         A point in front of the camera moves, once the rotation is taken off, along t_12 - t_3 p at p: away
         from the epipole of a camera that goes forward, towards that of one that goes back. An order is as
-        probable as its parallax is positive, to first order in w: exactly one is where the translation moves
+        probable as its parallax is positive, to first order: exactly one is where the translation moves
         points farther than the rotation does. Where both are feasible they share, so that a motion gains
         nothing by being vague; where none is, both are improbable. Errors that neighbours share mislead about
         depth as they do about F: the fewer smears are independent, the nearer the odds are to even ones
@@ -227,7 +235,7 @@ class Likelihood:
         moved, turned = t @ smear, np.outer(t, rotation).reshape(-1) @ flow
         x, y = self.middle.T
         length = np.sqrt((t[0] - t[2] * x) ** 2 + (t[1] - t[2] * y) ** 2) + TINY
-        scale = sign * PROBIT_AS_LOGIT / (length * self.along)
+        scale = sign * PROBIT_AS_LOGIT / (length * self._along)
         against = np.minimum(np.stack([turned - moved, turned + moved]) * scale, MOST_LOG_ODDS)
         feasible = 1 / (1 + np.exp(against))
         odds = feasible * (np.maximum(*feasible) / np.add(*feasible))
@@ -252,8 +260,7 @@ class Likelihood:
         F takes up errors that neighbours share, and what it leaves is less than they are: a tenth on a
         phone's picture of a flat chart, which then seemed to have depth.
         """
-        alone = self.effective_share == 1 and self.effective_count >= c.LEAST_INDEPENDENT
-        return self.sigma_fitted if alone else 1.0
+        return self.sigma_fitted if self.effective_share == 1 and self.has_many_independent else 1.0
 
     @cached_property
     def field_sigmas_px(self) -> Array:
@@ -302,16 +309,3 @@ class Likelihood:
     def whiten(self, vectors: Array) -> Array:
         """Return vectors (..., 2, N) along and across the smears in standard deviations."""
         return np.asarray(np.einsum("ijn,...jn->...in", self.whitening, vectors))
-
-    def measured(self, slow: Array) -> Array:
-        """Return the smears (2, N) whitened, less the errors that vary slowly (6,)."""
-        return self.white_displacement - (slow @ self.slow_errors.reshape(len(slow), -1)).reshape(2, -1)
-
-
-def mixture(density: Array) -> tuple[Array, Array]:
-    """Return weights (J,) of greatest likelihood for components of density (N, J), and log-densities (N,)."""
-    weights = np.full(density.shape[1], 0.5 / max(density.shape[1] - 1, 1))
-    weights[0] = 1 - weights[1:].sum()
-    for _ in range(c.MIXTURE_ROUNDS):
-        weights = weights * ((1 / (density @ weights)) @ density) / len(density)
-    return weights, np.log(density @ weights)

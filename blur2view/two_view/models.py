@@ -1,9 +1,8 @@
-"""Models of motion as manifolds: families of F, and displacement fields of homographies.
+"""Models of motion as manifolds: F of a camera, and displacement fields of homographies.
 
-Three nested families of F describe a blurred photograph: `CameraF` (5 parameters and 3 of the camera, held by
-a prior: one camera, the same at both ends, square pixels, principal point near the centre, a small rotation),
-that of a camera whose prior is `UNROTATED` (2 parameters: all smears meet in the epipole) and `GeneralF` (all
-7). Each has a matrix, its derivatives, a step along them, the motion of a camera, and a prior.
+Each has parameters, a step along them, derivatives and a prior. `CameraF` has 5 parameters and 3 of the
+camera, held by a prior: one camera, the same at both ends, square pixels, principal point near the centre, a
+small rotation. With the prior `UNROTATED` it has 2 (all smears meet in the epipole).
 
 A homography between the ends of a short exposure is near the identity and is written by its generator A as
 Cayley's transform H = (I - A/2)^-1 (I + A/2): exact; -A gives the inverse of H and exchanges the two ends of
@@ -11,7 +10,9 @@ a smear. A = K [w]x K^-1 gives exactly the rotations K R K^-1. To first order th
 (A p)_12 - p (A p)_3, quadratic in p and linear in A; the chord of its path is v(p) + (A p)_3 / 4 v(v), to
 fifth order in the smear's length (`HomographyFlow`).
 
-Coordinates are normalised: those of `Likelihood`, for a known camera of K = I.
+Coordinates are normalised: those of `Likelihood`, for a known camera of K = I. A prior, ``sigma`` (6,), holds
+standard deviations of the rotation about x, y, z, radians, of the logarithm of the focal length over the
+assumed one, and of the principal point's offset in units of that; zero fixes a parameter.
 """
 
 from __future__ import annotations
@@ -36,83 +37,8 @@ from blur2view.two_view.constants import ASSUMED_FOCAL, ROLLING_SPREAD
 
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
-
-
-@dataclass(frozen=True, kw_only=True)
-class GeneralF:
-    """F = U diag(cos w, sin w, 0) V^T, seven parameters: every matrix of rank 2.
-
-    References
-    ----------
-    Bartoli and Sturm, Nonlinear estimation of the fundamental matrix with minimal parameters, PAMI 2004.
-    """
-
-    U: Array  # (3, 3) orthogonal
-    V: Array  # (3, 3) orthogonal
-    angle: float  # w
-
-    @classmethod
-    def from_matrix(cls, F: Array) -> GeneralF:
-        """Return the rank-2 matrix nearest to F."""
-        U, singular, Vt = np.linalg.svd(F)
-        return cls(U=U, V=Vt.T, angle=float(np.arctan2(singular[1], singular[0])))
-
-    def matrix(self) -> Array:
-        """Return F of shape (3, 3), unit norm."""
-        return self.U @ np.diag([np.cos(self.angle), np.sin(self.angle), 0.0]) @ self.V.T
-
-    def tangent(self) -> Array:
-        """Return dF of shape (7, 3, 3): rotations of U, rotations of V, the angle."""
-        cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        middle, derivative = np.diag([cosine, sine, 0.0]), np.diag([-sine, cosine, 0.0])
-        inner = np.concatenate([GENERATORS @ middle, -middle @ GENERATORS, derivative[None]])
-        moved: Array = self.U @ inner @ self.V.T
-        return moved
-
-    def step(self, delta: Array) -> GeneralF:
-        """Return the point with U and V rotated and the angle changed."""
-        U, V = self.U @ rotation_matrix(delta[:3]), self.V @ rotation_matrix(delta[3:6])
-        return GeneralF(U=U, V=V, angle=self.angle + float(delta[6]))
-
-    def motion(self) -> tuple[Array, Array]:
-        """Return the smaller rotation vector (3,), radians, and +-t (3,) of the nearest E."""
-        rotations, t = essential_motions(self.matrix())
-        return rotation_vector(rotations[0]), t
-
-    def prior(self) -> tuple[Array, Array]:
-        """Return no residuals (0,) and their Jacobian (0, 7)."""
-        return np.zeros(0), np.zeros((0, 7))
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraPrior:
-    """Standard deviations that hold `CameraF` near what photographs are like.
-
-    ``rotation`` in radians about x, y, z; ``log_focal`` natural log of the focal length over the assumed
-    one; ``principal`` the principal point's offset in units of the assumed focal length. Zero fixes a
-    parameter of the camera.
-    """
-
-    rotation: tuple[float, float, float]
-    log_focal: float = 0.3
-    principal: float = 0.03
-
-    def __post_init__(self) -> None:
-        if not (min(self.rotation) > 0 and self.log_focal >= 0 and self.principal >= 0):
-            raise ValueError(f"standard deviations must be positive, got {self}")
-
-    @cached_property
-    def weight(self) -> Array:
-        """One over the standard deviations (6,) of rotation, log focal length and principal point."""
-        return 1 / np.maximum([*self.rotation, self.log_focal, self.principal, self.principal], 1e-9)
-
-    @cached_property
-    def jacobian(self) -> Array:
-        """Derivatives (6, 8) of the prior's residuals in the parameters of `CameraF`, to first order."""
-        return np.eye(6, 8, 2) * self.weight[:, None]
-
-
-UNROTATED = CameraPrior(rotation=(1e-9, 1e-9, 1e-9), log_focal=0.0, principal=0.0)
+UNROTATED: Array = np.zeros(6)
+LEAST_SIGMA = 1e-9  # standard deviation of a prior that fixes a parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,15 +52,14 @@ class CameraF:
 
     t: Array  # (3,) unit
     R: Array  # (3, 3)
-    log_focal: float = 0.0
-    principal: Array = field(default_factory=lambda: np.zeros(2))
-    spread: CameraPrior
+    lens: Array = field(default_factory=lambda: np.zeros(3))  # log g, cx, cy
+    sigma: Array  # (6,): the prior
 
     @classmethod
-    def from_matrix(cls, F: Array, spread: CameraPrior) -> CameraF:
+    def from_matrix(cls, F: Array, sigma: Array) -> CameraF:
         """Return the pose of least rotation of the essential matrix nearest to F (K = identity)."""
         rotations, t = essential_motions(F)
-        return cls(t=t, R=rotations[0], spread=spread)
+        return cls(t=t, R=rotations[0], sigma=sigma)
 
     @cached_property
     def rotation(self) -> Array:
@@ -144,8 +69,8 @@ class CameraF:
     @cached_property
     def inverse(self) -> Array:
         """K^-1 (3, 3)."""
-        g = math.exp(self.log_focal)
-        cx, cy = self.principal.tolist()
+        log_focal, cx, cy = self.lens.tolist()
+        g = math.exp(log_focal)
         return np.array([[1 / g, 0, -cx / g], [0, 1 / g, -cy / g], [0, 0, 1.0]])
 
     def matrix(self) -> Array:
@@ -168,34 +93,26 @@ class CameraF:
 
     def step(self, delta: Array) -> CameraF:
         """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
-        return replace(
-            self,
-            t=step_on_sphere(self.t, delta[:2]),
-            R=rotation_matrix(delta[2:5]) @ self.R,
-            log_focal=self.log_focal + float(delta[5]),
-            principal=self.principal + delta[6:],
-        )
+        t, R = step_on_sphere(self.t, delta[:2]), rotation_matrix(delta[2:5]) @ self.R
+        return replace(self, t=t, R=R, lens=self.lens + delta[5:])
 
     def prior(self) -> tuple[Array, Array]:
-        """Return residuals (6,): rotation vector, log g, cx, cy; the rotation's Jacobian to first order."""
-        value = np.array([*self.rotation, self.log_focal, *self.principal])
-        return value * self.spread.weight, self.spread.jacobian
+        """Return residuals (6,): rotation vector, log g, cx, cy; their Jacobian (6, 8) to first order."""
+        weight = 1 / np.maximum(self.sigma, LEAST_SIGMA)
+        return np.concatenate([self.rotation, self.lens]) * weight, np.eye(6, 8, 2) * weight[:, None]
 
     def motion(self) -> tuple[Array, Array]:
-        """Return its rotation vector (3,), radians, and t (3,), as if K were the identity."""
-        return self.rotation, self.t
-
-
-FundamentalModel = CameraF | GeneralF
+        """Return the generator's entries (8,) of its rotation and its epipole K t (3,), to first order."""
+        K = np.linalg.inv(self.inverse)
+        return entries_of(K @ cross_matrix(self.rotation) @ self.inverse), K @ self.t
 
 
 def assumed_camera(image_size: tuple[float, ...]) -> Array:
     """Return K^-1 (3, 3) of the assumed camera: centred, focal length ASSUMED_FOCAL times the longer side."""
     width, height = image_size
     focal = ASSUMED_FOCAL * max(width, height)
-    return np.array(
-        [[1 / focal, 0, -(width - 1) / 2 / focal], [0, 1 / focal, -(height - 1) / 2 / focal], [0, 0, 1]]
-    )
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    return np.asarray(np.linalg.inv(K), float)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,25 +121,25 @@ class HomographyFlow:
 
     Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with K = [[g, 0, cx],
     [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), log g,
-    cx and cy, held by ``spread`` as in `CameraF`. A rolling shutter reads one row after the other: at y
+    cx and cy, held by a prior as in `CameraF`. A rolling shutter reads one row after the other: at y
     (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
     rotation y * change, besides; its prior is what a hand does meanwhile (`constants.ROLLING_SPREAD`).
     """
 
     parameters: Array  # (k,): those of the middle row, then the change (3,)
     turns: bool
-    spread: CameraPrior
+    sigma: Array  # (6,): the prior
     axis: int = 1  # 0: x, along which rows follow one another in a picture that was turned upright
 
     @classmethod
-    def plane(cls, entries: Array, spread: CameraPrior) -> HomographyFlow:
+    def plane(cls, entries: Array, sigma: Array) -> HomographyFlow:
         """Return the field of a generator's entries (8,)."""
-        return cls(parameters=entries, turns=False, spread=spread)
+        return cls(parameters=entries, turns=False, sigma=sigma)
 
     @classmethod
-    def rotation(cls, vector: Array, spread: CameraPrior) -> HomographyFlow:
+    def rotation(cls, vector: Array, sigma: Array) -> HomographyFlow:
         """Return the field of a rotation vector (3,) of the assumed camera (K = I)."""
-        return cls(parameters=np.append(vector, np.zeros(3)), turns=True, spread=spread)
+        return cls(parameters=np.append(vector, np.zeros(3)), turns=True, sigma=sigma)
 
     @property
     def change(self) -> Array:
@@ -232,11 +149,11 @@ class HomographyFlow:
     @property
     def weight(self) -> Array:
         """One over the prior's standard deviations of the parameters, (k,)."""
-        still = self.spread.weight if self.turns else np.zeros(8)
-        return np.append(still, self.spread.weight[: len(self.change)] / ROLLING_SPREAD)
+        weight = 1 / np.maximum(self.sigma, LEAST_SIGMA)
+        return np.append(weight if self.turns else np.zeros(8), weight[: len(self.change)] / ROLLING_SPREAD)
 
-    def rolling(self, axis: int = 1) -> HomographyFlow:
-        """Return the same field with a change down the rows, of zero."""
+    def rolling(self, axis: int) -> HomographyFlow:
+        """Return the same field with a change down the rows, along y (1) or x (0), of zero."""
         return replace(self, parameters=np.append(self.parameters, np.zeros(3)), axis=axis)
 
     def step(self, delta: Array) -> HomographyFlow:
@@ -251,8 +168,8 @@ class HomographyFlow:
         return np.asarray(K @ cross_matrix(self.parameters[:3]) @ np.linalg.inv(K))
 
     def _camera(self) -> Array:
-        g, (cx, cy) = np.exp(self.parameters[3]), self.parameters[4:6]
-        return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
+        log_focal, cx, cy = self.parameters[3:6]
+        return np.array([[np.exp(log_focal), 0, cx], [0, np.exp(log_focal), cy], [0, 0, 1.0]])
 
     def tangent(self) -> Array:
         """Return dA of shape (8 or 6, 3, 3) of the middle row."""

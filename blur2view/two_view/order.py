@@ -15,17 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
-from blur2view.geometry.epipolar import fundamental_from_pose, sampson, serrmin, transfer, unit_norm
+from blur2view.geometry.epipolar import fundamental_from_pose, sampson, transfer, unit_norm
 from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential
 from blur2view.geometry.rotation import rotation_flow
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.constants import BEHIND, GUESSED_FOCAL
-
-NORMAL_MEDIAN = 0.455  # of a squared standard normal variable
-NOISE_SCALES = 0.01, 16.0  # squared: the range in which residuals may scale the stated deviations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,17 +33,12 @@ class EndOrder:
     F: Array | None = None  # (3, 3), of undistorted pixels, as H is
     H: Array | None = None
     pose: RigidTransform | None = None  # of the camera
-    noise: float = 1.0  # scale of the smears' stated deviations
 
     def second_end_is_open(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
         """Return where ends[:, 1] is the open end, (N,); nowhere if neither F, H nor a pose is known.
 
-        Parameters
-        ----------
-        ends : ndarray of shape (N, 2, 2)
-            Both ends of smears of the photograph, finite pixels.
-        sampson_px : ndarray of shape (N,)
-            Standard deviations of their Sampson distances, pixels.
+        Of both ends (N, 2, 2) of smears of the photograph, finite pixels, and the standard deviations (N,) of
+        their Sampson distances, pixels.
         """
         if self.pose is not None and not self.pose.translation.any():
             rays = self.camera.rays(ends)
@@ -67,7 +59,7 @@ class EndOrder:
         if model is None:
             return np.full(len(ends), 0.5)
         ahead, behind = (error(model, side[:, 0], side[:, 1]) for side in (ends, ends[:, ::-1]))
-        return 0.5 * (1 + np.tanh((behind - ahead) / (2 * self.noise * sampson_px) ** 2))
+        return 0.5 * (1 + np.tanh((behind - ahead) / (2 * sampson_px) ** 2))
 
 
 def end_order(
@@ -75,34 +67,19 @@ def end_order(
 ) -> EndOrder:
     """Return the order of ends under a geometry, given the smears that it was estimated from.
 
-    A pose that is not known is that of F and of the camera; an F that is not known that of the pose.
-
-    Parameters
-    ----------
-    geometry : TwoViewGeometry
-    ends : ndarray of shape (N, 2, 2)
-        Both ends of these smears, pixels as the camera distorts them.
-    sampson_px : ndarray of shape (N,)
-        Standard deviations of their Sampson distances, pixels.
-    camera : Camera or None
-        None: the focal length is guessed as COLMAP does.
-    size : (int, int)
-        Width and height of the photograph, pixels.
+    A pose that is not known is that of F and of the camera; an F that is not known that of the pose. ``ends``
+    (N, 2, 2) are pixels as the camera distorts them, ``sampson_px`` (N,) standard deviations of their Sampson
+    distances, ``size`` the width and height of the photograph; without a camera the focal length is guessed
+    as COLMAP does.
     """
     camera = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size, "guess")
     F, pose, inliers = geometry.F, geometry.cam2_from_cam1, geometry.inlier_mask
     if F is None and pose is not None and pose.translation.any():
         F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
     order = EndOrder(camera=camera, F=F, H=geometry.H, pose=pose)
-    if F is None or not inliers.any():
+    if F is None or pose is not None or not inliers.any():
         return order
-    straight = camera.undistorted(ends)
-    if pose is not None:  # F of known intrinsics leaves the smears' own noise, which may be overstated
-        squared = serrmin(F, straight[inliers]) / sampson_px[inliers] ** 2
-        return replace(
-            order, noise=float(np.sqrt(np.clip(np.median(squared) / NORMAL_MEDIAN, *NOISE_SCALES)))
-        )
-    forward = order.forward_probability(straight, sampson_px)
+    forward = order.forward_probability(camera.undistorted(ends), sampson_px)
     E = camera.K.T @ F @ camera.K
     return replace(order, pose=pose_before_both(E, camera.rays(ends), forward, inliers.astype(float)))
 
@@ -154,12 +131,7 @@ def pose_before_both(E: Array, rays: Array, forward: Array, weights: Array) -> R
     Among equal ones it is that of the smaller rotation. ``rays`` and ``forward`` are as in
     `order_before_both`. Reversing time inverts the pose and every order and changes no count: one of the two
     is given.
-
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 9.6.3.
     """
     poses = decompose_essential(E)  # those of the smaller rotation first, and max() takes the first of equals
-    total = max(float(weights.sum()), TINY)
-    shares = [round(float(weights @ order_before_both(pose, rays, forward)[1]) / total, 9) for pose in poses]
-    return poses[int(np.argmax(shares))]
+    shares = [weights @ order_before_both(pose, rays, forward)[1] for pose in poses]
+    return poses[int(np.argmax(np.round(np.divide(shares, max(weights.sum(), 1e-9)), 9)))]

@@ -1,15 +1,13 @@
 """The pose of a camera with known intrinsics: E, the rotation, and the translation where it is known.
 
-The region is the likelihood's spread over all directions of translation (`directions`), with all correlation
-of neighbouring smears counted (`Likelihood.fully_correlated`).
-
-E has five parameters and is fitted as F is, started from the camera's fit and from the likeliest direction.
+E has five parameters and is fitted as F is, started from the likeliest direction of translation. The region
+is the likelihood's spread over all directions (`directions`), with all correlation of neighbouring smears
+counted (`Likelihood.fully_correlated`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
@@ -22,7 +20,6 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
 from blur2view.two_view.directions import DirectionLikelihood
 from blur2view.two_view.fundamental import FundamentalFit, fit_best
-from blur2view.two_view.homography import fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, cayley
 from blur2view.two_view.order import pose_before_both
@@ -41,40 +38,6 @@ class EstimatedPose:
     E: Array | None  # (3, 3) of the intrinsics, which F becomes that of; None where a rotation explains all
 
 
-def fit_calibrated(
-    likelihood: Likelihood, start: CameraF, directions: DirectionLikelihood
-) -> tuple[CameraF, RigidTransform]:
-    """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
-    rotation, t = directions.best
-    likeliest = CameraF(t=t, R=rotation_matrix(rotation), spread=likelihood.prior)
-    fits = [fit_best([one], likelihood) for one in (start, likeliest)]
-    point = cast(CameraF, min(fits, key=lambda fit: fit.cost).point)
-    residuals = likelihood.residuals(point.matrix())
-    inliers = likelihood.order_weights(residuals).sum(axis=0)
-    return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
-
-
-def covariance_of(
-    likelihood: Likelihood, point: CameraF, pose: RigidTransform, directions: PoseCovariance
-) -> PoseCovariance:
-    """Return the covariance of the pose of E at a point, of that over all ``directions`` about it.
-
-    It is the inverse of Gauss and Newton's normal matrix, times a factor as that leaves out that orders and
-    outliers are uncertain, and, where few smears are independent, the spread of the likelihood over the
-    directions; where many are that is narrower than its grid.
-    """
-    correlated = likelihood.fully_correlated
-    normal, _ = FundamentalFit.likelier(point, correlated).normal_equations()
-    curvature = np.asarray(np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), np.float64)
-    matrix = c.MISSED * curvature
-    tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
-    if correlated.effective_count >= c.LEAST_INDEPENDENT:
-        return PoseCovariance(matrix=matrix, tangents=tangents)
-    step = np.eye(5)
-    step[3:, 3:] = tangents @ directions.tangents.T
-    return PoseCovariance(matrix=matrix + step @ directions.matrix @ step.T, tangents=tangents)
-
-
 def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
     """Return the pose of known intrinsics for a choice with F or H.
 
@@ -82,13 +45,14 @@ def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
     explains the smears alone; else the pose is the rotation, whatever the translation.
     """
     if choice.config is Configuration.PANORAMIC and choice.homography is not None:
-        fit = fit_homography(choice.homography.family, likelihood.fully_correlated)
-        vector, spread = fit.family.parameters[:3], fit.covariance()[:3, :3]
+        field = choice.homography
+        correlated = replace(field, likelihood=field.likelihood.fully_correlated)
+        vector, spread = field.family.parameters[:3], correlated.covariance()[:3, :3]
         return rotation_alone(vector, spread, "the rotation that explains the smears alone")
-    directions = DirectionLikelihood.of(likelihood)
-    point, pose = fit_calibrated(likelihood, cast(CameraF, choice.fit.point), directions)
+    directions = DirectionLikelihood(likelihood=likelihood.fully_correlated)
+    point, pose = fit_calibrated(likelihood, choice.fit.point, directions)
     mean, region = directions.region(pose)
-    covariance = covariance_of(likelihood, point, pose, region)
+    covariance = covariance_of(likelihood.fully_correlated, point, pose, region)
     fitted = "; E was then fitted to the known intrinsics"
     proven = choice.config is Configuration.UNCALIBRATED
     if proven or covariance.translation_sigma_deg < c.KNOWN_DEG:
@@ -100,6 +64,37 @@ def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
     if not choice.reports_F:
         return alone
     return replace(alone, E=pose.essential, sentence=f"{fitted}{alone.sentence}")
+
+
+def fit_calibrated(
+    likelihood: Likelihood, start: CameraF, directions: DirectionLikelihood
+) -> tuple[CameraF, RigidTransform]:
+    """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
+    ((rotation, t),) = directions.likeliest(1)
+    likeliest = CameraF(t=t, R=rotation_matrix(rotation), sigma=likelihood.prior)
+    point = fit_best([start, likeliest], likelihood).point
+    residuals = likelihood.residuals(point.matrix())
+    inliers = likelihood.order_weights(residuals).sum(axis=0)
+    return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
+
+
+def covariance_of(
+    correlated: Likelihood, point: CameraF, pose: RigidTransform, directions: PoseCovariance
+) -> PoseCovariance:
+    """Return the covariance of the pose of E at a point, of that over all ``directions`` about it.
+
+    It is the inverse of Gauss and Newton's normal matrix, times a factor as that leaves out that orders and
+    outliers are uncertain, and, where few smears are independent, the spread of the likelihood over the
+    directions; where many are that is narrower than its grid.
+    """
+    normal, _ = FundamentalFit.likelier(point, correlated).normal_equations()
+    matrix = c.MISSED * np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True)
+    tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
+    if not correlated.has_many_independent:
+        step = np.eye(5)
+        step[3:, 3:] = tangents @ directions.tangents.T
+        matrix = matrix + step @ directions.matrix @ step.T
+    return PoseCovariance(matrix=np.asarray(matrix, float), tangents=tangents)
 
 
 def rotation_alone(vector: Array, covariance: Array, why: str) -> EstimatedPose:

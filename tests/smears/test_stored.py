@@ -1,7 +1,6 @@
 """Smears in a file: the network's grid gives every pixel back, in little space; what is no such file."""
 
 import os
-import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -84,9 +83,7 @@ def test_command_writes_the_smears_of_its_estimate(
     np.testing.assert_allclose(read, predicted, atol=0.03)
 
 
-@pytest.mark.parametrize(
-    "damage", ["absent", "text", "cut", "other", "nan", "pickle", "short", "huge", "stride", "pipe"]
-)
+@pytest.mark.parametrize("damage", ["absent", "text", "cut", "other", "nan", "short", "stride", "pipe"])
 def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
     path = written(tmp_path / "a.smear.npz", grid((100, 130)))
     arrays: dict[str, Any] = dict(np.load(path))
@@ -103,32 +100,13 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
         arrays |= {
             "other": {"shape": np.array([1000, 1000])},
             "nan": {"smear_grid": np.full_like(arrays["smear_grid"], np.nan)},
-            "pickle": {"ends": np.array([{}], object)},
             "short": {"shape": np.array(100)},
-            "huge": {
-                "smear_grid": np.zeros((1, 1, 4), np.float16),
-                "stride": np.array(1 << 30),
-                "shape": np.array([1 << 30, 1 << 30]),
-            },
             "stride": {"stride": np.array(np.inf)},
         }[damage]
         np.savez(path, **arrays)
     remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
     with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
         load_smears(path)
-
-
-def test_zeros_that_no_photograph_has_are_refused_before_they_take_memory(tmp_path: Path) -> None:
-    path, zeros = tmp_path / "a.smear.npz", np.zeros((1 << 13, 1 << 12, 4), np.float16)
-    place = {"shape": np.array([1 << 18, 1 << 17]), "stride": np.array(32)}
-    for write in (np.savez, np.savez_compressed):
-        write(path, smear_grid=zeros, **place)  # type: ignore[arg-type]
-        tracemalloc.start()
-        with pytest.raises(OutputError, match="is no whole"):
-            load_smears(path)
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        assert peak < zeros.nbytes / 10
 
 
 @pytest.mark.parametrize(

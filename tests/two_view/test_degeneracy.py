@@ -10,7 +10,6 @@ from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.consensus import constant_field, relative_width
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, disturb, make_scene, noise_field_ends
 from tools.datasets.synthetic_matches import (
@@ -157,11 +156,9 @@ def fields() -> dict[str, SmearMatches]:
     line = SmearMatches(ends=np.stack([row - half, row + half], axis=1), sigma_px=np.ones(300))
     person = rng.uniform([300, 200], [360, 340], (400, 2))
     ends = np.stack([person - [6.0, 1], person + [6.0, 1]], axis=1) + rng.normal(0, 0.4, (400, 2, 2))
-    constant = SmearMatches.from_points(points, points + [8.0, 3.0], image_size=IMAGE_SIZE)
     walker = SmearMatches(ends=ends, sigma_px=np.ones(400), image_size=IMAGE_SIZE)
     return {
         "short": SmearMatches.from_points(points, points + 0.1, image_size=IMAGE_SIZE),
-        "constant": constant,
         "line": line,
         "line in a picture": replace(line, image_size=IMAGE_SIZE),
         "walker": walker,
@@ -172,7 +169,6 @@ def fields() -> dict[str, SmearMatches]:
     ("field", "words", "parallax"),
     [
         ("short", "no motion: the median smear", Parallax.ABSENT),
-        ("constant", "constant field", Parallax.ABSENT),
         ("line", "line", Parallax.UNDECIDED),
         ("line in a picture", "smears", Parallax.UNDECIDED),
         ("walker", "one moving object", Parallax.UNDECIDED),
@@ -188,13 +184,13 @@ def test_what_shows_too_little_is_degenerate_and_says_why(field: str, words: str
     assert not geometry.inlier_mask.any() and not geometry.second_end_is_open.any()
 
 
-def test_a_field_is_constant_or_on_a_line_whatever_its_orders() -> None:
-    constant = fields()["constant"]
-    reversed_ = np.arange(300)[:, None, None] % 2 == 0
-    assert constant_field(constant)
-    assert constant_field(replace(constant, ends=np.where(reversed_, constant.ends, constant.ends[:, ::-1])))
-    assert not constant_field(draw_scene("general", 1).matches)
-    assert relative_width(fields()["line in a picture"]) < 1e-9 and relative_width(constant) > 0.5
+def test_one_displacement_everywhere_is_that_of_a_homography() -> None:
+    points, half = np.random.default_rng(0).uniform(0, 400, (300, 2)), np.array([4.0, 1.5])
+    ends = np.stack([points - half, points + half], axis=1)
+    ends[::2] = ends[::2, ::-1]
+    geometry = estimate_two_view(SmearMatches(ends=ends, sigma_px=np.ones(300), image_size=IMAGE_SIZE))
+    assert geometry.config in (Configuration.PANORAMIC, Configuration.PLANAR)
+    assert geometry.H is not None and geometry.parallax is not Parallax.PROVEN
 
 
 def test_some_smears_of_no_length_break_nothing() -> None:

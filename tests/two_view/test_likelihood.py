@@ -1,4 +1,4 @@
-"""The likelihood: mixtures, what parallax gains, orders, calibrated cameras with distortion."""
+"""The likelihood: what parallax gains, both orders summed, which order positive depth says a smear has."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.two_view.homography import HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.models import CameraPrior, HomographyFlow, cayley
+from blur2view.two_view.models import CameraF, HomographyFlow, cayley, entries_of
 from tests.support.likelihoods import normalised_likelihood
+from tests.support.scenes import make_scene
 
 NOISE = 8e-4
-SOFT = CameraPrior(rotation=(1.0, 1.0, 1.0))
 
 
 def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Array, Array]:
@@ -31,19 +31,17 @@ def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Arra
 
 
 def plane_of(A: Array, likelihood: Likelihood) -> HomographyFit:
-    return fit_homography(HomographyFlow.plane(A.ravel()[:8], likelihood.prior), likelihood)
+    return fit_homography(likelihood, HomographyFlow.plane(A.ravel()[:8], likelihood.prior))
 
 
-def gain(A: Array, F: Array, ends: Array, sigma: float = NOISE) -> float:
-    return plane_of(A, normalised_likelihood(ends, sigma)).gain_of_parallax(F)
+def gain(A: Array, F: Array, ends: Array) -> float:
+    return plane_of(A, normalised_likelihood(ends, NOISE)).gain_of_parallax(F)
 
 
 def test_parallax_is_counted_and_a_plane_gains_nothing_from_it() -> None:
     for seed in range(6):
-        A, F, ends = beside_a_plane(seed, 0.0)
-        assert gain(A, F, ends) < 6
-        A, F, ends = beside_a_plane(seed, 0.4)
-        assert gain(A, F, ends) > 60
+        assert gain(*beside_a_plane(seed, 0.0)) < 6
+        assert gain(*beside_a_plane(seed, 0.4)) > 60
 
 
 def test_a_wrong_F_gains_less_than_the_true_one() -> None:
@@ -83,5 +81,69 @@ def test_smears_without_length_break_nothing(length: float) -> None:
     ends = np.random.default_rng(0).uniform(-0.4, 0.4, (50, 1, 2)).repeat(2, axis=1)
     ends[:, 1, 0] += length
     likelihood = normalised_likelihood(ends, NOISE)
-    still = HomographyFit(likelihood=likelihood, family=HomographyFlow.plane(np.zeros(8), SOFT))
+    still = HomographyFit(likelihood=likelihood, family=HomographyFlow.plane(np.zeros(8), np.ones(6)))
     assert np.isfinite(still.gain_of_parallax(np.eye(3)))
+
+
+def odds(seed: int, rotation_share: float, camera: bool) -> tuple[Array, Array]:
+    """Return odds (N,) of the true and of the other order of an exact scene's smears.
+
+    By the camera, or by coordinates of the assumed one, whose focal length is another.
+    """
+    scene = make_scene(np.random.default_rng(seed), rotation_share=rotation_share)
+    likelihood = Likelihood.of(scene.matches(0.01), scene.camera if camera else None)
+    K = likelihood.T @ scene.K
+    lens = np.array([np.log(K[0, 0]), *K[:2, 2]])
+    point = CameraF(t=scene.t / np.linalg.norm(scene.t), R=scene.R, lens=lens, sigma=np.ones(6))
+    forward, backward = likelihood.order_odds(*point.motion(), 1.0)
+    return np.where(scene.swapped, backward, forward), np.where(scene.swapped, forward, backward)
+
+
+@pytest.mark.parametrize("camera", [True, False], ids=["known", "assumed"])
+@pytest.mark.parametrize("rotation_share", [0.0, 0.3, 0.6])
+def test_points_in_front_are_likelier_in_their_true_order(rotation_share: float, camera: bool) -> None:
+    decided = 0.0
+    for seed in range(5):
+        true, other = odds(seed, rotation_share, camera)
+        clear = np.abs(true - other) > 0.3
+        decided += clear.mean() / 5
+        assert (true > other)[clear].mean() > 0.999
+    assert decided > (0.3 if rotation_share else 0.995)
+
+
+def smears(middle: Array, displacement: Array) -> Likelihood:
+    """Return the likelihood of smears (N, 2) at normalised midpoints (N, 2), all independent."""
+    ends = np.stack([middle - displacement / 2, middle + displacement / 2], axis=1)
+    return normalised_likelihood(ends, 1e-4)
+
+
+def turning(*vector: float) -> Array:
+    return entries_of(cross_matrix(np.array(vector)))
+
+
+def test_exchanging_the_ends_or_the_translation_exchanges_the_orders() -> None:
+    rng = np.random.default_rng(0)
+    turn, t, middle, displacement = (
+        turning(*rng.normal(size=3)),
+        rng.normal(size=3),
+        *rng.normal(size=(2, 9, 2)),
+    )
+    one, other = (smears(middle, s * displacement) for s in (1, -1))
+    assert np.allclose(one.order_odds(turn, t, 1.0)[::-1], other.order_odds(turn, t, 1.0))
+    assert np.allclose(one.order_odds(0 * turn, t, -1.0), other.order_odds(0 * turn, t, 1.0))
+    assert np.allclose(one.order_odds(turn, t, -1.0), one.order_odds(turn, -t, 1.0))
+
+
+def test_feasible_orders_share_and_infeasible_ones_are_improbable() -> None:
+    sideways, turn = np.array([1.0, 0.0, 0.0]), turning(0.0, 1.0, 0.0)  # by 1 along x
+    likelihood = smears(np.zeros((1, 2)), np.array([[0.1, 0.0]]))
+    assert np.allclose(likelihood.order_odds(-turn, sideways, 1.0), 0.5, atol=0.01)
+    forward, backward = likelihood.order_odds(0 * turn, sideways, 1.0)
+    assert forward > 0.95 and backward < 1e-6
+    assert likelihood.order_odds(turn, sideways, 1.0).max() < np.exp(-10)
+
+
+def test_the_midpoint_at_the_epipole_says_nothing_and_fails_nothing() -> None:
+    likelihood = smears(np.zeros((1, 2)), np.ones((1, 2)))
+    forward, backward = likelihood.order_odds(np.zeros(8), np.array([0.0, 0.0, 1.0]), 1.0)
+    assert forward == backward > 0

@@ -125,7 +125,7 @@ def test_rotation_about_the_optical_axis_is_no_parallax(sign: int) -> None:
     ("readout_s", "rotation", "moved", "within"),
     [
         (0.03, 0.04 * ABOUT_X + 0.01 * ABOUT_Z, (0.02, 0.03, 0.05), 0.02),
-        (0.045, 0.05 * ABOUT_X + 0.03 * ABOUT_Z, (0.02, 0.03, 0.15), 0.05),
+        (0.045, 0.05 * ABOUT_X + 0.03 * ABOUT_Z, (0.02, 0.03, 0.15), 0.02),
     ],
     ids=["30 ms", "45 ms"],
 )
@@ -147,9 +147,9 @@ def test_proven_parallax_keeps_its_rotation_and_translation(
             if pose is not None
         )
 
-    missing = [missed(solve(ends, shutter, seed)) for seed in range(5)]
-    turned, towards = np.median(missing, axis=0)
-    assert turned < within and towards < 2
+    for seed in range(5):
+        turned, towards = missed(solve(ends, shutter, seed))
+        assert turned < within and towards < 2
     assert missed(solve(ends, None))[0] > 0.05
 
 
@@ -216,8 +216,8 @@ def test_a_turn_that_is_faster_down_the_rows_is_no_parallax_unless_the_shutter_i
             geometry = estimate_two_view(one, camera=camera)
             assert geometry.parallax is not Parallax.PROVEN
             assert geometry.config is Configuration.PANORAMIC
-            assert (geometry.rotation_probability or 0.0) > 0.5
+            turns = next(row for row in geometry.models if row.model == "rotation")
+            assert turns.probability > 0.5 and turns.parameters == 6
         known = RollingShutter(readout_s=0.0, exposure_s=EXPOSURE_S)
         told = estimate_two_view(matches, camera=scene.camera, shutter=known)
-        assert not any("rolling" in row.model for row in told.table.rows)
-        assert any("rolling" in row.model for row in geometry.table.rows)
+        assert all(row.parameters == 3 for row in told.models if row.model == "rotation")

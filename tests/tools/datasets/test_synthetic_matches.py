@@ -49,6 +49,6 @@ def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Scene) ->
     if kind in ("pure rotation", "plane", "general"):
         exact = replace(scene.matches, ends=scene.true_ends, sigma_px=np.full(len(scene.true_ends), 0.2))
         likelihood = Likelihood.of(exact)
-        plane = find_plane(likelihood, np.zeros(3), [scene.swapped])
+        plane = find_plane(likelihood, np.zeros(8), scene.swapped)
         inside = np.mean(np.abs(plane.orders(likelihood).least) < 3)
         assert inside > 0.99 if kind != "general" else inside < 0.9

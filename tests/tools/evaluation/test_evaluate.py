@@ -23,7 +23,7 @@ OPTIONS = RenderOptions(
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> TestScene:
     """Render a scene whose camera translates and turns."""
-    truth = render(4, OPTIONS)
+    truth = render(6, OPTIONS)
     assert truth.F is not None and not np.array_equal(truth.R, np.eye(3))
     fields = {name: getattr(truth, name) for name in (*testset.ARRAYS, "F", "kind")}
     path = tmp_path_factory.mktemp("scene") / "0000.png"
