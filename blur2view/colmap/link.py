@@ -1,14 +1,14 @@
 """Virtual views added to a COLMAP project that holds the photographs and their features.
 
-Per photograph two images, their keypoints, and three pairs: open-close, and photograph-open and
-photograph-close, whose geometries mappers find from the matches. Rows of the user are read, never written:
-views go in by plain INSERT, which no row can be lost to. Views that an earlier call wrote are written anew.
+Per photograph two images, their keypoints, and three pairs: photograph-open, photograph-close, open-close.
+Rows of the user are read, never written: views go in by plain INSERT, which no row can be lost to. Views that
+an earlier call wrote are written anew.
 """
 
 import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from itertools import combinations
 from pathlib import Path
@@ -36,6 +36,7 @@ from blur2view.colmap.project import (
     rig_of,
 )
 from blur2view.errors import DatabaseError
+from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
 from blur2view.output_files import half_written
 
@@ -154,8 +155,10 @@ def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, E
                 for image_id in ids:
                     view = pycolmap.Image(name=f"{image_id}", camera_id=1, image_id=image_id)
                     opened.write_image(view, use_image_id=True)
-                bare = replace(views.geometry, F=None, H=None, cam2_from_cam1=None, covariance=None)
-                halves = {(image.image_id, end): bare for end in ids}
+                halves = {
+                    (image.image_id, end): half_geometry(geometry, views.camera, views.size)
+                    for end, geometry in zip(ids, (views.geometry.reversed(), views.geometry), strict=True)
+                }
                 write_rows(opened, views, ids, {ids: views.geometry, **halves})
         with closing(sqlite3.connect(beside)) as rows:
             for table, columns in COLUMNS.items():

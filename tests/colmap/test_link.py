@@ -11,6 +11,7 @@ from blur2view.colmap.link import ProjectImage, plan_links, write_links
 from blur2view.colmap.project import image_names, open_for_writing, smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
+from blur2view.geometry.epipolar import unit_norm
 from tests.support.colmap_check import check_database
 from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
 from tests.support.sql import run_sql
@@ -64,11 +65,23 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
             geometry = database.read_two_view_geometry(ids[one], ids[other])
             np.testing.assert_array_equal(matches, np.stack([usable] * 2, axis=1))
             np.testing.assert_array_equal(geometry.inlier_matches, np.stack([used] * 2, axis=1))
-            assert geometry.config == 3 and (geometry.F is not None) == (one == 1)
+            assert geometry.F is not None and geometry.config == 3  # else calibrate_view_graph throws
         assert database.num_rigs() == (1 if kind.frames and not kind.old else 0)
     with pycolmap.Database.open(path) as database:  # what the mapper loads: throws where a frame is missing
         cache = pycolmap.DatabaseCache.create(database, pycolmap.DatabaseCacheOptions())
     assert {"a_000.jpg#open", "a_002.jpg#close"} <= {image.name for image in cache.images.values()}
+
+
+def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
+    plan, views = link_of(only_plan(path))
+    F = np.cross(np.eye(3), np.random.default_rng(0).normal(size=3))  # a translation: half has the same F
+    views = replace(views, geometry=replace(views.geometry, F=F))
+    write_links(path, [(plan, views)], backup=False)
+    with pycolmap.Database.open(path) as database:
+        geometries = [database.read_two_view_geometry(*pair).F for pair in ((2, 4), (2, 5), (4, 5))]
+    to_open, to_close, whole = (unit_norm(np.asarray(found, float)) for found in geometries)
+    np.testing.assert_allclose(to_close, whole, atol=1e-9)
+    np.testing.assert_allclose(to_open, -whole, atol=1e-9)
 
 
 def names_of(path: Path) -> dict[str, int]:
