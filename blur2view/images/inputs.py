@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -108,37 +109,45 @@ def list_photographs(
 
 
 def _sources(found: Inputs, word: str, recursive: bool, frames: Callable[[Path], range]) -> Iterator[Source]:
-    """Yield the photographs of one word; if it cannot be used itself, with the reason among those refused."""
+    """Yield the photographs of one word; what cannot be used is among those refused, with its reason."""
     path = Path(word)
     try:
         if is_video(path):
             yield from [Source(path=path, frame=number) for number in frames(path)]
         elif path.is_dir():
-            photographs = _photographs(path, recursive)
+            photographs, unread = _photographs(path, recursive)
             found.roots.update((source, path) for source in photographs)
             yield from photographs
+            for error in unread:
+                yield _refuse(found, Path(error.filename), error)
         else:
             yield frame_named(word) or Source(path=path)
     except (ImageError, OSError) as error:
-        line = (
-            f"{path}: cannot be read ({getattr(error, 'strerror', '')}); check the path and its permissions"
-        )
-        found.refused[Source(path=path)] = str(error) if isinstance(error, ImageError) else line
-        yield Source(path=path)
+        yield _refuse(found, path, error)
 
 
-def _photographs(folder: Path, recursive: bool) -> list[Source]:
-    """Return the photographs of a folder, frame_2 before frame_10; ImageError if it has none.
+def _refuse(found: Inputs, path: Path, error: ImageError | OSError) -> Source:
+    """Return a path as a source that is refused, with the reason."""
+    line = f"{path}: cannot be read ({getattr(error, 'strerror', '')}); check the path and its permissions"
+    found.refused[Source(path=path)] = str(error) if isinstance(error, ImageError) else line
+    return Source(path=path)
 
-    So are links that lead nowhere, whose failure is named later, but not results of blur2view.
+
+def _photographs(folder: Path, recursive: bool) -> tuple[list[Source], list[OSError]]:
+    """Return a folder's photographs, frame_2 before frame_10, and the errors of folders that cannot be read.
+
+    So are links that lead nowhere, whose failure is named later, but not results of blur2view. ImageError if
+    there are none.
     """
-    entries = [path for path in (folder.rglob("*") if recursive else folder.iterdir()) if not path.is_dir()]
+    unread: list[OSError] = []
+    walked = islice(os.walk(folder, onerror=unread.append), None if recursive else 1)
+    entries = [Path(here, name) for here, _, names in walked for name in names]
     found = [path for path in entries if path.suffix.lower() in PHOTOGRAPH_SUFFIXES]
     found = [path for path in found if path.suffix.lower() != ".png" or not is_ours(path)]
-    if not found:
+    if not found and not unread:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         raise ImageError(f"{folder}: holds no photograph; {more}")
-    return [Source(path=path) for path in sorted(found, key=_in_order)]
+    return [Source(path=path) for path in sorted(found, key=_in_order)], unread
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:
