@@ -92,7 +92,7 @@ class ToTransformsOptions:
 def _write_transforms(options: ToTransformsOptions) -> str:
     """Write the file, masks, and the points beside it where it names them; return what was written."""
     target = options.output
-    check_file(target, "file")
+    check_file(target)
     images = options.photographs or noted(options.model, PICTURES) or target.parent / PHOTOGRAPHS
     model = read_model(options.model)
     content = transforms(
@@ -108,7 +108,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     files = {} if options.masks is None else _masks(options, options.masks, content, frames, images)
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
-        check_file(cloud, "point cloud")
+        check_file(cloud)
         files[cloud] = point_cloud(model)
     content = {"generator": f"blur2view {__version__}", **content, "frames": list(frames.values())}
     files[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
