@@ -41,7 +41,7 @@ MOST_DEPARTURE = 6.0  # standard deviations of the spline
 MOST_CHANGE = 0.7  # of the smears' rotation, by which the neighbours correct it
 SURE_SHARE = 0.5  # of the points looked for: where more are found smears may be wrong
 # The next four are of 69 rendered frames, runs of 3 of tools.evaluation.recovered with shakes of 10, 30 and
-# 60 px, by likelihood and coverage: 91 % hold at 90 %
+# 60 px, by likelihood and coverage: 90 % hold at 90 %
 INDEPENDENT = 0.01  # of the matches: a point is found in several neighbours, and patches overlap
 KERNEL_ERROR = 0.01  # standard deviation that the blur leaves, of rotation and translation of the exposure
 BEND_ERROR = 0.04  # the same of an uneven motion, of its bend
@@ -199,20 +199,24 @@ class FrameSequence:
 
 
 def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
-    """Return the average of what was found and expected, by their covariances, and its own (6, 6)."""
-    own = np.linalg.pinv(found.information * INDEPENDENT, hermitian=True) + _shared_error(found)
+    """Return the average of what was found and expected, by their covariances, and its own (6, 6).
+
+    `BEND_ERROR` has no part in the weights, only in the covariance: with it poses were no nearer.
+    """
+    matches = np.linalg.pinv(found.information * INDEPENDENT, hermitian=True)
+    own, even = (matches + _shared_error(found, bend) for bend in (BEND_ERROR, 0.0))
     if not np.isfinite([expected.rotation_rad, expected.position]).all():
         return found.pose, own
     prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) ** 2)
-    gain = own @ np.linalg.inv(own + prior)
-    pose = changed(found.pose, gain @ change_of(found.pose, expected.pose))
-    return pose, own - gain @ own
+    gain = even @ np.linalg.inv(even + prior)
+    pose, kept = changed(found.pose, gain @ change_of(found.pose, expected.pose)), np.eye(6) - gain
+    return pose, kept @ own @ kept.T + gain @ prior @ gain.T
 
 
-def _shared_error(found: BlurredPose) -> Array:
-    """Return the covariance (6, 6) of what all matches have in common."""
+def _shared_error(found: BlurredPose, bend: float) -> Array:
+    """Return the covariance (6, 6) of what all matches have in common, with such a share of the bend."""
     turned, moved = (np.linalg.norm(one) for one in np.split(found.motion.rigid, 2))
-    share = np.hypot(KERNEL_ERROR, BEND_ERROR * np.linalg.norm(found.motion.bend) / (turned + TINY))
+    share = np.hypot(KERNEL_ERROR, bend * np.linalg.norm(found.motion.bend) / (turned + TINY))
     return np.diag(np.repeat([np.hypot(share * turned, LEAST_ERROR_RAD), share * moved], 3) ** 2)
 
 
