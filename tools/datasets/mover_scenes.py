@@ -47,7 +47,9 @@ def main(
     out: Path,
     *,
     scenes: int = 12,
-    kind: Literal["movers", "still", "camera", "deep", "follow", "cross", "rest", "unmoved"] = "movers",
+    kind: Literal[
+        "movers", "still", "camera", "deep", "follow", "cross", "rest", "unmoved", "shallow"
+    ] = "movers",
     photos: Existing | None = None,
 ) -> None:
     """Write so many scenes of a kind; layers are made of photographs in a folder."""

@@ -27,9 +27,10 @@ from tools.rendering.sensor import defocused, log_uniform
 Floats = NDArray[np.float32]
 Pictures = list[NDArray[np.uint8]]
 
-KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved")
-"""The camera moves; before depth; follows things; things cross; things before a camera at rest; nothing."""
-SHARES = (0.17, 0.21, 0.18, 0.18, 0.17, 0.09)
+KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved", "shallow")
+"""The camera moves; before depth; follows things; things cross; things before a camera at rest; nothing
+moves; nothing moves and what is behind sharp things is out of focus."""
+SHARES = (0.16, 0.19, 0.16, 0.16, 0.16, 0.07, 0.1)
 """Shares of the kinds in training."""
 PLACE_PX = 4
 """Side of the places of the truth."""
@@ -75,7 +76,7 @@ class LayerScene:
     @property
     def camera_moved(self) -> float:
         """1 where the camera's motion shows, 0 where it stood still, between for smears of 0.7 to 1.7 px."""
-        if self.kind in ("rest", "unmoved"):
+        if self.kind in ("rest", "unmoved", "shallow"):
             return 0.0
         length = float(np.median(np.linalg.norm(self.displacement, axis=-1)))
         return float(np.clip(length - 0.7, 0, 1))
@@ -131,6 +132,8 @@ def layer_scene(
     whole, or the things, or what is behind them.
     """
     kind = kind or KINDS[int(rng.choice(len(KINDS), p=SHARES))]
+    if kind == "shallow":
+        return shallow_scene(rng, sources, size)
     margin = -(-(int(0.75 * longest_px) + 16) // GRID) * GRID
     fields, moves, length = displacements(rng, size, kind, longest_px, margin)
     shape = size[1] + 2 * margin, size[0] + 2 * margin
@@ -164,6 +167,38 @@ def layer_scene(
         share=shares.max(0),
         radius_px=np.array(radii, np.float32)[most],
         kind=kind,
+    )
+
+
+def shallow_scene(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -> LayerScene:
+    """Return a scene in which nothing moves: a photograph out of focus by depth, or things before it."""
+    shape, largest = size[::-1], log_uniform(rng, (2.0, 14.0))
+    photograph = texture(rng, sources, shape)
+    y, x = (np.mgrid[: shape[0], : shape[1]].T / size).T
+    angle, centre = rng.uniform(0, 2 * np.pi), rng.normal(0.5, 0.15, 2)
+    slope = 0.5 + rng.uniform(0, 1) * ((x - 0.5) * np.cos(angle) + (y - 0.5) * np.sin(angle))
+    hollow = np.hypot(x - centre[0], y - centre[1]) / rng.uniform(0.3, 0.7) - rng.uniform(0.2, 0.5)
+    is_subject = rng.random() < 0.25  # the photograph's own middle
+    depth = (hollow if is_subject else slope) + rng.uniform(0, 0.35) * relief(rng, shape, 4)
+    light = np.zeros_like(photograph)
+    place, shares = 3 * np.clip(depth, 0, 1), (0.0 if is_subject else 0.2, 0.35, 0.7, 1.0)
+    for k, share in enumerate(shares):
+        weight = np.clip(1 - np.abs(place - k), 0, 1).astype(np.float32)
+        light += weight[..., None] * defocused(rng, photograph, share * largest)
+    radius = np.interp(place, range(4), shares) * largest
+    fronts = [rng.uniform(0.2, 1.2) * largest] * int(rng.integers(0, 3)) + [0.0] * int(rng.integers(1, 3))
+    for own in [] if is_subject else fronts:
+        front = defocused(rng, surface(rng, sources, shape, size, is_background=False), own)
+        light = light * (1 - front[..., 3:]) + front[..., :3]
+        radius[front[..., 3] > 0.5] = own
+    places = np.zeros((shape[0] // PLACE_PX, shape[1] // PLACE_PX), np.float32)
+    return LayerScene(
+        linear=light,
+        displacement=np.zeros((*places.shape, 2), np.float32),
+        moving=places,
+        share=places + 1,
+        radius_px=cv2.resize(radius.astype(np.float32), places.shape[::-1], interpolation=cv2.INTER_AREA),
+        kind="shallow",
     )
 
 

@@ -28,7 +28,7 @@ def test_what_moves_by_itself_is_what_was_drawn_so(kind: str) -> None:
         assert max(one.moving.max() for one in drawn) > 0.5
     else:
         assert all(not one.moving.any() for one in drawn)
-    if kind in ("rest", "unmoved"):
+    if kind in ("rest", "unmoved", "shallow"):
         still = [np.linalg.norm(one.displacement[one.moving < 0.01], axis=-1) for one in drawn]
         assert max(length.max() for length in still if length.size) < 1.5
         assert all(one.camera_moved == 0 for one in drawn)
