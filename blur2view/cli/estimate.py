@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from blur2view.cli.adapter import group
-from blur2view.cli.options import Common, Folder, InTime
+from blur2view.cli.options import Command, Folder, InTime
 from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.cli.work import Estimated, estimated, record_of
@@ -47,7 +47,7 @@ FILES = """
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateOptions:
+class EstimateOptions(Command):
     """The options of ``blur2view estimate``.
 
     Estimate the two-view geometry of the camera's motion during the exposure of each photograph: the
@@ -61,7 +61,6 @@ class EstimateOptions:
         --focal or --camera: those of frames of which it is known which end of the exposure came first
     """
 
-    common: Common
     folder: Folder = group(Folder)
     in_time: InTime = group(InTime)
     gyroflow: Path | None = None

@@ -218,3 +218,22 @@ class Common:
     def __post_init__(self) -> None:
         if self.many.dask is not None and self.lens.database is not None:
             raise ValueError("the workers of --dask see no database; write its camera out")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Command:
+    """The options of any command over photographs."""
+
+    common: Common
+
+    @property
+    def timing(self) -> InTime:
+        """The options of exposure and order in time, of a command that has some."""
+        found: InTime = getattr(self, "in_time", InTime(sequence=getattr(self, "sequence", False)))
+        return found
+
+    @property
+    def files(self) -> Folder:
+        """Where each photograph has files of its own, of a command that writes some."""
+        found: Folder = getattr(self, "folder", Folder())
+        return found

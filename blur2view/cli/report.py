@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.cli.adapter import group
-from blur2view.cli.options import Common, InTime
+from blur2view.cli.options import Command, InTime
 from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import estimated, record_of
@@ -18,7 +18,7 @@ from blur2view.runs.jobs import Job, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReportOptions:
+class ReportOptions(Command):
     """The options of ``blur2view report``.
 
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
@@ -29,7 +29,6 @@ class ReportOptions:
     --no-mask: without the motion mask: faster
     """
 
-    common: Common
     output: Path = Path("report.html")
     mask: bool = True
     in_time: InTime = group(InTime)

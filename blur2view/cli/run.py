@@ -11,11 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from blur2view.cli.options import Folder
+from blur2view.cli.options import Command
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
-from blur2view.cli.work import digest_of, network_of, time_options
+from blur2view.cli.work import digest_of, network_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
-from blur2view.images.inputs import Inputs
 from blur2view.images.source import Source
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import check_file, real_paths, writable_folders, write_file
@@ -58,10 +57,10 @@ class Finished:
 class Photographs:
     """The photographs of a command with these options, and how it goes through them."""
 
-    def __init__(self, options: Any) -> None:
+    def __init__(self, options: Command) -> None:
         self.options = options
-        self.inputs: Inputs = options.common.reading.inputs()
-        self.folder: Folder = getattr(options, "folder", Folder())  # where each has files, if so
+        self.inputs = options.common.reading.inputs()
+        self.folder = options.files
 
     def jobs(
         self, endings: Sequence[str] = (), beside: Callable[[Path], Sequence[Path]] = lambda name: ()
@@ -74,7 +73,7 @@ class Photographs:
         """
         inputs, read, first_of = self.inputs, self.inputs.read, dict[Path, Source]()
         digest = digest_of(self.options)
-        near, jobs = neighbours_of(inputs.sources, time_options(self.options).sequence), list[Job]()
+        near, jobs = neighbours_of(inputs.sources, self.options.timing.sequence), list[Job]()
         named = zip(inputs.sources, inputs.names(), inputs.result_names(), strict=True)
         for beside_it, (source, name, stem) in zip(near, named, strict=True):
             files: tuple[Path, ...] = ()

@@ -10,7 +10,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.cli.adapter import group
-from blur2view.cli.options import Common, Folder
+from blur2view.cli.options import Command, Folder
 from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import printable
 from blur2view.cli.values import one_of, probability
@@ -34,7 +34,7 @@ FOLDER = Path("masks")  # below -o, of masks for another program
 
 
 @dataclass(frozen=True, kw_only=True)
-class SegmentOptions:
+class SegmentOptions(Command):
     """The options of ``blur2view segment``.
 
     Segment what moves by itself from what the camera's motion explains. Two networks weigh what the
@@ -49,7 +49,6 @@ class SegmentOptions:
         these trainers look)
     """
 
-    common: Common
     folder: Folder = group(Folder)
     threshold: Annotated[float, probability] = THRESHOLD
     masks: Annotated[list[str] | None, one_of(*MaskFormat)] = None

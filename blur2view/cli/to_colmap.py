@@ -8,7 +8,7 @@ from typing import Any
 
 from blur2view.camera.camera import Camera
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
-from blur2view.cli.options import Common
+from blur2view.cli.options import Command
 from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.work import estimated, record_of
@@ -65,7 +65,7 @@ class LinkJob(Job):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToColmapOptions:
+class ToColmapOptions(Command):
     """The options of ``blur2view to-colmap``.
 
     Write each photograph NAME as two virtual images, NAME#open and NAME#close: what the camera saw when the
@@ -86,7 +86,6 @@ class ToColmapOptions:
     --no-backup: with --link: do not copy the database to DB.<time>.bak first
     """
 
-    common: Common
     db: Path
     json: bool = False
     link: bool = False

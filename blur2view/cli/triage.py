@@ -11,7 +11,7 @@ from typing import Annotated
 import cv2
 
 from blur2view.cli import values
-from blur2view.cli.options import Common
+from blur2view.cli.options import Command
 from blur2view.cli.run import Finished, Photographs
 from blur2view.cli.terminal import plural, printable
 from blur2view.cli.work import estimated, record_of
@@ -54,7 +54,7 @@ LIST = """
 
 
 @dataclass(frozen=True, kw_only=True)
-class TriageOptions:
+class TriageOptions(Command):
     """The options of ``blur2view triage``.
 
     Look at every photograph and say what blurred it, motion or a lens out of focus, and by how much: a table
@@ -73,7 +73,6 @@ class TriageOptions:
     """
 
     either = ("blurred", "best", "every_best")
-    common: Common
     keep: Path | None = None
     extract: Path | None = None
     blurred: bool = False

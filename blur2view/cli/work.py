@@ -1,7 +1,4 @@
-"""The work on one photograph, as far as the commands share it: how it is estimated, by which network.
-
-``options`` are those of any command over photographs, as its dataclass has them.
-"""
+"""The work on one photograph, as far as the commands share it: how it is estimated, by which network."""
 
 import hashlib
 from collections.abc import Callable
@@ -18,7 +15,7 @@ from blur2view import __version__
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera.camera import Camera
 from blur2view.camera.intrinsics import ExifValues, read_exif
-from blur2view.cli.options import Common, InTime
+from blur2view.cli.options import Command
 from blur2view.errors import Blur2ViewError, CameraError
 from blur2view.exposure.features import Features, features_of, match_features
 from blur2view.exposure.sequence import in_time
@@ -48,28 +45,22 @@ class Estimated:
     exposure_s: float | None  # of the options or else of EXIF
 
 
-def time_options(options: Any) -> InTime:
-    """Return the options of exposure and order in time, of a command that has some."""
-    found: InTime = getattr(options, "in_time", InTime(sequence=getattr(options, "sequence", False)))
-    return found
-
-
-def digest_of(options: Any) -> str:
+def digest_of(options: Command) -> str:
     """Return the SHA-256 of all that results depend on besides photographs: options, network, version.
 
     Those are the groups of the camera, of the estimate and of time, and a command's own but for paths.
     """
-    common: Common = options.common
+    common = options.common
     files = model_path(common.estimating.model), common.lens.database
     digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
-    values = {one.name: getattr(options, one.name) for one in fields(options)}
+    values = {one.name: getattr(options, one.name) for one in fields(options) if one.type != Path | None}
     own = {name: one for name, one in values.items() if not isinstance(one, Path) and not is_dataclass(one)}
-    groups = common.lens, common.estimating, time_options(options)
+    groups = common.lens, common.estimating, options.timing
     every = type(options).__name__, __version__, digests, groups, own
     return hashlib.sha256(repr(every).encode()).hexdigest()
 
 
-def network_of(options: Any) -> SmearNetwork:
+def network_of(options: Command) -> SmearNetwork:
     """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
     return _network(options.common.estimating.model, options.common.estimating.provider)
 
@@ -81,7 +72,7 @@ def _network(model: str | None, provider: str | None) -> SmearNetwork:
 
 
 def estimated(
-    options: Any,
+    options: Command,
     job: Job,
     *,
     as_stored: bool = False,
@@ -94,10 +85,10 @@ def estimated(
     as of `read_image`, ``detail`` of `estimate`; ``camera_of`` gives intrinsics, by default those of options
     or EXIF. ImageError, CameraError or ModelError if one cannot be used.
     """
-    path, in_time_options = Path(str(job.source)), time_options(options)
+    path, timing = Path(str(job.source)), options.timing
     image = read_pixels(path, as_stored=as_stored, content=job.content)
     exif = read_exif(path, job.content)
-    exposure_s = in_time_options.exposure or exif.exposure_s
+    exposure_s = timing.exposure or exif.exposure_s
     found = estimate(
         image,
         network=network_of(options),
@@ -105,7 +96,7 @@ def estimated(
         options=options.common.estimating.robust(),
         rng=np.random.default_rng(options.common.estimating.seed),
         camera=(camera_of or options.common.lens.intrinsics().of)(path, image.shape[1::-1], exif),
-        shutter=_shutter(job.source, in_time_options.readout, exposure_s, exif),
+        shutter=_shutter(job.source, timing.readout, exposure_s, exif),
         detail=detail,
     )
     return Estimated(estimate=_in_time(found, job, as_stored), image=image, exposure_s=exposure_s)
@@ -137,7 +128,7 @@ def _in_time(found: Estimate, job: Job, as_stored: bool) -> Estimate:
     return in_time(found, motions) if job.neighbours else found
 
 
-def record_of(options: Any, one: Estimated, job: Job, **stated: Any) -> Photograph:
+def record_of(options: Command, one: Estimated, job: Job, **stated: Any) -> Photograph:
     """Return the record of an estimate, with ``stated`` fields."""
     source = job.source
     return Photograph.of(
