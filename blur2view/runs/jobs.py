@@ -9,7 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from blur2view.errors import Blur2ViewError, ImageError, within_memory
+from blur2view.errors import Blur2ViewError, ImageError, OutputError, within_memory
 from blur2view.images.source import Source, read_content
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.output_files import file_digest, unwritable, write_files
@@ -87,7 +87,8 @@ def written(outcome: Outcome) -> Outcome:
         refusal = unwritable(next(iter(outcome.files)).parent, error)
         if error.errno in FULL:
             raise refusal from None
-        return failed(outcome.photograph.name, refusal)
+        name = outcome.photograph.name
+        return failed(name, OutputError(f"{name}: {refusal}"))
     return replace(outcome, files={})
 
 
