@@ -46,7 +46,7 @@ EDGE_HEIGHT, TOP_HEIGHT = 0.5, 0.8
 must reach. Chosen, as NEAR, on every second photograph; tools/results/segmentation.md has the others."""
 AT_REST = 1.0
 """Log-odds in favour of moving before a camera that stands still, which smears nothing itself. With 2 in its
-place 10 of 56 sharp photographs have a mask instead of 4, and 8 % more of rendered movers are named."""
+place 10 of 56 sharp photographs had a mask instead of 4, and 8 % more of rendered movers were named."""
 THRESHOLD = 0.5
 """Probability that the highest place of a part must reach."""
 PLAIN_PX = 4.0
