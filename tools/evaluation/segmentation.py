@@ -34,8 +34,8 @@ BLURRED_PX = 4.0  # median smear from which on photographs of a known object are
 LEAST_SMEAR_PX = 2.0  # median smear below which a camera that moved need not be called so
 WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were
 chosen; the second is of the odd ones, which were looked at then, but decided nothing, except
-whether a camera stood still (`AT_REST`) and how the weights of two trainings of the U-Net were mixed: both
-chose these. IoU of what is called moving with what moves, and average precision of the
+whether a camera stood still (`AT_REST`), how the weights of two trainings of the U-Net were mixed, and the
+intercept of the sum: both chose these. IoU of what is called moving with what moves, and average precision of the
 probability: means where 1 % or more moves. False area: mean share called moving where
 nothing does, and in how many photographs it is above 0.5 %. Last, cameras that stood still before something
 that moves and are not said to have moved, and how many of these are said to stand still before it; and
