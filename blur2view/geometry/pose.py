@@ -57,18 +57,13 @@ class RigidTransform:
 class AngularVelocity:
     """How fast a camera turned during an exposure.
 
-    Parameters
-    ----------
-    mean : ndarray of shape (3,)
-        Rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
-        axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
-        shows its negative, `of_gyroscope`.
-    covariance : ndarray of shape (3, 3)
-        Of the mean, squared radians per squared second.
+    The rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
+    axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
+    shows its negative, `of_gyroscope`.
     """
 
-    mean: Array
-    covariance: Array
+    mean: Array  # (3,)
+    covariance: Array  # (3, 3), squared radians per squared second
 
     def __repr__(self) -> str:
         mean, sigma = (", ".join(f"{value:z.3g}" for value in one) for one in (self.mean, self.sigma))
@@ -123,19 +118,13 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseCovariance:
-    """How sure a pose is.
+    """How sure a pose is: the covariance of (w, u), radians.
 
-    Parameters
-    ----------
-    matrix : ndarray of shape (5, 5)
-        Covariance of (w, u): the true rotation is exp([w]x) R, w in radians; the true translation is along
-        t + u @ tangents, u in radians to first order.
-    tangents : ndarray of shape (2, 3)
-        Unit vectors across t and each other.
+    The true rotation is exp([w]x) R, the true translation along t + u @ tangents, to first order.
     """
 
-    matrix: Array
-    tangents: Array
+    matrix: Array  # (5, 5)
+    tangents: Array  # (2, 3): unit vectors across t and each other
 
     @property
     def rotation_sigma_deg(self) -> Array:

@@ -25,19 +25,9 @@ AROUND = 16  # smears that decide the order of one: without parallax the order o
 class RollingShutter:
     """How long a sensor takes to expose its rows.
 
-    Parameters
-    ----------
-    readout_s : float
-        Seconds from the start of exposure of the first row to that of the last one; 0 is a global shutter.
-    exposure_s : float
-        Exposure time of every row, seconds.
-    towards : (int, int)
-        Direction in which the rows begin: (0, 1) from top to bottom, (1, 0) from left to right, or against.
-
-    Raises
-    ------
-    ValueError
-        If a time is out of range or the direction none of these four.
+    ``readout_s`` are seconds from the start of exposure of the first row to that of the last one, 0 of a
+    global shutter, ``exposure_s`` the exposure time of every row, and ``towards`` the direction in which the
+    rows begin: (0, 1) from top to bottom, (1, 0) from left to right, or against. ValueError of anything else.
     """
 
     readout_s: float

@@ -82,56 +82,30 @@ class TimeDirection:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoViewGeometry:
-    """Two-view geometry of the exposure: open (1) and close (2).
+    """Two-view geometry of the exposure, open (1) to close (2), of N smears; of undistorted pixels.
 
-    Parameters
-    ----------
-    F : ndarray of shape (3, 3) or None
-        ``points2^T F points1 = 0``, pixels, unit norm; F or its transpose, which is which cannot be known.
-        None where no F can be trusted. Of a distorted camera that of its undistorted pixels, as H is.
-    config : Configuration
-    reason : str
-        One sentence with the figures that decided.
-    inlier_mask : ndarray of bool, shape (N,)
-        Smears that follow F or, without F, H.
-    second_end_is_open : ndarray of bool, shape (N,)
-        Where ``ends[:, 1]`` of a smear is its open end (`two_view.order`); nowhere without F and H.
-    H : ndarray of shape (3, 3) or None
-        ``points2 ~ H points1``, pixels, unit norm; H or its inverse. Given where a homography explains the
-        smears; beside an F parallax is undecided.
-    cam2_from_cam1 : RigidTransform or None
-        Pose of known intrinsics, or its inverse with every order exchanged: time has no arrow. Where the
-        direction of the translation is not known it is zero, and the rotation that which explains the smears
-        alone, or the mean over all directions.
-    covariance : PoseCovariance or None
-        Of the pose; without a translation it allows for one that is not seen, unless a rotation
-        explains the smears as well as any homography.
-    models : tuple of ModelRow
-        All models that were compared, likeliest first; empty where none were.
-    independent_smears : float
-        How many smears err independently of each other.
-    support_by_chance : float
-        Share of the smears that would be inliers of the same F or H if their directions were random.
-    stood_still, insufficient_data : bool
-        Whether no motion explains the smears best; whether too little is seen for any conclusion.
-    backward : TwoViewGeometry or None
-        The other order in time, where a rolling shutter makes it another motion than the inverse.
+    ``points2^T F points1 = 0`` and ``points2 ~ H points1``, of unit norm. Time has no arrow: F or its
+    transpose, H or its inverse, the pose or its inverse with every order exchanged are one answer. Where the
+    direction of the translation is not known it is zero, and the rotation that which explains the smears
+    alone, or the mean over all directions.
     """
 
-    F: Array | None
+    F: Array | None  # (3, 3); None where no F can be trusted
     config: Configuration
-    reason: str
-    inlier_mask: NDArray[np.bool_]
-    second_end_is_open: NDArray[np.bool_]
-    H: Array | None = None
-    cam2_from_cam1: RigidTransform | None = None
+    reason: str  # one sentence with the figures that decided
+    inlier_mask: NDArray[np.bool_]  # (N,): smears that follow F or, without F, H
+    second_end_is_open: NDArray[np.bool_]  # (N,): where ends[:, 1] is; nowhere without F and H
+    H: Array | None = None  # (3, 3), where a homography explains the smears; beside F parallax is undecided
+    cam2_from_cam1: RigidTransform | None = None  # of known intrinsics
+    # Of the pose; without a translation it allows for one that is not seen, unless a rotation explains the
+    # smears as well as any homography.
     covariance: PoseCovariance | None = None
-    models: tuple[ModelRow, ...] = ()
-    independent_smears: float = 0.0
-    support_by_chance: float = 0.0
-    stood_still: bool = False
-    insufficient_data: bool = False
-    backward: TwoViewGeometry | None = None
+    models: tuple[ModelRow, ...] = ()  # that were compared, likeliest first
+    independent_smears: float = 0.0  # how many smears err independently of each other
+    support_by_chance: float = 0.0  # share of smears that would be inliers if their directions were random
+    stood_still: bool = False  # whether no motion explains the smears best
+    insufficient_data: bool = False  # whether too little is seen for any conclusion
+    backward: TwoViewGeometry | None = None  # the other order in time, of a rolling shutter another motion
 
     @property
     def E(self) -> Array | None:

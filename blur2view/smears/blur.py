@@ -57,34 +57,20 @@ class BlurKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Blur:
-    """The blur of a photograph as a whole.
-
-    Parameters
-    ----------
-    kind : BlurKind
-    smear_px, smear_sigma_px : float or None
-        Length of the photograph's smear and its standard deviation, pixels: `with_length`; None where hardly
-        anything shows texture.
-    direction_deg : float or None
-        Of the mean smear (in double angle, where opposite smears are one), 0 to 180 degrees, from the x axis
-        towards y, which points down; None where smears run in many directions.
-    defocus_px, defocus_sigma_px : float or None
-        Radius of the disc which spreads as widely as the lens does, out of focus or not: of what is in focus,
-        if anything is; and the deviation between cells. None where no cell tells it.
-    moving_share : float
-        Share of the picture that moves by itself; 0 where that was not asked.
-    nothing_seen : str
-        Why nothing can be seen, of a photograph of which that is known: too dark, overexposed, one colour.
-    """
+    """The blur of a photograph as a whole; None of what no cell tells."""
 
     kind: BlurKind
-    smear_px: float | None = None
-    smear_sigma_px: float | None = None
+    smear_px: float | None = None  # length of the photograph's smear: `with_length`
+    smear_sigma_px: float | None = None  # its standard deviation
+    # Of the mean smear in double angle, 0 to 180 degrees, from the x axis towards y, which points down; None
+    # where smears run in many directions.
     direction_deg: float | None = None
+    # Radius of the disc which spreads as widely as the lens does, out of focus or not: of what is in focus,
+    # if anything is; and the deviation between cells.
     defocus_px: float | None = None
     defocus_sigma_px: float | None = None
-    moving_share: float = 0.0
-    nothing_seen: str = ""
+    moving_share: float = 0.0  # of the picture that moves by itself, where that was asked
+    nothing_seen: str = ""  # why nothing can be seen: too dark, overexposed, one colour
 
     @property
     def reason(self) -> str:

@@ -29,22 +29,11 @@ GRID, BLUR = "smear_grid", "blur_grid"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmearField:
-    """Smears and their uncertainty: of every pixel of an image, or at any points of it.
+    """Smears and their uncertainty: of every pixel of an image, (H, W), or at N points of it, (N,)."""
 
-    Parameters
-    ----------
-    displacement : ndarray of shape (..., 2), float32
-        Full displacement d = end - start in pixels, (x, y); its sign is arbitrary in every place. The shape
-        before the last axis is (H, W) for all pixels, (N,) for points.
-    sigma_px : ndarray of shape (...), float32
-        Standard deviation of the end-point error |d - d*|, in pixels; not negative.
-    sigma_rad : ndarray of shape (...), float32
-        Standard deviation of the smear's direction, radians; not negative.
-    """
-
-    displacement: NDArray[np.float32]
-    sigma_px: NDArray[np.float32]
-    sigma_rad: NDArray[np.float32]
+    displacement: NDArray[np.float32]  # (..., 2): d = end - start, pixels, (x, y), of arbitrary sign
+    sigma_px: NDArray[np.float32]  # (...): standard deviation of the end-point error |d - d*|
+    sigma_rad: NDArray[np.float32]  # (...): that of the direction
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -114,34 +103,18 @@ def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]
 class SmearGrid:
     """Smears and their uncertainty at the cells of a grid: all that a network says of a photograph.
 
-    Parameters
-    ----------
-    cells : ndarray of shape (h, w, 4), float32
-        Double angle |d| (cos 2phi, sin 2phi), pixels; ``sigma_px`` and ``sigma_rad``, as of `SmearField`.
-    stride : int
-        Pixels per cell; cell j's centre is at pixel stride*j + (stride-1)/2.
-    shape : (int, int)
-        Height and width of the photograph, whose last cells its border may cut.
-    window_px : int or None
-        Side of the window that a cell is read from, pixels; None for smears that err each for itself.
-    blur : ndarray of shape (h, w, 6), float32, optional
-        Radius out of focus, pixels, and the probabilities of the kinds of blur of
-        `blur2view.smears.likelihood.KINDS`; None where only smears are known.
-    shares : ndarray of shape (h, w, 64), float32, optional
-        Probabilities of 32 directions and of 32 lengths of the smears (`blur2view.smears.likelihood`), in
-        pixels of a picture in which a cell has 32; None where no photograph was read.
-
-    Raises
-    ------
-    ValueError
-        If the cells do not cover a photograph of this shape.
+    Cell j's centre is at pixel stride*j + (stride-1)/2; its border may cut the last cells. ValueError if the
+    cells do not cover a photograph of this shape.
     """
 
-    cells: NDArray[np.float32]
-    stride: int
-    shape: tuple[int, int]
-    window_px: int | None = WINDOW_PX
+    cells: NDArray[np.float32]  # (h, w, 4): double angle of d, pixels; sigma_px and sigma_rad of `SmearField`
+    stride: int  # pixels per cell
+    shape: tuple[int, int]  # height and width of the photograph
+    window_px: int | None = WINDOW_PX  # side of the window that a cell is read from; None: cells err alone
+    # (h, w, 6): radius out of focus, pixels, and probabilities of `likelihood.KINDS`; None: not known
     blur: NDArray[np.float32] | None = None
+    # (h, w, 64): probabilities of 32 directions and of 32 lengths (`likelihood`), in pixels of a picture in
+    # which a cell has 32; None where no photograph was read
     shares: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:

@@ -21,33 +21,14 @@ TINY_SIGMA_PX = 1e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmearMatches:
-    """Smears as matches whose order is unknown.
+    """Smears as matches whose order is unknown; ValueError if shapes or values are not as here."""
 
-    Parameters
-    ----------
-    ends : ndarray of shape (N, 2, 2), float64
-        The two ends of every smear, pixels; which of them is the start means nothing.
-    sigma_px : ndarray of shape (N,), float64
-        Standard deviation of the end-point error |d - d*| of every smear; positive.
-    image_size : (int, int), optional
-        Width and height of the image. With it the estimator may assume an ordinary camera.
-    across_px : ndarray of shape (N,), float64, optional
-        Standard deviation of the part of the error across every smear, positive; by default that of errors
-        which are alike in all directions.
-    shared : NoiseModel
-        How the deviations are meant, and what errors have in common; nothing by default.
-
-    Raises
-    ------
-    ValueError
-        If shapes or values are not as above.
-    """
-
-    ends: Array
-    sigma_px: Array
-    image_size: tuple[int, int] | None = None
+    ends: Array  # (N, 2, 2), pixels; which of the two ends is the start means nothing
+    sigma_px: Array  # (N,): standard deviations of the end-point errors |d - d*|; positive
+    image_size: tuple[int, int] | None = None  # width, height: the estimator may assume an ordinary camera
+    # (N,): standard deviations of the errors across the smears, by default as if alike in all directions
     across_px: Array = None  # type: ignore[assignment]  # set below
-    shared: NoiseModel = INDEPENDENT
+    shared: NoiseModel = INDEPENDENT  # how deviations are meant, and what errors have in common
 
     def __post_init__(self) -> None:
         ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)

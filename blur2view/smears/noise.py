@@ -38,38 +38,24 @@ SAMPSON_SHARE = 0.5**0.5  # of the error across a smear, that of the Sampson dis
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """How stated deviations are meant, and what errors of smears of one picture have in common.
+    """How stated deviations are meant, and what errors of smears of one picture have in common."""
 
-    Parameters
-    ----------
-    effective_share : float
-        Share of the smears that err independently of each other, by the overlap of what they were read from.
-    correlation : float
-        How many times fewer they are if all of the correlation counts.
-    length, direction_rad : float
-        Standard deviations of errors that vary slowly over the whole picture, of lengths as a share, of
-        directions in radians.
-    least : float
-        Share of its length to which no smear's Sampson distance is believed better.
-    inlier : float
-        Of the stated standard deviations, the scale of Student's distribution of the errors which are no
-        outliers; 0.85 of four degrees of freedom is the nearest to a normal one.
-    outlier_odds : float
-        Of a smear, for parallax to compete with: few of a network, whose errors have heavy tails anyway.
-    least_along, least_across : float
-        Shares of its length to which no smear's error along and across is believed better: paths are bent
-        and cells cover more than a point.
-    """
-
+    # share of the smears that err independently of each other, by the overlap of what they were read from,
+    # and how many times fewer they are if all of the correlation counts
     effective_share: float = 1.0
     correlation: float = 1.0
+    # standard deviations of errors that vary slowly over the picture, of lengths as a share, and radians
     length: float = 0.0
     direction_rad: float = 0.0
-    least: float = 0.01
+    least: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
+    # Of the stated standard deviations, the scale of Student's distribution of the errors which are no
+    # outliers; 0.85 of four degrees of freedom is the nearest to a normal one.
     inlier: float = 0.85
+    # Shares of its length to which no smear's error along and across is believed better: paths are bent and
+    # cells cover more than a point.
     least_along: float = LEAST_ALONG
     least_across: float = LEAST_ACROSS
-    outlier_odds: float = 0.5
+    outlier_odds: float = 0.5  # for parallax to compete with: few of a network, whose errors have heavy tails
 
     @property
     def fully_correlated(self) -> NoiseModel:

@@ -126,11 +126,6 @@ def in_random_directions(matches: SmearMatches) -> SmearMatches:
     return replace(matches, ends=np.stack([matches.midpoint - half, matches.midpoint + half], axis=1))
 
 
-def no_inliers(likelihood: Likelihood) -> Inliers:
-    """Return that no smear follows anything."""
-    return Inliers(mask=np.zeros(len(likelihood), bool))
-
-
 def within_errors(matches: SmearMatches) -> bool:
     """Return whether the shorter smears are as short as errors alone make them, up to half outliers.
 

@@ -13,7 +13,7 @@ from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoVie
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.choice import Choice, choose
-from blur2view.two_view.consensus import EstimatorOptions, inliers_of, no_geometry, no_inliers, refused
+from blur2view.two_view.consensus import EstimatorOptions, Inliers, inliers_of, no_geometry, refused
 from blur2view.two_view.fundamental import search_and_fit
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import pixel_homography
@@ -37,20 +37,10 @@ def estimate_two_view(
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
-    Parameters
-    ----------
-    matches : SmearMatches
-    options : EstimatorOptions, optional
-    rng : numpy.random.Generator or int, optional
-        Source of randomness or its seed, 0 by default. The same state gives the same answer.
-    camera : Camera, optional
-        Its intrinsics. F, H, E and the pose are then those of its undistorted pixels.
-    shutter : RollingShutter, optional
-        Of that camera, whose intrinsics must be known. A geometry with F or H is then that of an exposure of
-        all rows at once, another one for each order in time (``reversed()``): of both that which has less
-        parallax is given.
-    moved : bool
-        Whether the camera is known to have moved: then no motion is none of the models.
+    The same ``rng``, a generator or a seed, 0 by default, gives the same answer. With a ``camera`` F, H, E
+    and the pose are those of its undistorted pixels. With its ``shutter`` as well a geometry with F or H is
+    that of an exposure of all rows at once, another one for each order in time (``reversed()``): of both that
+    which has less parallax. If the camera is known to have ``moved``, no motion is none of the models.
 
     Returns
     -------
@@ -129,10 +119,7 @@ def as_recorded(
     rolling: bool = False,
     moved: bool = False,
 ) -> TwoViewGeometry:
-    """Return the two-view geometry of unordered smears, as `estimate_two_view` without a shutter.
-
-    With ``rolling`` a rolling shutter is one of the models.
-    """
+    """Return the two-view geometry of unordered smears; with ``rolling`` a rolling shutter is a model."""
     if (nothing := refused(matches)) is not None:
         return nothing
     straight = matches if camera is None else undistorted(matches, camera)
@@ -151,7 +138,7 @@ def geometry_of(
     choice: Choice, pose: EstimatedPose | None, likelihood: Likelihood, options: EstimatorOptions
 ) -> TwoViewGeometry:
     """Return the geometry of a choice and a pose with its inliers, without the order of the ends."""
-    F, H, inliers = None, None, no_inliers(likelihood)
+    F, H, inliers = None, None, Inliers(mask=np.zeros(len(likelihood), bool))
     if choice.homography is not None:
         H = pixel_homography(choice.homography.family.generator(), likelihood.T)
         inliers = inliers_of(choice.homography, likelihood, options)

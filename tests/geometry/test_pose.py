@@ -51,13 +51,6 @@ def test_exact_smears_give_the_exact_pose_up_to_the_flip_of_time(seed: int) -> N
     assert max(right, 1 - right) == 1.0  # every order, also where E alone leaves it open
 
 
-def test_depth_orders_the_smears_of_a_pure_translation() -> None:
-    scene = make_scene(np.random.default_rng(3), length_px=20, rotation_share=0.0)
-    geometry = solve(scene)
-    right = (geometry.second_end_is_open == scene.swapped).mean()
-    assert max(right, 1 - right) > 0.99
-
-
 def test_swapping_ends_changes_no_pose() -> None:
     scene = disturb(make_scene(np.random.default_rng(4)), np.random.default_rng(4), noise_px=0.3)
     one, two = solve(scene, 0.6), solve(replace(scene, ends=scene.ends[:, ::-1]), 0.6)
@@ -68,7 +61,7 @@ def test_swapping_ends_changes_no_pose() -> None:
 
 @pytest.mark.slow
 def test_known_intrinsics_give_the_pose() -> None:
-    """Errors over 24 seeds; those of the assumed camera's F, decomposed, are about as large."""
+    """Errors over 24 seeds beside those of the F of an assumed camera: no larger, less often large."""
     table = []
     for seed in range(24):
         rng = np.random.default_rng(seed)
@@ -83,10 +76,9 @@ def test_known_intrinsics_give_the_pose() -> None:
             rotation_error(plain.rotation, scene.R)[1],
             translation_direction_error_deg(plain.translation, scene.t),
         ])  # fmt: skip
-    rotation, translation, rotation_plain, translation_plain = np.median(table, axis=0)
-    assert rotation < 0.1 and translation < 3
-    assert rotation < 1.3 * rotation_plain and translation < 1.3 * translation_plain
-    assert np.mean(table, axis=0)[0] < 0.15
+    median, mean = np.median(table, axis=0), np.mean(table, axis=0)
+    assert (median[:2] < [0.08, 1.5]).all() and (median[:2] < 1.05 * median[2:]).all()
+    assert (mean[:2] < [0.1, 2.0]).all() and (mean[:2] < 0.9 * mean[2:]).all()
 
 
 def unit(vector: np.ndarray) -> np.ndarray:

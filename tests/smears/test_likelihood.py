@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.likelihood import (
-    DIRECTIONS,
-    LABEL_SPREAD,
-    PER_OCTAVE,
-    SHORTEST_PX,
-    lengths_px,
-    read_smears,
-)
+from blur2view.smears.likelihood import DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX, read_smears
 
 Floats = NDArray[np.float32]
 
@@ -63,23 +56,11 @@ def test_of_two_peaks_the_higher_is_read_and_doubted() -> None:
     assert sigma_px == pytest.approx(np.sqrt(0.3 * (20**2 + 8**2)), rel=0.05)  # they are at right angles
 
 
-def test_even_likelihood_knows_no_direction() -> None:
-    *_, sigma_rad = read(np.full((DIRECTIONS, BINS), 1, np.float32))
-    assert np.degrees(sigma_rad) == pytest.approx(52, abs=0.5)  # of even angles: 90 / sqrt(3)
-
-
 def test_bin_of_shorter_smears_is_nearly_none() -> None:
     likelihood = np.zeros((DIRECTIONS, BINS), np.float32)
     likelihood[:, 0] = 1
     length, _, sigma_px, _ = read(likelihood)
     assert length < 1 and sigma_px < 1
-
-
-@pytest.mark.parametrize("bins", [5, 20, 32])
-def test_lengths_grow_by_an_octave_in_four_bins(bins: int) -> None:
-    lengths = lengths_px(bins)
-    assert lengths.shape == (bins,) and lengths.dtype == np.float32 and lengths[0] < 1 and lengths[1] == 2
-    np.testing.assert_allclose(lengths[5:], 2 * lengths[1 : bins - 4], rtol=1e-6)
 
 
 @pytest.mark.parametrize(("h", "w", "bins"), [(1, 1, 20), (3, 5, 20), (2, 7, 32)])

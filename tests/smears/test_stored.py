@@ -10,10 +10,7 @@ import pytest
 
 from blur2view import load_smears
 from blur2view.errors import OutputError
-from blur2view.images.image import read_image
-from blur2view.networks.smear_network import SmearNetwork
 from blur2view.smears.grid import SmearGrid, stored_smears, to_double_angle
-from tests.support.calls import Call
 
 MEGABYTE = 1_000_000
 
@@ -58,29 +55,11 @@ def test_window_of_the_cells_is_kept(tmp_path: Path, window_px: int | None) -> N
     assert found.window_px == window_px and found.blur is None
 
 
-def test_kinds_of_blur_are_kept_to_half_precision(tmp_path: Path) -> None:
-    blur = np.random.default_rng(2).random((4, 5, 6)).astype(np.float32)
-    found = load_smears(written(tmp_path / "a.smear.npz", replace(grid((100, 130)), blur=blur)))
-    assert found.blur is not None
-    np.testing.assert_allclose(found.blur, blur, atol=1e-3)
-
-
 @pytest.mark.slow
 def test_twenty_megapixels_take_less_than_two_megabytes(tmp_path: Path) -> None:
     path = written(tmp_path / "a.smear.npz", grid((3648, 5472), 32))
     assert path.stat().st_size < 0.3 * MEGABYTE
     assert load_smears(path).at_pixels().shape == (3648, 5472)
-
-
-def test_command_writes_the_smears_of_its_estimate(
-    run: Call, moving: Path, tiny_model: Path, tmp_path: Path
-) -> None:
-    assert run(moving, "-o", tmp_path / "out") == 0
-    found = load_smears(tmp_path / "out" / f"{moving.stem}.smear.npz").at_pixels()
-    field = SmearNetwork(tiny_model).predict(read_image(moving)).at_pixels()
-    assert found.shape == field.shape
-    read, predicted = (to_double_angle(one.displacement) for one in (found, field))
-    np.testing.assert_allclose(read, predicted, atol=0.03)
 
 
 @pytest.mark.parametrize("damage", ["absent", "text", "cut", "other", "nan", "short", "stride", "pipe"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import serrmin, transfer, unit_norm
+from blur2view.geometry.epipolar import serrmin, unit_norm
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
@@ -162,23 +162,6 @@ def test_inliers_are_within_two_standard_deviations_of_their_own(
     assert not geometry.inlier_mask[squared > 2.7**2 * measured].any()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("known", [False, True], ids=["F", "E"])
-def test_H_runs_the_way_of_the_orders(known: bool) -> None:
-    checked = 0
-    for seed in range(6):
-        scene, matches = network_like(seed, 3.0, rotation_share=2.0)
-        camera = scene.camera if known else None
-        geometry = estimate_two_view(matches, camera=camera)
-        if geometry.H is None or (geometry.F is None and geometry.E is None):
-            continue
-        checked += 1
-        ends = np.where(geometry.second_end_is_open[:, None, None], matches.ends[:, ::-1], matches.ends)
-        ahead, behind = (transfer(geometry.H, side[:, 0], side[:, 1]) for side in (ends, ends[:, ::-1]))
-        assert (ahead < behind)[geometry.inlier_mask].mean() > 0.5
-    assert checked > 2
-
-
 def test_chance_agreement_is_measured_and_subtracted() -> None:
     scene = make_scene(np.random.default_rng(4), rotation_share=0.0)
     likelihood, options = Likelihood.of(matches_of(scene)), EstimatorOptions()
@@ -189,30 +172,7 @@ def test_chance_agreement_is_measured_and_subtracted() -> None:
     assert inliers_of(other, likelihood, options).beyond_chance < 0.2
 
 
-def test_tolerance_is_a_tenth_of_the_length_at_most_the_option_at_least_two_deviations() -> None:
-    length_px, sigma_px = np.array([[5.0, 50.0, 5.0], [0.1, 0.1, 3.0]])
-    tolerance = EstimatorOptions(max_error_px=2.0).tolerance_px(length_px, sigma_px)
-    np.testing.assert_allclose(tolerance, [0.5, 2.0, 6.0])
-
-
 @pytest.mark.parametrize("px", [0.0, np.inf, 1e300])  # 1e300 px: its square is no number
 def test_bounds_of_inliers_out_of_range_are_refused(px: float) -> None:
     with pytest.raises(ValueError, match="must be"):
         EstimatorOptions(max_error_px=px)
-
-
-@pytest.mark.slow
-def test_errors_across_the_smears_weigh_them() -> None:
-    better = []
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        scene = make_scene(rng, count=400, length_px=20)
-        noise_px = np.where(np.arange(400) % 2 == 0, 0.2, 4.0)
-        ends = scene.ends + rng.normal(0, 1, scene.ends.shape) * noise_px[:, None, None]
-        told = SmearMatches(ends=ends, sigma_px=np.full(400, 4.0), image_size=IMAGE_SIZE, across_px=noise_px)
-        errors = []
-        for matches in (told, replace(told, across_px=0.5**0.5 * told.sigma_px)):
-            F = solve(matches).F
-            errors.append(1.0 if F is None else np.median(rho(F, scene.ends)))
-        better.append(errors[0] < errors[1])
-    assert np.mean(better) > 0.8

@@ -141,9 +141,3 @@ def test_feasible_orders_share_and_infeasible_ones_are_improbable() -> None:
     forward, backward = likelihood.order_odds(0 * turn, sideways, 1.0)
     assert forward > 0.95 and backward < 1e-6
     assert likelihood.order_odds(turn, sideways, 1.0).max() < np.exp(-10)
-
-
-def test_the_midpoint_at_the_epipole_says_nothing_and_fails_nothing() -> None:
-    likelihood = smears(np.zeros((1, 2)), np.ones((1, 2)))
-    forward, backward = likelihood.order_odds(np.zeros(8), np.array([0.0, 0.0, 1.0]), 1.0)
-    assert forward == backward > 0

@@ -11,7 +11,7 @@ from blur2view.geometry.rotation import rotation_matrix
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import find_plane, fit_homography
 from blur2view.two_view.least_squares import levenberg_marquardt
-from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
+from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import (
     UNROTATED,
     CameraF,
@@ -99,15 +99,6 @@ def test_refinement_recovers_F_from_unordered_smears() -> None:
         *_, found = levenberg_marquardt(start, 50, 1e-12)
         F = unit_norm(found.point.matrix())
         assert min(np.abs(F - truth).max(), np.abs(F + truth).max()) < 1e-4
-
-
-def test_an_undecided_order_costs_nothing_and_a_decided_one_two_log_two() -> None:
-    value, far = np.array([0.3, -2.0]), np.array([50.0, 50.0])
-    for both, cost, share in (([value, -value], 0, 0.5), ([value, far], 2 * np.log(2), 1)):
-        residuals = OrderedResiduals(both=np.stack(both))
-        assert np.allclose(-2 * np.log(residuals.likelihoods.sum(axis=0)), value**2 + cost)
-        assert np.allclose(residuals.forward_share, share)
-        assert np.allclose(OrderedResiduals(both=residuals.both[::-1]).forward_share, 1 - share)
 
 
 def test_rotation_family_holds_exactly_the_rotations() -> None:

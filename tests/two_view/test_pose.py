@@ -87,12 +87,6 @@ def transferred(K: Array, rays: Array) -> Array:
     return pixels[:, :2] / pixels[:, 2:]
 
 
-def test_a_refused_photograph_has_no_pose() -> None:
-    geometry = solve(make_scene(np.random.default_rng(1), count=12))
-    assert geometry.config is Configuration.DEGENERATE
-    assert geometry.cam2_from_cam1 is None and geometry.E is None and geometry.covariance is None
-
-
 @pytest.mark.parametrize("rotation_share", [np.inf, 12.0])
 def test_smears_of_a_rotation_and_H_run_the_way_of_the_pose(rotation_share: float) -> None:
     rotations = 0

@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.two_view.ransac import (
-    BATCH,
-    MAX_ITERATIONS,
-    needed_iterations,
-    preempt,
-    ransac,
-    weighted_samples,
-)
+from blur2view.two_view.ransac import BATCH, MAX_ITERATIONS, ransac, weighted_samples
 
 Floats = NDArray[Any]
 
@@ -83,24 +76,6 @@ def test_ends_when_a_better_sample_is_unlikely() -> None:
     needed = np.log(0.01) / np.log(0.97)
     assert drawn[0] == BATCH and needed <= drawn[1] < needed + BATCH
     assert MAX_ITERATIONS <= drawn[2] < MAX_ITERATIONS + BATCH
-
-
-@pytest.mark.parametrize(("share", "size", "expected"), [(0.0, 7, np.inf), (1.0, 7, 0.0), (0.5, 1, 6.6439)])
-def test_needed_iterations_follow_the_formula(share: float, size: int, expected: float) -> None:
-    assert np.isclose(needed_iterations(share, size), expected, rtol=1e-4)
-
-
-def test_same_seed_same_answer() -> None:
-    one, two = (ransac(problem(inliers=1.0), np.random.default_rng(4)) for _ in range(2))
-    assert one == two
-
-
-def test_preemption_scores_less_and_keeps_the_best() -> None:
-    location = problem()
-    models, order = np.linspace(-50, 50, 1001), np.random.default_rng(0).permutation(1000)
-    kept = preempt(location, models, order)
-    assert np.abs(kept - 5).max() < 0.3
-    assert sum(location.scored) < 0.3 * 1001 * 1000
 
 
 def test_an_estimator_without_models_gives_none() -> None:

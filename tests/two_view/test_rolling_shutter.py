@@ -162,24 +162,6 @@ def test_a_smear_faster_than_the_rows_tells_the_order_in_time() -> None:
     assert error(geometry.cam2_from_cam1.rotation_vector, rotation) < 0.02
 
 
-def test_a_global_shutter_changes_nothing() -> None:
-    shutter = RollingShutter(readout_s=0.0, exposure_s=1.0)
-    ends = smears(scene(deep=True), shutter, 0.04 * ABOUT_X, 0.05 * ABOUT_Y)
-    plain, shut = solve(ends, None), solve(ends, shutter)
-    pose, same = plain.cam2_from_cam1, shut.cam2_from_cam1
-    assert pose is not None and same is not None and shut.backward is None
-    assert np.array_equal(same.rotation, pose.rotation)
-
-
-def test_reversing_twice_is_the_same() -> None:
-    shutter = RollingShutter(readout_s=0.03, exposure_s=EXPOSURE_S)
-    geometry = solve(smears(scene(deep=False), shutter, 0.06 * ABOUT_X), shutter)
-    one, back = geometry.reversed(), geometry.reversed().reversed()
-    assert one.backward is not None and back.backward is not None
-    assert back.cam2_from_cam1 is geometry.cam2_from_cam1
-    assert (one.second_end_is_open != geometry.second_end_is_open).mean() > 0.95
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
