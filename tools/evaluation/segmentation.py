@@ -35,8 +35,8 @@ LEAST_SMEAR_PX = 2.0  # median smear below which a camera that moved need not be
 WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were
 chosen; the second is of the odd ones, which were looked at then, but decided nothing, except
 whether a camera stood still (`AT_REST`), how the weights of two trainings of the U-Net were mixed, and the
-intercept of the sum: both chose these. IoU of what is called moving with what moves, and average precision of the
-probability: means where 1 % or more moves. False area: mean share called moving where
+intercept of the sum: both chose these. IoU of what is called moving with what moves, and average precision
+of the probability: means where 1 % or more moves. False area: mean share called moving where
 nothing does, and in how many photographs it is above 0.5 %. Last, cameras that stood still before something
 that moves and are not said to have moved, and how many of these are said to stand still before it; and
 cameras that moved and are not said to: in photographs with smears of 2 px and more, of rendered scenes those
