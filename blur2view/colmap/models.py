@@ -33,12 +33,7 @@ def read_model(folder: Path) -> Any:
     try:
         for path in folder.iterdir():
             if path.suffix in (".bin", ".txt"):
-                with open_regular(path) as file:
-                    count = int.from_bytes(file.read(8), "little")
-                if path.suffix == ".bin" and count > path.stat().st_size:  # pycolmap reads on for minutes
-                    raise ValueError(f"{path.name} ends within a record")
-        if (folder / "points3D.bin").exists():
-            _check_points(folder / "points3D.bin")
+                _check_file(path)
         model = pycolmap.Reconstruction(folder)
         posed = [image for image in model.images.values() if image.name and image.has_pose]
         numbers = [camera.params for camera in model.cameras.values()]
@@ -52,15 +47,29 @@ def read_model(folder: Path) -> Any:
         raise DatabaseError(f"{folder}: its model is damaged ({why}); let COLMAP write it again") from None
 
 
-def _check_points(path: Path) -> None:
-    """Raise ValueError of a points3D.bin that ends within a record, for which pycolmap takes all memory."""
-    with open_regular(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        at = 8
-        for _ in range(int.from_bytes(content[:8], "little")):
-            at += 51  # to behind the number of elements, 8 bytes each, of a track
-            at += 8 * int.from_bytes(content[at - 8 : at], "little")
-            if at > len(content):
-                raise ValueError(f"{path.name} ends within a record")
+def _check_file(path: Path) -> None:
+    """Raise ValueError of a file that ends within a record: pycolmap reads on, or takes all memory."""
+    with open_regular(path) as file:
+        count, size = int.from_bytes(file.read(8), "little"), path.stat().st_size
+        whole = path.suffix != ".bin" or size >= max(count, 8)
+        if whole and path.name in RECORDS:
+            before, number, part = RECORDS[path.name]
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                at = 8
+                for _ in range(count):
+                    at += before
+                    if path.name == "images.bin":
+                        at = content.find(b"\0", at) + 1 or size + 1  # behind the name
+                    at += number + part * int.from_bytes(content[at : at + number], "little")
+                    if at > size:
+                        break
+                whole = at <= size
+        if not whole:
+            raise ValueError(f"{path.name} ends within a record")
+
+
+RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": (64, 4, 16)}
+"""Of a record: bytes before the number of its parts, but for a name; those of that number; of a part."""
 
 
 def find_model(folder: Path) -> Path:
