@@ -41,7 +41,6 @@ PUT_VIEW = (
 ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of 0.2.0
 LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database
 LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
-BESIDE = (*LOGS, "-shm")
 REMEDY = (
     "close programs that use it; check that it is whole, permissions, room and its image ids; if a program "
     "was killed that used it, open it once with COLMAP"

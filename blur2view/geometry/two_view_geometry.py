@@ -29,7 +29,6 @@ class Configuration(StrEnum):
     PLANAR = "PLANAR"
     PANORAMIC = "PANORAMIC"
     PLANAR_OR_PANORAMIC = "PLANAR_OR_PANORAMIC"
-    MULTIPLE = "MULTIPLE"
 
 
 class Parallax(StrEnum):

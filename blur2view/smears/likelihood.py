@@ -78,16 +78,14 @@ def read_smears(log_likelihood: Floats) -> Floats:
     ).astype(np.float32)
 
 
-def shares_of(log_likelihood: Floats, lengths: int, shorter: int = 0) -> Floats:
+def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
     """Return the shares of directions and of so many lengths, (h, w, 32 + lengths), of a log likelihood.
 
-    Of cells' log likelihoods (h, w, 32, bins), up to a constant. The first length stands for anything shorter
-    than that of the first ``shorter`` bins but one, the last one for anything longer.
+    Of cells' log likelihoods (h, w, 32, bins), up to a constant. The first length stands for anything
+    shorter, the last one for anything longer.
     """
     likelihood = normalised(log_likelihood)
     each = likelihood.sum(-2)
-    each[..., shorter] = each[..., : shorter + 1].sum(-1)
-    each = each[..., shorter:]
     missing = [(0, 0)] * (each.ndim - 1) + [(0, max(lengths - each.shape[-1], 0))]
     each = np.pad(each, missing)
     each[..., lengths - 1] = each[..., lengths - 1 :].sum(-1)

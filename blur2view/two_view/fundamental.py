@@ -83,12 +83,10 @@ class FundamentalFit:
         return replace(self, point=self.point.step(delta))
 
 
-def fit_best(
-    starts: Sequence[CameraF], likelihood: Likelihood, tolerance: float = c.TOLERANCE
-) -> FundamentalFit:
+def fit_best(starts: Sequence[CameraF], likelihood: Likelihood) -> FundamentalFit:
     """Return the cheapest refinement of the starts, which race (`constants.STARTERS`)."""
     points = [FundamentalFit.likelier(start, likelihood) for start in starts]
-    return least_of(points, c.STARTERS, c.STEPS, tolerance, c.REST)
+    return least_of(points, c.STARTERS, c.STEPS, c.TOLERANCE, c.REST)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

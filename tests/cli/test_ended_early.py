@@ -19,9 +19,9 @@ from tests.support.many_photographs import contents, finish, start, write_photog
 SIGNALS = pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is another signal there")
 
 
-def wait_for(running: subprocess.Popen[str], folder: Path, count: int, pattern: str = "*.json") -> None:
+def wait_for(running: subprocess.Popen[str], folder: Path, count: int) -> None:
     """Wait until a folder holds as many results."""
-    while running.poll() is None and len(list(folder.glob(pattern))) < count:
+    while running.poll() is None and len(list(folder.glob("*.json"))) < count:
         time.sleep(0.01)
 
 

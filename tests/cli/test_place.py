@@ -65,9 +65,9 @@ def call(*words: object) -> int:
     return cli.main(list(map(str, words)))
 
 
-def place(folder: Path, *more: object, model: str = "model", output: str = "with_views") -> int:
+def place(folder: Path, *more: object, output: str = "with_views") -> int:
     frames = folder / "shots of day 1"
-    return call("place", folder / "project.db", folder / model, frames, "-o", folder / output, *more)
+    return call("place", folder / "project.db", folder / "model", frames, "-o", folder / output, *more)
 
 
 def in_opengl(pose: Array) -> Array:

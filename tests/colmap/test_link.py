@@ -20,9 +20,9 @@ FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]
 
 
-def link(path: Path, *names: str, backup: bool = False, seed: int = 0) -> Path | None:
+def link(path: Path, *names: str, backup: bool = False) -> Path | None:
     plans = plan_links(path, [Path(name) for name in names])
-    return write_links(path, [link_of(plan, seed) for plan in plans], backup=backup)
+    return write_links(path, [link_of(plan) for plan in plans], backup=backup)
 
 
 def only_plan(path: Path, name: str = "a_001.jpg") -> ProjectImage | DatabaseError:

@@ -25,22 +25,17 @@ WALK = Walk(names=NAMES, size=(160, 120), focal=200.0, turn=TURN, move=MOVE)
 
 
 def project(
-    folder: Path,
-    linked: Sequence[int] = range(FRAMES),
-    share: float = SHARE,
-    usable: int = FEATURES,
-    rig: bool = False,
-    sharp: str = "",
+    folder: Path, linked: Sequence[int] = range(FRAMES), share: float = SHARE, usable: int = FEATURES
 ) -> tuple[Path, Path]:
-    """Write a model of a steady walk and its database, some with views, one of a short exposure."""
+    """Write a model of a steady walk and its database, some with views."""
     folder.mkdir(exist_ok=True)
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
     database, model = folder / "walk.db", folder / "model"
-    replace(WALK, rig=rig).write(points, database, {model: range(FRAMES)})
+    WALK.write(points, database, {model: range(FRAMES)})
     plans = plan_links(database, [Path(NAMES[k]) for k in linked])
     steps = [plan for plan in plans if isinstance(plan, ProjectImage)]
-    views = [smears(plan.name, points, share * (0.05 if plan.name == sharp else 1), usable) for plan in steps]
+    views = [smears(plan.name, points, share, usable) for plan in steps]
     write_links(database, list(zip(steps, views, strict=True)), backup=False)
     return database, model
 

@@ -88,10 +88,10 @@ def views(scene: Clip, sign: int = 1) -> ExposureViews:
     return found if sign > 0 else found.reversed()
 
 
-def motions(scene: Clip, camera: Camera | None = CAMERA) -> list[NeighbourMotion]:
+def motions(scene: Clip) -> list[NeighbourMotion]:
     """Give what the frames before and after show."""
     return [
-        neighbour_motion(scene.seen(0.0), scene.seen(INTERVAL * steps), steps, camera) for steps in (-1, 1)
+        neighbour_motion(scene.seen(0.0), scene.seen(INTERVAL * steps), steps, CAMERA) for steps in (-1, 1)
     ]
 
 

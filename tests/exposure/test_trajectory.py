@@ -49,7 +49,7 @@ def steady(count: int) -> list[Array]:
     return poses
 
 
-def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[CameraPath, Array]:
+def swing(period: float, reach: float = 0.1) -> tuple[CameraPath, Array]:
     """Return a camera that moves to and fro with a period in frames, so far, and its true motions."""
 
     def pose(time: float) -> Array:
@@ -57,8 +57,8 @@ def swing(period: float, count: int = 24, reach: float = 0.1) -> tuple[CameraPat
         R = rotation_matrix(0.05 * phase[:3])
         return np.column_stack([R, -R @ (reach * phase[3:])])
 
-    true = [change_of(pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)) for k in range(count)]
-    return path_of([pose(k) for k in range(count)]), np.array(true)
+    true = [change_of(pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)) for k in range(24)]
+    return path_of([pose(k) for k in range(24)]), np.array(true)
 
 
 @pytest.mark.parametrize("fraction", [0.3, -0.6])

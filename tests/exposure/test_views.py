@@ -12,18 +12,17 @@ from tests.support.grids import grid_of
 from tests.support.scenes import Scene, disturb, make_scene
 
 
-def estimate_of(scene: Scene, calibrated: bool = True) -> Estimate:
+def estimate_of(scene: Scene) -> Estimate:
     width, height = scene.image_size
-    camera = scene.camera if calibrated else None
     matches = scene.matches(0.3)
-    geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=camera)
+    geometry = estimate_two_view(matches, rng=np.random.default_rng(0), camera=scene.camera)
     return Estimate(
         grid=grid_of(np.zeros((-(-height // 32), -(-width // 32), 2)), stride=32, shape=(height, width)),
         blur=Blur(kind=BlurKind.CAMERA_MOVED),
         matches=matches,
         geometry=geometry,
         model_id="none",
-        camera=camera,
+        camera=scene.camera,
     )
 
 

@@ -9,8 +9,6 @@ from blur2view.geometry import epipolar
 from blur2view.geometry.epipolar import EndProducts
 from blur2view.geometry.rotation import rotation_flow, rotation_matrix
 
-SIMILARITY = np.array([[0.01, 0, -3.0], [0, 0.01, -2.0], [0, 0, 1]])
-
 
 def random_matrices(seed: int, count: int) -> Array:
     return epipolar.unit_norm(np.random.default_rng(seed).normal(size=(count, 3, 3)))

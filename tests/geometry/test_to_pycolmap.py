@@ -16,8 +16,8 @@ COUNT = 400
 NONE = np.zeros(5, bool)
 
 
-def solved(seed: int = 0) -> tuple[Scene, TwoViewGeometry]:
-    scene = make_scene(np.random.default_rng(seed), count=COUNT, length_px=30.0, rotation_share=0.5)
+def solved() -> tuple[Scene, TwoViewGeometry]:
+    scene = make_scene(np.random.default_rng(0), count=COUNT, length_px=30.0, rotation_share=0.5)
     return scene, estimate_two_view(scene.matches(0.1), camera=scene.camera)
 
 

@@ -26,10 +26,10 @@ from tests.support.many_photographs import write_video
 GREY = np.full((40, 60, 3), 118, np.uint8)
 
 
-def dng(path: Path, shape: tuple[int, int] = (48, 64), orientation: int = 1) -> Path:
+def dng(path: Path, orientation: int = 1) -> Path:
     """Write a DNG of red, green, green and blue pixels; its left half is darker than its right half."""
-    plane = np.full(shape, 8000, np.uint16)
-    plane[:, shape[1] // 2 :] = 30000
+    plane = np.full((48, 64), 8000, np.uint16)
+    plane[:, 32:] = 30000
     bayer = {262: 32803, 33421: (2, 2), 33422: bytes([0, 1, 1, 2]), 50721: tuple(np.eye(3).ravel().tolist())}
     return tiff(path, plane, tags=bayer | {271: "Test", 274: orientation, 50706: bytes([1, 4, 0, 0])})
 

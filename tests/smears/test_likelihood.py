@@ -11,11 +11,11 @@ Floats = NDArray[np.float32]
 BINS = 24
 
 
-def label(length: float, angle_deg: float, bins: int = BINS) -> Floats:
-    """Return the likelihood (32, bins) that one known smear is fitted with."""
+def label(length: float, angle_deg: float) -> Floats:
+    """Return the likelihood (32, BINS) that one known smear is fitted with."""
     centre = angle_deg * DIRECTIONS / 180
     apart = (np.arange(DIRECTIONS) - centre + DIRECTIONS / 2) % DIRECTIONS - DIRECTIONS / 2
-    across = np.arange(bins) - np.clip(1 + PER_OCTAVE * np.log2(length / SHORTEST_PX), 0, bins - 1)
+    across = np.arange(BINS) - np.clip(1 + PER_OCTAVE * np.log2(length / SHORTEST_PX), 0, BINS - 1)
     parts = [np.exp(-x * x / (2 * LABEL_SPREAD**2)) for x in (apart, across)]
     return np.asarray(np.outer(*(part / part.sum() for part in parts)), np.float32)
 

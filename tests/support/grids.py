@@ -9,20 +9,17 @@ from blur2view.smears.grid import SmearGrid, to_double_angle
 def grid_of(
     displacement: ArrayLike,
     sigma_px: ArrayLike = 0.2,
-    sigma_rad: ArrayLike | None = None,
     *,
     stride: int = 1,
     shape: tuple[int, int] | None = None,
-    window_px: int | None = None,
 ) -> SmearGrid:
     """Return a grid of smears (h, w, 2) that err each for themselves, by ``sigma_px`` in every direction."""
     d = np.asarray(displacement, np.float32)
     sigma = np.broadcast_to(np.asarray(sigma_px, np.float32), d.shape[:2])
     length = np.maximum(np.hypot(d[..., 0], d[..., 1]), 1.0)
-    angle = 0.5**0.5 * sigma / length if sigma_rad is None else np.asarray(sigma_rad, np.float32)
-    angle = np.broadcast_to(angle, d.shape[:2])
+    angle = 0.5**0.5 * sigma / length
     cells = np.concatenate([to_double_angle(d), sigma[..., None], angle[..., None]], axis=-1)
     height, width = (stride * side for side in d.shape[:2])
     return SmearGrid(
-        cells=cells.astype(np.float32), stride=stride, shape=shape or (height, width), window_px=window_px
+        cells=cells.astype(np.float32), stride=stride, shape=shape or (height, width), window_px=None
     )

@@ -98,11 +98,10 @@ def disturb(
     *,
     direction_deg: float = 0.0,
     length_share: float = 0.0,
-    correlation_px: float = 40.0,
     noise_px: float = 0.0,
 ) -> Scene:
     """Turn and stretch the smears about their midpoints as a network errs; add white noise to both ends."""
-    ends = with_shared_errors(scene.ends, rng, direction_deg, length_share, correlation_px)
+    ends = with_shared_errors(scene.ends, rng, direction_deg, length_share, 40.0)
     return replace(scene, ends=ends + noise_px * rng.normal(size=ends.shape))
 
 
@@ -122,9 +121,7 @@ def with_second_motion(scene: Scene, box: tuple[float, float, float, float], dis
     return replace(scene, ends=ends, outlier=scene.outlier | inside)
 
 
-def noise_field_ends(
-    rng: np.random.Generator, *, count: int = 2000, length_px: float = 12.0, correlation_px: float = 0.0
-) -> Array:
+def noise_field_ends(rng: np.random.Generator, *, count: int = 2000, correlation_px: float = 0.0) -> Array:
     """Smears of random direction with no geometry behind them, optionally smooth over the image."""
     middle = rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
-    return random_field(rng, middle, length_px, correlation_px)
+    return random_field(rng, middle, 12.0, correlation_px)

@@ -39,9 +39,9 @@ def attitude(frame: float) -> Array:
     return rotation_matrix(SWING * np.sin(2 * np.pi * frame / PERIOD + LAG))
 
 
-def swing(count: int, seed: int = 0) -> Swing:
+def swing(count: int) -> Swing:
     """Render a video; sub-frames are averaged in linear light."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     wall = np.zeros((*WALL[::-1], 3), np.float32)
     for scale, weight in ((1.2, 1.0), (5, 2.0), (20, 3.0)):
         noise = cv2.GaussianBlur(rng.normal(size=wall.shape).astype(np.float32), (0, 0), scale)

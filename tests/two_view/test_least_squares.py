@@ -59,12 +59,12 @@ def test_of_several_starts_the_one_that_is_cheapest_after_a_step_goes_on() -> No
 MOTION = np.array([0.3, -1.2, 0.7])
 
 
-def flows(seed: int, outliers: float = 0.3) -> tuple[Array, Array]:
+def flows(seed: int) -> tuple[Array, Array]:
     """Return rows (3, 2, N) and the flow (2, N) of MOTION, a share of it replaced."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(3, 2, 200))
     flow = np.einsum("k,kdn->dn", MOTION, rows)
-    wrong = rng.random(200) < outliers
+    wrong = rng.random(200) < 0.3
     flow[:, wrong] = 3 * rng.normal(size=(2, int(wrong.sum())))
     return rows, flow
 

@@ -14,18 +14,18 @@ from tests.support.scenes import make_scene
 NOISE = 8e-4
 
 
-def beside_a_plane(seed: int, off: float, count: int = 600) -> tuple[Array, Array, Array]:
+def beside_a_plane(seed: int, off: float) -> tuple[Array, Array, Array]:
     """Give A, F and noisy ends of smears of a plane, a share of them moved along their epipolar lines."""
     rng = np.random.default_rng(seed)
     A = 0.02 * rng.normal(size=(3, 3))
     A[2, 2] = 0
     epipole = np.array([0.6, 0.3, 1.0])
-    x = rng.uniform(-0.4, 0.4, (count, 2))
+    x = rng.uniform(-0.4, 0.4, (600, 2))
     y = homogeneous(x) @ cayley(A).T
     y = y[:, :2] / y[:, 2:]
-    apart = (rng.random(count) < off)[:, None] * rng.normal(0, 0.05, (count, 1))
+    apart = (rng.random(600) < off)[:, None] * rng.normal(0, 0.05, (600, 1))
     y = y + apart * (epipole[:2] - y)
-    ends = np.stack([x, y], axis=1) + NOISE * rng.normal(size=(count, 2, 2))
+    ends = np.stack([x, y], axis=1) + NOISE * rng.normal(size=(600, 2, 2))
     ends[::2] = ends[::2, ::-1]
     return A, cross_matrix(epipole) @ cayley(A), ends
 

@@ -20,11 +20,9 @@ from tools.evaluation import baselines
 from tools.metrics import epipole_angle_deg
 
 
-def dominant_plane(
-    seed: int, noise_px: float, outliers: float, count: int = 800
-) -> tuple[SmearMatches, Array, Array]:
+def dominant_plane(seed: int, noise_px: float, outliers: float) -> tuple[SmearMatches, Array, Array]:
     """Smears of which 80 % lie on one plane, K and F."""
-    rng = np.random.default_rng(seed)
+    rng, count = np.random.default_rng(seed), 800
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     depth = tilted_plane(rng, points)
     depth = np.where(rng.random(count) < 0.2, depth * np.exp(rng.uniform(-0.5, 0.5, count)), depth)

@@ -265,9 +265,7 @@ def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
     return np.asarray(rng.uniform(*FAR) / inverse)
 
 
-def random_field(
-    rng: np.random.Generator, points: Array, length_px: float, correlation_px: float = 0.0
-) -> Array:
+def random_field(rng: np.random.Generator, points: Array, length_px: float, correlation_px: float) -> Array:
     """Return smears (N, 2, 2) about pixels, all of one length, of directions without geometry."""
     vector = np.stack([smooth_noise(rng, points, correlation_px) for _ in range(2)], axis=-1)
     return smears_about(points, length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True))

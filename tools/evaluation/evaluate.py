@@ -93,10 +93,10 @@ def by_octave(smears: Smears) -> Iterator[tuple[str, ...]]:
             yield f"{start} to {2 * start}", f"{chosen.sum()}", *(f"{figure:.3f}" for figure in figures)
 
 
-def by_sigma(smears: Smears, parts: int = 10) -> Iterator[tuple[str, ...]]:
-    """Yield, of equal parts of the smears by sigma, root mean squares of sigma and error, and their ratio."""
+def by_sigma(smears: Smears) -> Iterator[tuple[str, ...]]:
+    """Yield, of tenths of the smears by sigma, root mean squares of sigma and error, and their ratio."""
     error = epe_s(smears.found, smears.true)
-    for chosen in np.array_split(np.argsort(smears.sigma, kind="stable"), parts):
+    for chosen in np.array_split(np.argsort(smears.sigma, kind="stable"), 10):
         sigma_px, error_px = (np.sqrt((x[chosen].astype(float) ** 2).mean()) for x in (smears.sigma, error))
         within = (error[chosen] <= smears.sigma[chosen]).mean()
         yield tuple(f"{value:.2f}" for value in (sigma_px, error_px, error_px / sigma_px, within))

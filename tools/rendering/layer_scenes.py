@@ -99,9 +99,9 @@ class Layers:
     """The a of s(t)."""
 
 
-def silhouettes(font: Path = FONT) -> Pictures:
+def silhouettes() -> Pictures:
     """Return the things of an emoji font (h, w, 4), cut to their outlines."""
-    drawn, found = ImageFont.truetype(str(font), FONT_PX), []
+    drawn, found = ImageFont.truetype(str(FONT), FONT_PX), []
     for code in (code for first, last in EMOJI for code in range(first, last + 1)):
         canvas = Image.new("RGBA", (150, 150))
         ImageDraw.Draw(canvas).text((7, 7), chr(code), font=drawn, embedded_color=True)

@@ -232,12 +232,10 @@ def point_spread(rng: np.random.Generator, radius_px: float, kind: str | None = 
     return np.asarray(kernel / kernel.sum(), np.float32)
 
 
-def defocused(
-    rng: np.random.Generator, linear: AnyArray, radius_px: float, kind: str | None = None
-) -> AnyArray:
+def defocused(rng: np.random.Generator, linear: AnyArray, radius_px: float) -> AnyArray:
     """Return radiance (H, W, C), with its alpha if it has one, out of focus by this radius."""
     if radius_px < 0.3:
         return linear
-    kernel, image = point_spread(rng, radius_px, kind), linear.astype(np.float32)
+    kernel, image = point_spread(rng, radius_px), linear.astype(np.float32)
     border = cv2.BORDER_REFLECT if image.shape[2] == 3 else cv2.BORDER_CONSTANT
     return np.asarray(cv2.filter2D(image, -1, kernel, borderType=border))

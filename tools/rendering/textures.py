@@ -24,6 +24,7 @@ BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass"
 HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")  # those of them that only the test split uses
 LARGEST_PX = 3000  # photographs are halved until their longer side is at most this: few are sharper
 HELD_OUT_EVERY = 4  # every fourth photograph of an added folder (by sorted name) is held out of training
+PHOTO_SHARE = 0.55  # of textures that are photographs
 BITS = cv2.LINE_AA, 3  # OpenCV draws smoothly, with coordinates in eighths of a texel
 
 
@@ -266,9 +267,9 @@ PROCEDURAL: tuple[tuple[Callable[[np.random.Generator], Image], float], ...] = (
 """Generators and their shares."""
 
 
-def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...], photo_share: float = 0.55) -> Image:
+def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
     """Return a random linear-light texture (h, w, 3), at least 128 texels a side."""
-    if rng.random() < photo_share:
+    if rng.random() < PHOTO_SHARE:
         image = photograph(rng, pool)
     else:
         makers, shares = zip(*PROCEDURAL, strict=True)

@@ -25,9 +25,9 @@ def wall(plane: Plane, **more: Any) -> Layer:
     return Layer(planes=(plane,), relief=np.zeros((2, 2), np.float32), **more)
 
 
-def card(plane: Plane, box: tuple[float, float, float, float], alpha: float = 1.0, **more: Any) -> Layer:
+def card(plane: Plane, box: tuple[float, float, float, float], **more: Any) -> Layer:
     """Return a flat layer of one plane in a box (x, y, width, height) of the image, pixels."""
-    return wall(plane, stencil=np.full((160, 160), alpha, np.float32), box=box, **more)
+    return wall(plane, stencil=np.ones((160, 160), np.float32), box=box, **more)
 
 
 def path(rotation: Any = (0.0, 0, 0), translation: Any = (0.0, 0, 0)) -> Trajectory:

@@ -11,11 +11,11 @@ from tools.training.reader import SCALARS, Reader, ReaderOptions, target_of
 SMALL = ReaderOptions(window=8, region=12)
 
 
-def some_octaves(n: int = 1, rows: int = 4, columns: int = 5) -> list[tuple[torch.Tensor, torch.Tensor]]:
+def some_octaves() -> list[tuple[torch.Tensor, torch.Tensor]]:
     """Return features of two octaves, of any values."""
     torch.manual_seed(1)
-    sizes = ((rows, columns), (rows // 2, -(-columns // 2)))
-    return [(torch.randn(n, h, w, DIRECTIONS, LAGS), torch.randn(n, h, w, SCALARS)) for h, w in sizes]
+    sizes = ((4, 5), (2, 3))
+    return [(torch.randn(1, h, w, DIRECTIONS, LAGS), torch.randn(1, h, w, SCALARS)) for h, w in sizes]
 
 
 def test_without_the_lattice_directions_are_treated_alike() -> None:
