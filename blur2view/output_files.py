@@ -118,7 +118,8 @@ def check_file(target: Path, inputs: Collection[str] = (), *, option: str = "-o"
     if target.exists() and not target.is_file():
         raise OutputError(f"{target}: is no regular file; {remedy}")
     if target.exists() and not is_ours(target):
-        raise OutputError(f"{target}: is not by an earlier call; move it away, or {remedy}")
+        unsigned = "is there and does not say that blur2view wrote it"
+        raise OutputError(f"{target}: {unsigned}; move it away, or {remedy}")
 
 
 def is_ours(path: Path) -> bool:

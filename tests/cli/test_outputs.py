@@ -23,7 +23,7 @@ def test_only_results_of_blur2view_are_replaced(run: Call, moving: Path, still: 
         ours = (out / name).read_bytes()
         (out / name).write_text(theirs)
         done = run(moving, still, "-o", out)
-        assert done == 1 and f"{out / name}: is not by an earlier call" in done.line
+        assert done == 1 and f"{out / name}: is there and does not say that blur2view wrote it" in done.line
         assert (out / name).read_text() == theirs and (out / "still.json").exists()
         (out / name).write_bytes(ours)
 
