@@ -104,7 +104,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         max_smear_px=options.max_smear or float("inf"),
     )
     frames = {Path(os.path.normpath(target.parent / one["file_path"])): one for one in content["frames"]}
-    frames = _present(frames)
+    of_model, frames = len(frames), _present(frames)
     files = {} if options.masks is None else _masks(options, options.masks, content, frames, images)
     if PLY_KEY in content:
         cloud = target.parent / content[PLY_KEY]
@@ -118,7 +118,8 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     still = sum(not any(any(frame.get(key, ())) for key in moving) for frame in frames.values())
     line = plural(len(frames), "frame") + " and their masks" * (options.masks is not None)
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
-    return line + f", {still} of them without views, as if sharp (blur2view place gives them)" * (still > 0)
+    line += f", {still} of them without views, as if sharp (blur2view place gives them)" * (still > 0)
+    return line + _absent(of_model - len(frames), images)
 
 
 def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
@@ -128,6 +129,12 @@ def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
         path = next(iter(photographs))
         raise OutputError(f"{path}: no such photograph, nor any other; name their folder with --images")
     return present
+
+
+def _absent(count: int, images: Path) -> str:
+    """Return the words about photographs that are left out as their files are not there."""
+    words = f"; left out {plural(count, 'photograph')} of the model not in {printable(str(images))}"
+    return words * (count > 0)
 
 
 def _masks(
@@ -181,4 +188,5 @@ def _write_model(options: ToTransformsOptions) -> str:
             link.symlink_to(os.path.abspath(images), target_is_directory=True)
         except OSError as error:
             raise unwritable(options.output, error) from None
-    return f"{plural(len(names), 'photograph')} as sharp at mid exposure"
+    line = f"{plural(len(names), 'photograph')} as sharp at mid exposure"
+    return line + _absent(len(kept) - len(names), images)

@@ -105,6 +105,13 @@ def test_long_smears_are_left_out(scene: Path, call: Call, dialect: str) -> None
     assert refused == 1 and "all smears are longer than 0.1 px; add to --max-smear" in refused.line
 
 
+@pytest.mark.parametrize("dialect", ["nerfstudio", "gsplat"])
+def test_photographs_that_are_not_there_are_counted(scene: Path, call: Call, dialect: str) -> None:
+    min((scene / "images").iterdir()).unlink()
+    done = call(scene / "model", "--images", scene / "images", "--dialect", dialect, "-o", scene / "made")
+    assert done == 0 and f"; left out 1 photograph of the model not in {scene / 'images'}" in done.out
+
+
 def _smears(scene: Path, call: Call) -> list[float]:
     """Return the median smears, in pixels, that instant-ngp reads."""
     assert call(scene / "model", "--images", scene / "images", "-o", scene / "all.json") == 0
