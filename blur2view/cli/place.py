@@ -68,8 +68,8 @@ class PlaceOptions:
             if not found.placed:
                 count = plural(len(found.refused), "frame")
                 raise DatabaseError(
-                    f"{self.database}: of {count} with views none is next to another and shows how long an "
-                    f"exposure is; {REMEDY}"
+                    f"{self.database}: of {count} with views none is next to another in {self.photographs} "
+                    f"and shows how long an exposure is; {REMEDY}"
                 )
             write_model(found.model, self.output, self.photographs, self.database)
         if not self.printing.quiet:

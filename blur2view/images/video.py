@@ -167,5 +167,6 @@ def _opened(video: Path) -> Any:
     os.environ.setdefault(*FILES_ONLY)  # which OpenCV reads whenever it opens a video
     capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG)
     if not capture.isOpened():
-        raise ImageError(f"{video}: cannot be opened as a video; convert it to MP4 or name its frames")
+        remedy = "copy it again if it is damaged or cut off, or else convert it to MP4 or name its frames"
+        raise ImageError(f"{video}: cannot be opened as a video; {remedy}")
     return capture
