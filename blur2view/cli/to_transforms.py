@@ -14,9 +14,11 @@ from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable
 from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
-from blur2view.colmap.models import PICTURES, noted, read_model, refuse_other_model, write_model
+from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
+from blur2view.colmap.project import smear_lengths
 from blur2view.colmap.transforms import PLY_KEY, keep_photographs, point_cloud, transforms, with_views
 from blur2view.errors import OutputError
+from blur2view.exposure.views import OPEN
 from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
 from blur2view.output_files import check_file, is_ours, unwritable, write_beside
 from blur2view.results.overlay import png
@@ -84,6 +86,7 @@ class ToTransformsOptions:
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
         line = _write_model(self) if self.dialect == GSPLAT else _write_transforms(self)
+        line += _linked(self.model)
         if not self.printing.quiet:
             print(f"{printable(str(self.output))}: wrote {line}")
         return 0
@@ -120,6 +123,17 @@ def _write_transforms(options: ToTransformsOptions) -> str:
     line += f" and their points, {content[PLY_KEY]}" if PLY_KEY in content else ""
     line += f", {still} of them without views, as if sharp (blur2view place gives them)" * (still > 0)
     return line + _absent(of_model - len(frames), images)
+
+
+def _linked(folder: Path) -> str:
+    """Return what became of the frames with views in the database that a model names, to add to a line."""
+    there = {image.name for image in read_model(folder).images.values() if image.has_pose}
+    linked = smear_lengths(noted(folder, DATABASE) or folder)
+    absent = sum(name not in there for name in linked)
+    views = sum(f"{name}{OPEN}" in there for name in linked)
+    counts = {"with views": views, "without": len(linked) - absent - views, "not in the model": absent}
+    said = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
+    return f"; of {plural(len(linked), 'linked frame')} {said}" * bool(linked)
 
 
 def _present(photographs: dict[Path, Any]) -> dict[Path, Any]:
