@@ -32,6 +32,7 @@ class Finished:
     outcomes: list[tuple[Job, Outcome]] = field(default_factory=list)
     ended_early: int = DONE  # the exit code, if it was interrupted or no photograph can be done any more
     seconds: float = 0.0
+    without_table: bool = False  # as it could not be written
 
     @property
     def records(self) -> dict[Job, Photograph]:
@@ -51,7 +52,7 @@ class Finished:
     @property
     def exit_code(self) -> int:
         """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
-        return self.ended_early or (FAILED if self.failures else DONE)
+        return self.ended_early or (FAILED if self.failures or self.without_table else DONE)
 
 
 class Photographs:
@@ -174,15 +175,19 @@ class Photographs:
     def close(self, run: Finished, listed: str = "", *, total: bool = True) -> None:
         """Print the records as one list of this name, if it is asked for; write the table.
 
-        Else a ``total`` says how many of several photographs were done, and what was written. OutputError if
-        the table cannot be written; all else is there.
+        Else a ``total`` says how many of several photographs were done, and what was written. A table that
+        cannot be written is one line of failure: all else is of use without it.
         """
         if self.folder.json:
             done = [one.photograph.plain() for one in run.done]
             print(json.dumps({listed: done, "failures": run.failures}, indent=2, allow_nan=False))
         table, rows = self.options.common.csv, list(run.records.values())
         if table is not None and rows:
-            write_file(table, table_text(rows))
+            try:
+                write_file(table, table_text(rows))
+            except OutputError as error:
+                complain(error)
+                run.without_table, table = True, None
         quiet = self.options.common.printing.quiet or self.folder.json
         if run.ended_early or len(run.outcomes) < 2 or quiet or not total:
             return

@@ -130,7 +130,11 @@ class TriageOptions(Command):
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
             parts.append(f"{len(kept)} kept" if kept else f"none is kept: {remedy}")
-        written = [self.common.csv, self.keep, self.extract if kept else None]
+        written = [
+            None if finished.without_table else self.common.csv,
+            self.keep,
+            self.extract if kept else None,
+        ]
         paths = " and ".join(printable(str(path)) for path in written if path is not None)
         parts += [f"wrote {paths}"] * bool(paths)
         print(f"{plural(len(records), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")

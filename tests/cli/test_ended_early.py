@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 
+from blur2view.cli import run as command
 from blur2view.cli import work
+from blur2view.errors import OutputError
 from blur2view.images.image import read_pixels
 from blur2view.output_files import half_written, write_files
 from blur2view.runs import jobs
@@ -43,6 +45,18 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
     read.clear()
     assert run(folder, "-o", tmp_path / "out", "--resume") == 0
     assert read == ["003.png", "004.png"]
+
+
+def test_a_table_that_cannot_be_written_costs_no_other_result(
+    call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(target: Path, content: bytes) -> None:
+        raise OutputError(f"{target}: no room")
+
+    monkeypatch.setattr(command, "write_file", full)
+    done = call("to-colmap", folder, "--db", tmp_path / "new.db", "--csv", tmp_path / "t.csv")
+    assert done == 1 and done.line == f"blur2view: {tmp_path / 't.csv'}: no room"
+    assert (tmp_path / "new.db").is_file()
 
 
 def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
