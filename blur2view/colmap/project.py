@@ -31,7 +31,7 @@ UNION ALL SELECT rig_id FROM rig_sensors WHERE sensor_id = ? AND sensor_type = {
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
   photograph TEXT NOT NULL, role TEXT NOT NULL CHECK(role IN ('open', 'close')), config TEXT NOT NULL,
-  time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, source BLOB, smear_px REAL,
+  time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, smear_px REAL,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
 PUT_VIEW = (
