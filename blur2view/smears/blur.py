@@ -13,7 +13,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import TINY, AnyArray
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SHORTEST_PX, SMEARED
 
@@ -180,7 +180,7 @@ def is_close(grid: SmearGrid) -> bool:
 def smeared_share(grid: SmearGrid) -> float:
     """Return the share of a grid with kinds of blur that is smeared, as it counts for the camera's motion."""
     sharp, defocused, smeared, both = near_border(np.asarray(grid.kinds, float))
-    return float((smeared + both) / (sharp + defocused + smeared + both))
+    return float((smeared + both) / max(sharp + defocused + smeared + both, TINY))
 
 
 def in_doubt(grid: SmearGrid) -> bool:

@@ -1,10 +1,12 @@
 """What blurred a photograph: kinds of its cells, averaged where they tell, and more so near the border."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import blur_of, in_doubt, is_close
+from blur2view.smears.blur import blur_of, in_doubt, is_close, smeared_share
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
 from tests.support.grids import grid_of
@@ -130,3 +132,9 @@ def test_logits_are_read_as_probabilities_and_radii() -> None:
     logits = np.full((1, 1, 24), -30, np.float32)
     logits[..., 9] = 0
     assert read_radii(logits)[0, 0] == pytest.approx(radii_px(24)[9]) == pytest.approx(2.8, rel=1e-3)
+
+
+def test_where_nothing_is_seen_nothing_is_smeared() -> None:
+    unseen = grid(within(4, 4))
+    assert unseen.blur is not None
+    assert smeared_share(replace(unseen, blur=unseen.blur.round())) == 0
