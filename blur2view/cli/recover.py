@@ -10,6 +10,7 @@ from blur2view.cli.options import Printing
 from blur2view.cli.place import frame_names, refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
+from blur2view.colmap.project import check_schema, open_read_only
 from blur2view.errors import DatabaseError, OutputError
 
 TRACKS = "tracks.db"
@@ -60,8 +61,11 @@ class RecoverOptions:
         with waiting("recovering frames") as show:
             names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
             refuse_other_model(self.output)
-            if self.tracks is not None and os.path.lexists(tracks):
-                raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
+            if self.tracks is not None:
+                if os.path.lexists(tracks):
+                    raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
+                with open_read_only(self.tracks) as project:  # before hours of work
+                    check_schema(project)
             found = recover_frames(model, self.photographs, names, refine=self.refine, show=show)
             if found.refused and not found.recovered and self.tracks is None:
                 name, why = next(iter(found.refused.items()))

@@ -44,3 +44,5 @@ def test_database_that_is_there_is_not_replaced_by_tracks(
     done = call_program(capsys, *words)
     assert done == 1 and f"{tracks}: exists; move it away" in done.line
     assert tracks.read_bytes() == b"mine" and list(tmp_path.iterdir()) == [tracks]
+    done = call_program(capsys, *words[:-2], "--tracks", tmp_path / "none.db", "-o", tmp_path / "other")
+    assert done == 1 and "none.db: no such database" in done.line and not (tmp_path / "other").exists()
