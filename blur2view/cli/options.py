@@ -233,7 +233,7 @@ class Command:
         return found
 
     @property
-    def files(self) -> Folder:
+    def results_folder(self) -> Folder:
         """Where each photograph has files of its own, of a command that writes some."""
         found: Folder = getattr(self, "folder", Folder())
         return found

@@ -61,7 +61,7 @@ class Photographs:
     def __init__(self, options: Command) -> None:
         self.options = options
         self.inputs = options.common.reading.inputs()
-        self.folder = options.files
+        self.folder = options.results_folder
 
     def jobs(
         self, endings: Sequence[str] = (), beside: Callable[[Path], Sequence[Path]] = lambda name: ()
@@ -154,7 +154,15 @@ class Photographs:
         """Return the outcome of a photograph whose results are of the same input and options."""
         try:
             record = Photograph.from_json(job.files[-1].read_bytes())
-        except (OSError, ValueError, TypeError, LookupError):  # it was cut off, or changed
+            record.to_json()  # with all that is derived
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            LookupError,
+            AttributeError,
+            RecursionError,
+        ):  # cut or changed
             return None
         same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.options_sha256)
         if not same or not all(path.is_file() for path in job.files):

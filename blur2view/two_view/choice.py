@@ -157,7 +157,7 @@ def named(
     model = MotionModel.ROTATION if turns else MotionModel.PLANE
     best = max(zip(probabilities, fields, strict=True), key=lambda one: (one[1].model is model, one[0]))[1]
     config = Configuration.PLANAR_OR_PANORAMIC
-    comparison = "without an image size a rotation cannot be told from a plane"
+    comparison = "without an image size rotation and plane look alike"
     if MotionModel.ROTATION in odds:
         of_both = odds[MotionModel.ROTATION], odds[MotionModel.PLANE]
         comparison = "of a rotation {:.2f}, of a plane {:.2f}".format(*of_both)

@@ -1,5 +1,6 @@
 """``--resume``: what is skipped, and what is done again."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -32,6 +33,10 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     assert read == ["000.png", "001.png", "002.png", "003b.png", "900.png"]
     after = contents(out)
     assert after["000.png"] == before["000.png"] and after["002.smear.npz"] != before["002.smear.npz"]
+
+    changed = json.loads(after["003b.json"]) | {"models": 3, "cam2_from_cam1": 5}
+    (out / "003b.json").write_text(json.dumps(changed, indent=2))
+    assert run(folder, "-o", out, "--resume") == 0 and contents(out) == after
 
     (out / "004.json").write_text("mine")
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"

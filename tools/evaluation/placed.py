@@ -5,7 +5,7 @@ COLMAP triangulate and adjust from the true poses with the features of their blu
 all is kept in WORK. Each frame's motion from its own pose to both ends of its exposure is compared with the
 true one, after one scale for each model, in the better order of the ends: rotation, position, and over the
 exposure the mean distance of points at one and a half of the scene's depth from where they are. The
-cubic *spline* through the frames' own poses is told the exposure, as *place, told* is.
+cubic *spline* through the frames' own poses is given the exposure, as *place, given* is.
 """
 
 from itertools import product
@@ -27,7 +27,7 @@ from tools.rendering.video import Shake, VideoOptions, write_video
 SHAKES = {"30, slower": (30, 0.7, 10), "10, as fast": (10, 0.7, 10), "10, faster": (10, 6, 12)}
 """Frames a second and how fast the shake is beside half of that: the bounds of its frequencies, Hz."""
 SHARES = (0.33, 0.6, 0.9)  # exposure over frame interval
-METHODS = ("spline", "place, told", "place")
+METHODS = ("spline", "place, given", "place")
 TIMES: Array = np.linspace(-1, 1, 9)  # from shutter-open to shutter-close
 DEPTHS = (0.5, 1.0)
 TITLE = "Both ends of exposures, placed and interpolated"
@@ -173,9 +173,9 @@ def measure(work: Path, key: dict[str, Any]) -> dict[str, Any]:
     true = {f"f_{index:03d}.png": path.pose(0.0) for index, path in enumerate(paths)}
     database, model = reconstruct(folder, options, true)
     poses = poses_of(pycolmap.Reconstruction(model))
-    told, free = (place_views(database, model, sorted(true), given) for given in (share, None))
+    known, free = (place_views(database, model, sorted(true), given) for given in (share, None))
     steps = [interpolated_steps(poses, share)]
-    steps += [placed_steps(poses_of(placement.model)) for placement in (told, free)]
+    steps += [placed_steps(poses_of(placement.model)) for placement in (known, free)]
     to_scene, by_name = [1, 1, 1, scale_of(poses, true)], dict(zip(true, paths, strict=True))
     record = {**key, "fraction": free.fraction}
     for method, ends in zip(METHODS, steps, strict=True):
