@@ -14,11 +14,9 @@ from blur2view.errors import ImageError, ModelError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.rotation import rotation_vector
 from blur2view.images.video import read_video
-from blur2view.networks.protocol import Detail
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph
-from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import select_matches
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.colour_code import HEIGHT, WIDTH, colour_code, forward_motion
@@ -94,33 +92,6 @@ def test_what_is_printed_of_an_estimate_is_one_short_line_with_units(network: Sm
     velocity = found.angular_velocity(0.02)
     for one, unit in ((found, "px"), (network, "px"), (velocity, "rad/s")):
         assert repr(one).startswith(f"<{type(one).__name__}") and unit in repr(one) and len(repr(one)) < 130
-
-
-@pytest.mark.parametrize("camera", [300.0, np.eye(3), "PINHOLE 4 4 1 1 2 2", (300.0, (320, 240))])
-def test_camera_of_a_wrong_type_is_a_value_error_that_says_what_it_got(
-    camera: Any, network: SmearNetwork
-) -> None:
-    with pytest.raises(ValueError, match=rf"must be a blur2view\.Camera.* got {type(camera).__name__}"):
-        estimate(PICTURE, network=network, camera=camera)
-
-
-def test_detail_may_be_a_word_and_what_is_no_network_is_a_value_error(network: SmearNetwork) -> None:
-    asked: list[Detail] = []
-
-    class Noted:
-        model_id, execution = network.model_id, network.execution
-
-        def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
-            asked.append(detail)
-            return network.predict(image, detail=detail)
-
-    word: Any = "ranking"
-    found = [estimate(PICTURE, network=Noted(), detail=one) for one in (word, Detail.RANKING)]
-    assert numbers(found[0]) == numbers(found[1]) and asked == asked[: len(asked) // 2] * 2
-    assert all(isinstance(one, Detail) for one in asked)
-    wrong: Any = 5
-    with pytest.raises(ValueError, match=r"network must be a blur2view\.SmearNetwork.* got 5"):
-        estimate(PICTURE, network=wrong)
 
 
 def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwork) -> None:

@@ -60,19 +60,6 @@ def test_without_a_rate_there_is_no_log_and_all_else_is_printed(run: Call, tmp_p
     assert done == 1 and "a log of rates is of one video" in done.line and done.out == ""
 
 
-def test_bad_inputs_cost_one_line_each_and_not_the_others(run: Call, folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "text.mp4").write_text("text")
-    (tmp_path / "list.txt").write_text(f"{folder / '000.png'}\nabsent.png\n")
-    printed = run(tmp_path / "empty", tmp_path / "text.mp4", f"@{tmp_path / 'list.txt'}")
-    assert printed == 1
-    empty, text, absent = printed.lines
-    assert "empty: holds no photograph" in empty
-    assert "text.mp4: cannot be opened as a video" in text
-    assert "absent.png: no such file" in absent
-    assert "4 photographs: 1 done, 3 failed" in printed.out
-
-
 @pytest.mark.parametrize(
     "command", ["triage --keep keep.txt", "estimate -o out", "report --no-mask -o a.html"]
 )

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.cli.commands import parse
-from blur2view.cli.work import digest_of
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents
@@ -49,12 +47,6 @@ def test_other_options_are_done_again_and_those_without_effect_are_not(
         for more in ([], ["--resume", "-q"]):
             assert run(folder, "-o", tmp_path / "out", "--resume", *words, *more) == 0
             assert len(read) == 5 * count
-
-
-def test_a_log_of_the_whole_video_changes_no_result_of_a_frame() -> None:
-    words = ["estimate", "clip.mp4", "--focal", "300"]
-    assert digest_of(parse([*words, "--gyroflow", "log.gcsv"])) == digest_of(parse(words))
-    assert digest_of(parse([*words, "--seed", "1"])) != digest_of(parse(words))
 
 
 def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path, here: Path) -> None:

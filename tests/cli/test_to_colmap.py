@@ -22,7 +22,6 @@ from tests.support.colmap_projects import ProjectOptions, make_project, random_v
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.exif import exif_of
 
-ROOT = Path(__file__).parents[2]
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
 
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from blur2view import Camera, SmearNetwork, estimate_frames, timestamps_of
+from blur2view import Camera, SmearNetwork, estimate_frames
 from blur2view.arrays import AnyArray
-from blur2view.errors import ImageError
 from blur2view.images.source import timestamp_of
 from tests.support.colour_code import colour_code, forward_motion
 
@@ -40,9 +39,3 @@ def test_each_estimate_comes_with_its_time_when_the_next_frame_is_there(tiny_mod
 )
 def test_names_that_are_times_say_when(name: str, seconds: float | None) -> None:
     assert timestamp_of(name) == (None if seconds is None else pytest.approx(seconds, abs=1e-6))
-
-
-def test_times_come_from_names() -> None:
-    assert timestamps_of(["1.5.png", "2.25.png"]) == [1.5, 2.25]
-    with pytest.raises(ImageError, match="a.png: its name is no time"):
-        timestamps_of(["a.png"])

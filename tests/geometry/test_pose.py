@@ -81,11 +81,6 @@ def test_known_intrinsics_give_the_pose() -> None:
     assert (mean[:2] < [0.1, 2.0]).all() and (mean[:2] < 0.9 * mean[2:]).all()
 
 
-def unit(vector: np.ndarray) -> np.ndarray:
-    scaled: np.ndarray = vector / np.linalg.norm(vector)
-    return scaled
-
-
 def test_points_lie_before_both_cameras_in_one_pose_of_four() -> None:
     scene = make_scene(np.random.default_rng(7), length_px=30)
     ends = rays(scene)

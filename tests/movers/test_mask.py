@@ -7,15 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 from blur2view.images.image import read_image
-from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
-from blur2view.movers.moving import Moving
+from blur2view.movers.mask import MotionLabel, MotionMask, segment
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results import overlay
-from blur2view.smears.grid import SmearGrid
 from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, Floats, photo, smears
 
 ROOT = Path(__file__).parents[2]
@@ -76,15 +73,6 @@ def test_nothing_moves_where_all_smears_are_the_cameras(camera: tuple[float, flo
     assert mask.regions == () and (mask.labels == MotionLabel.STATIC).mean() > 0.8
 
 
-def test_what_the_estimate_found_of_what_moves_is_not_looked_for_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    image, found, mask = before(STILL)
-    assert found.moving is not None
-    monkeypatch.setattr("blur2view.movers.mask.moving_in", lambda *given: pytest.fail("again"))
-    np.testing.assert_array_equal(segment(found, image).labels, mask.labels)
-
-
 def test_what_is_smooth_is_unobservable_and_never_moves() -> None:
     image = photo(smears(SIDEWAYS))
     image[:, 352:] = 0.5  # the mover, too
@@ -116,40 +104,11 @@ def test_smears_of_another_network_will_do() -> None:
     np.testing.assert_array_equal(segment(other, image).labels, mask.labels)
 
 
-def moving_of(log_odds: Floats, smooth: NDArray[np.bool_] | None = None, place_px: int = 4) -> Moving:
-    """Return places with these log-odds."""
-    return Moving(
-        log_odds=log_odds,
-        smooth=np.zeros(log_odds.shape, bool) if smooth is None else smooth,
-        place_px=place_px,
-        camera_px=0.0,
-        camera_moved=0.0,
-    )
-
-
-def test_a_part_reaches_halfway_down_to_the_median_and_is_judged_by_its_highest_place() -> None:
-    log_odds, smooth = np.full((80, 80), -10, np.float32), np.zeros((80, 80), bool)
-    log_odds[:20, :20] = log_odds[40:60, :20] = -2
-    log_odds[20:40, :20] = -6
-    log_odds[5, 5] = 4
-    log_odds[70:, :] = 9
-    smooth[70:, :] = True
-    parts = moving_of(log_odds, smooth).parts()
-    assert parts[:20, :20].all() and parts.sum() == 400  # the other is not as high, -6 too low, 9 smooth
-    lower = moving_of(log_odds - 6, smooth)
-    assert not lower.parts().any() and lower.parts(0.1).sum() == 400
-
-
 def test_a_large_photograph_is_halved_and_parts_stay_where_they_are() -> None:
     image = cv2.resize(before(SIDEWAYS)[0], None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC).clip(0, 1)
     found = estimate(image)
     rows, columns = (slice(3 * part.start, 3 * part.stop) for part in BOX)
     assert overlap(segment(found, image), (rows, columns)) > 0.6
-    log_odds = np.full((256, 376), -9, np.float32)
-    log_odds[248:252] = 3  # of pixels 1984 to 2015, which the last row of cells shows
-    grid = SmearGrid(cells=np.zeros((63, 94, 4), np.float32), stride=32, shape=(2010, 3000))
-    share = moving_of(log_odds, place_px=8).share_of(grid)
-    assert share[-1] == pytest.approx(1) and share[:-1] == pytest.approx(0)
 
 
 def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() -> None:
@@ -159,18 +118,6 @@ def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() ->
     for p in (0.0, 1.0):
         with pytest.raises(ValueError, match="above 0 and below 1"):
             segment(found, image, threshold=p)
-
-
-def test_parts_are_described_by_their_own_pixels() -> None:
-    moving = np.zeros((30, 40), bool)
-    moving[2:5, 7] = moving[4, 3:8] = True
-    moving[20:28, 10:30] = True
-    probability = np.where(moving, 0.5, 0.0).astype(np.float32)
-    probability[20:28, 10:20] = 0.9
-    large, small = regions_of(moving, probability)
-    assert (large.area_px, small.area_px) == (160, 7)
-    assert (large.box, small.box) == ((10, 20, 20, 8), (3, 2, 5, 3))
-    assert large.probability == pytest.approx(0.7) and small.probability == pytest.approx(0.5)
 
 
 def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:

@@ -10,7 +10,6 @@ import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, length_text, use_of
-from blur2view.smears.blur import DEFOCUSED_PX
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 MOVED = "camera moved", "out of focus and moved"
@@ -108,7 +107,3 @@ def test_estimate_and_segment_state_one_share_and_a_camera_changes_no_kind(
 @pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_no_two_fields_of_plain_pictures_contradict(value: float) -> None:
     assert not found(np.full((240, 320, 3), value, np.float32))
-
-
-def test_out_of_focus_is_the_same_radius_everywhere() -> None:
-    assert MAX_DEFOCUS_PX == DEFOCUSED_PX

@@ -32,19 +32,10 @@ CASES = {
     "The camera stood still; 14 % of the picture moves by itself": replace(
         MOVED, blur="camera at rest", moving_share=0.14
     ),
-    f"Camera turned sideways{SMEARS}; 15 % of the picture moves by itself": moved(
-        "PANORAMIC", H=H, direction_deg=172.0, moving_share=0.151
-    ),
     "Too dark: cannot tell": replace(MOVED, blur="cannot tell", nothing_seen="too dark"),
-    "Smooth: cannot tell": replace(MOVED, blur="cannot tell"),
-    f"Camera turned or moved, with the same blur everywhere{SMEARS}": moved("DEGENERATE"),
     f"Camera moved, and too little of the picture shows how{SMEARS}": moved("DEGENERATE", "undecided"),
-    f"Camera moved, and no one motion explains the blur{SMEARS}": moved("UNDEFINED", "undecided"),
     f"Camera turned sideways{SMEARS}": moved("PANORAMIC", H=H, direction_deg=172.0),
     f"Camera rolled, parallax undecided{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=H),
-    "Camera turned sideways by 4.8 +/- 0.3 degrees": posed(
-        "PANORAMIC", [0.0, 0, 0], H=H, direction_deg=172.0
-    ),
     f"Camera moved sideways (+/- 12 degrees){SMEARS}": posed(
         "CALIBRATED", [1.0, 0.0, 0.0], F=F, sigma_deg=5.0
     ),
@@ -52,8 +43,6 @@ CASES = {
         "PANORAMIC", [0.0, 0, 0], H=H, direction_deg=172.0, exposure_s=0.04
     ),
     f"Camera moved past something flat{SMEARS}": moved("PLANAR", H=H),
-    f"Camera turned or moved past something flat{SMEARS}": moved("PLANAR_OR_PANORAMIC", H=H),
-    f"Camera moved past near and far things{SMEARS}": moved("UNCALIBRATED", "proven", F=F),
     "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees": posed(
         "CALIBRATED", [0.0, 0.0, 1.0], F=F
     ),

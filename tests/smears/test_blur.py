@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import blur_of, in_doubt, is_close, smeared_share
+from blur2view.smears.blur import blur_of, is_close, smeared_share
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
+from blur2view.smears.likelihood import KINDS
 from tests.support.grids import grid_of
 
 ROWS, COLUMNS = 12, 16
@@ -68,11 +68,6 @@ def test_share_that_moves_is_what_was_asked_for() -> None:
     assert blur_of(grid(within(2, 2)), moving=1.0 * (kinds == 2)).moving_share == pytest.approx(0.25)
 
 
-def test_the_cells_leave_open_whether_the_camera_moved_where_only_some_of_them_are_smeared() -> None:
-    assert in_doubt(grid(within(2, 0))) and in_doubt(grid(within(1, 3)))
-    assert not any(in_doubt(grid(within(k, k))) for k in range(5))
-
-
 @pytest.mark.parametrize(("camera_moved", "kind"), [(0.9, "camera moved"), (0.1, "camera at rest")])
 def test_what_more_than_the_cells_says_of_the_camera_decides(camera_moved: float, kind: str) -> None:
     kinds = within(2, 0)
@@ -125,13 +120,6 @@ def test_a_kind_is_close_where_a_little_more_would_show_another() -> None:
     assert soft.blur is not None
     soft.blur[..., 0] = 2.5
     assert is_close(soft)
-
-
-def test_logits_are_read_as_probabilities_and_radii() -> None:
-    assert softmax(np.zeros((2, 3, 5), np.float32)).sum(-1) == pytest.approx(1)
-    logits = np.full((1, 1, 24), -30, np.float32)
-    logits[..., 9] = 0
-    assert read_radii(logits)[0, 0] == pytest.approx(radii_px(24)[9]) == pytest.approx(2.8, rel=1e-3)
 
 
 def test_where_nothing_is_seen_nothing_is_smeared() -> None:

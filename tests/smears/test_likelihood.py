@@ -56,13 +56,6 @@ def test_of_two_peaks_the_higher_is_read_and_doubted() -> None:
     assert sigma_px == pytest.approx(np.sqrt(0.3 * (20**2 + 8**2)), rel=0.05)  # they are at right angles
 
 
-def test_bin_of_shorter_smears_is_nearly_none() -> None:
-    likelihood = np.zeros((DIRECTIONS, BINS), np.float32)
-    likelihood[:, 0] = 1
-    length, _, sigma_px, _ = read(likelihood)
-    assert length < 1 and sigma_px < 1
-
-
 @pytest.mark.parametrize(("h", "w", "bins"), [(1, 1, 20), (3, 5, 20), (2, 7, 32)])
 def test_every_cell_is_read_by_itself(h: int, w: int, bins: int) -> None:
     rng = np.random.default_rng(0)

@@ -1,7 +1,6 @@
-"""Smears in a file: the network's grid gives every pixel back, in little space; what is no such file."""
+"""Smears in a file: the network's grid gives every pixel back; what is no such file."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,6 @@ import pytest
 from blur2view import load_smears
 from blur2view.errors import OutputError
 from blur2view.smears.grid import SmearGrid, stored_smears, to_double_angle
-
-MEGABYTE = 1_000_000
 
 
 def grid(shape: tuple[int, int], stride: int = 32) -> SmearGrid:
@@ -48,20 +45,6 @@ def test_grid_gives_every_pixel_back_to_half_precision(tmp_path: Path, shape: tu
     assert np.abs(np.subtract(*vectors)).max() < 100 * 2.0**-11
 
 
-@pytest.mark.parametrize("window_px", [96, 48, None])
-def test_window_of_the_cells_is_kept(tmp_path: Path, window_px: int | None) -> None:
-    true = replace(grid((64, 96)), window_px=window_px)
-    found = load_smears(str(written(tmp_path / "a.smear.npz", true)))
-    assert found.window_px == window_px and found.blur is None
-
-
-@pytest.mark.slow
-def test_twenty_megapixels_take_less_than_two_megabytes(tmp_path: Path) -> None:
-    path = written(tmp_path / "a.smear.npz", grid((3648, 5472), 32))
-    assert path.stat().st_size < 0.3 * MEGABYTE
-    assert load_smears(path).at_pixels().shape == (3648, 5472)
-
-
 @pytest.mark.parametrize("damage", ["absent", "text", "cut", "other", "nan", "short", "stride", "pipe"])
 def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
     path = written(tmp_path / "a.smear.npz", grid((100, 130)))
@@ -86,19 +69,3 @@ def test_what_is_no_such_file_is_one_line(tmp_path: Path, damage: str) -> None:
     remedy = "no such file" if damage == "absent" else "is no whole .smear.npz file of blur2view"
     with pytest.raises(OutputError, match=rf"a\.smear\.npz: {remedy}; write it"):
         load_smears(path)
-
-
-@pytest.mark.parametrize(
-    ("cells", "stride", "shape"),
-    [
-        ((4, 5, 4), 32, (100, 200)),
-        ((4, 5, 5), 32, (100, 130)),
-        ((4, 5, 4), 0, (100, 130)),
-        ((4, 5), 32, (100, 130)),
-    ],
-)
-def test_cells_that_cover_no_photograph_are_refused(
-    cells: tuple[int, ...], stride: int, shape: tuple[int, int]
-) -> None:
-    with pytest.raises(ValueError, match="cover a photograph"):
-        SmearGrid(cells=np.zeros(cells, np.float32), stride=stride, shape=shape)

@@ -171,12 +171,3 @@ def test_what_shows_too_little_is_degenerate_and_says_why(field: str, words: str
     assert geometry.F is None and geometry.H is None and geometry.model == "none"
     assert words in geometry.reason
     assert not geometry.inlier_mask.any() and not geometry.second_end_is_open.any()
-
-
-def test_one_displacement_everywhere_is_that_of_a_homography() -> None:
-    points, half = np.random.default_rng(0).uniform(0, 400, (300, 2)), np.array([4.0, 1.5])
-    ends = np.stack([points - half, points + half], axis=1)
-    ends[::2] = ends[::2, ::-1]
-    geometry = estimate_two_view(SmearMatches(ends=ends, sigma_px=np.ones(300), image_size=IMAGE_SIZE))
-    assert geometry.config in (Configuration.PANORAMIC, Configuration.PLANAR)
-    assert geometry.H is not None and geometry.parallax is not Parallax.PROVEN

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import serrmin, unit_norm
+from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.consensus import EstimatorOptions, inliers_of
+from blur2view.two_view.consensus import EstimatorOptions
 from blur2view.two_view.estimate import estimate_two_view
-from blur2view.two_view.likelihood import Likelihood
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
 from tools.evaluation.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho
@@ -160,16 +159,6 @@ def test_inliers_are_within_two_standard_deviations_of_their_own(
     measured = np.quantile(squared[~scene.outlier], 0.683)  # a variance
     assert geometry.inlier_mask[squared < 1.3**2 * measured].all()
     assert not geometry.inlier_mask[squared > 2.7**2 * measured].any()
-
-
-def test_chance_agreement_is_measured_and_subtracted() -> None:
-    scene = make_scene(np.random.default_rng(4), rotation_share=0.0)
-    likelihood, options = Likelihood.of(matches_of(scene)), EstimatorOptions()
-    found = inliers_of(scene.F, likelihood, options)
-    assert found.mask.all() and found.beyond_chance == 1
-    assert 0.05 < found.by_chance < 0.15  # 2 / pi * asin(0.1 * sqrt(2)) = 0.09
-    other = unit_norm(np.random.default_rng(0).normal(size=(3, 3)))
-    assert inliers_of(other, likelihood, options).beyond_chance < 0.2
 
 
 @pytest.mark.parametrize("px", [0.0, np.inf, 1e300])  # 1e300 px: its square is no number

@@ -49,17 +49,6 @@ def test_a_pure_rotation_is_found_without_orders_though_a_fifth_are_outliers() -
         assert (backward == scene.swapped[~scene.outlier]).mean() > 0.99
 
 
-def test_a_rotation_finds_turn_and_focal_length() -> None:
-    scene = turning(0)
-    shorter = scene.K * np.array([[0.8, 1, 1], [1, 0.8, 1], [1, 1, 1]])
-    likelihood = likelihood_of(replace(scene, K=shorter), 0.02)
-    spread = np.array([0.1, 0.1, 0.3, 0.3, 0.03, 0.03])
-    start = HomographyFlow.rotation(rotation_vector(scene.R), spread)
-    found = fit_homography(likelihood, start).family.parameters
-    assert np.isclose(np.exp(found[3]), 1.25, rtol=0.03)
-    assert np.allclose(np.abs(found[:3]), np.abs(rotation_vector(scene.R)), atol=1e-3)
-
-
 @pytest.mark.parametrize("rolling", [False, True])
 def test_its_jacobian_is_the_derivative_of_its_residuals(rolling: bool) -> None:
     scene = disturb(turning(1, count=40), np.random.default_rng(1), noise_px=0.5)

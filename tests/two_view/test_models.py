@@ -1,4 +1,4 @@
-"""Models of motion: exact oracles, derivatives against differences, swapped ends."""
+"""Models of motion: derivatives against differences, homographies found among wrong orders."""
 
 from dataclasses import dataclass, replace
 
@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import cross_matrix, homogeneous, unit_norm
+from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.two_view.fundamental import FundamentalFit
-from blur2view.two_view.homography import find_plane, fit_homography
-from blur2view.two_view.least_squares import levenberg_marquardt
+from blur2view.two_view.homography import find_plane
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import (
     UNROTATED,
@@ -18,9 +17,6 @@ from blur2view.two_view.models import (
     HomographyFlow,
     assumed_camera,
     cayley,
-    chords,
-    pixel_homography,
-    rotation_of,
     velocity_basis,
 )
 from tests.support.likelihoods import normalised_likelihood
@@ -85,32 +81,6 @@ def test_gradient_is_the_derivative_of_half_the_cost_prior_included(camera: Came
         assert np.isclose((ahead - behind) / 4e-6, gradient[k], rtol=0.05, atol=1e-3)
 
 
-def test_refinement_recovers_F_from_unordered_smears() -> None:
-    free = np.full(6, 10.0)
-    for seed in range(5):
-        scene = make_scene(np.random.default_rng(seed), count=400, rotation_share=0.8)
-        ends, T = normalised(scene.ends), assumed_camera(IMAGE_SIZE)
-        truth = unit_norm(np.linalg.inv(T).T @ scene.F @ np.linalg.inv(T))
-        K = T @ scene.K
-        lens = np.array([np.log(K[0, 0]), *K[:2, 2]])
-        exact = CameraF(t=scene.t / np.linalg.norm(scene.t), R=scene.R, lens=lens, sigma=free)
-        bent = exact.step(np.random.default_rng(seed).normal(0, 1e-3, 8))
-        start = FundamentalFit(point=bent, likelihood=normalised_likelihood(ends, np.full(400, T[0, 0])))
-        *_, found = levenberg_marquardt(start, 50, 1e-12)
-        F = unit_norm(found.point.matrix())
-        assert min(np.abs(F - truth).max(), np.abs(F + truth).max()) < 1e-4
-
-
-def test_rotation_family_holds_exactly_the_rotations() -> None:
-    K = np.array([[1.1, 0, 0.02], [0, 1.1, -0.01], [0, 0, 1]])
-    axis, angle = np.array([0.6, 0.0, 0.8]), 0.2
-    parameters = np.concatenate([2 * np.tan(angle / 2) * axis, [np.log(1.1)], K[:2, 2]])
-    family = HomographyFlow(parameters=parameters, turns=True, sigma=SOFT)
-    exact = K @ rotation_matrix(angle * axis) @ np.linalg.inv(K)
-    assert np.allclose(cayley(family.generator()), exact, atol=1e-14)
-    assert np.allclose(rotation_of(cross_matrix(axis)), axis)
-
-
 @pytest.mark.parametrize(
     "field",
     [
@@ -130,28 +100,6 @@ def test_derivatives_of_fields_match_differences(field: HomographyFlow) -> None:
             assert np.allclose(derivatives[i], moved.T, atol=1e-3)
 
 
-def test_a_chord_is_that_of_the_homography_to_fifth_order_and_its_sign_is_the_order() -> None:
-    errors = []
-    for size in (0.04, 0.02):
-        scene = plane(3, size=size)
-        d, middle = scene.likelihood.displacement, scene.likelihood.middle
-        d = np.where(scene.swapped[:, None], -1, 1) * d
-        errors.append(np.abs(chords(scene.A, middle) - d).max())
-        assert np.allclose(chords(-scene.A, middle), -chords(scene.A, middle))
-    assert errors[0] < 1e-5
-    assert errors[1] < errors[0] / 16
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_a_rolling_rotation_is_a_rotation_that_grows_down_the_rows(axis: int) -> None:
-    still, points = HomographyFlow.rotation(np.array([0.02, 0.03, -0.05]), SOFT), plane(6).likelihood.middle
-    rolling = still.rolling(axis)
-    assert np.allclose(rolling.displacement(points), still.displacement(points))
-    turning = rolling.step(np.append(np.zeros(6), 0.1 * still.parameters[:3]))
-    expected = still.displacement(points) * (1 + 0.1 * points[:, [axis]])
-    assert np.allclose(turning.displacement(points), expected, atol=1e-5)
-
-
 @pytest.mark.parametrize(("noise", "outliers", "within"), [(0.0, 0.0, 1e-4), (6e-4, 0.4, 3e-3)])
 def test_a_homography_is_found_though_some_orders_are_wrong(
     noise: float, outliers: float, within: float
@@ -162,22 +110,3 @@ def test_a_homography_is_found_though_some_orders_are_wrong(
         wrong = np.random.default_rng(seed).random(400) < 0.2
         found = find_plane(likelihood, np.zeros(8), scene.swapped ^ wrong).family.generator()
         assert min(np.abs(found - scene.A).max(), np.abs(found + scene.A).max()) < within
-
-
-def test_distances_of_a_field_have_the_standard_deviation_of_a_sampson_distance() -> None:
-    scene = plane(5, size=0.03, count=4000, noise=1e-3)
-    fit = fit_homography(scene.likelihood, HomographyFlow.plane(scene.A.ravel()[:8], SOFT))
-    orders = fit.orders(scene.likelihood)
-    assert np.isclose(np.sqrt((orders.least**2).mean() / 2), 1.0, rtol=0.05)
-    assert (orders.backward == scene.swapped).mean() > 0.97
-
-
-def test_pixel_homography_maps_pixels() -> None:
-    scene, T = plane(8), assumed_camera(IMAGE_SIZE)
-    H = pixel_homography(scene.A, T)
-    pixels = homogeneous(scene.likelihood.ends.reshape(-1, 2)) @ np.linalg.inv(T).T
-    x, y = pixels.reshape(-1, 2, 3).swapaxes(0, 1)
-    x, y = np.where(scene.swapped[:, None], y, x), np.where(scene.swapped[:, None], x, y)
-    mapped = x @ H.T
-    assert np.allclose(mapped[:, :2] / mapped[:, 2:], y[:, :2], atol=1e-9)
-    assert np.allclose(pixel_homography(-scene.A, T), unit_norm(np.asarray(np.linalg.inv(H))), atol=1e-12)

@@ -77,11 +77,3 @@ def test_a_rotation_alone_orders_all_and_F_and_H_beside_it_run_its_way(reverse: 
     assert found.H is not None
     true = np.linalg.inv(H) if reverse else H
     np.testing.assert_allclose(found.H / found.H[2, 2], true / true[2, 2], atol=1e-6)
-
-
-def test_without_a_geometry_no_order_is_claimed() -> None:
-    scene = make_scene(np.random.default_rng(1), count=10)
-    geometry = estimate_two_view(scene.matches(1.0))
-    assert geometry.F is None and not geometry.second_end_is_open.any()
-    order = end_order(geometry, scene.ends, np.ones(10), None, scene.image_size)
-    assert not order.second_end_is_open(scene.ends, np.ones(10)).any()

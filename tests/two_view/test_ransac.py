@@ -4,10 +4,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
-from blur2view.two_view.ransac import BATCH, MAX_ITERATIONS, ransac, weighted_samples
+from blur2view.two_view.ransac import BATCH, MAX_ITERATIONS, ransac
 
 Floats = NDArray[Any]
 
@@ -76,21 +75,3 @@ def test_ends_when_a_better_sample_is_unlikely() -> None:
     needed = np.log(0.01) / np.log(0.97)
     assert drawn[0] == BATCH and needed <= drawn[1] < needed + BATCH
     assert MAX_ITERATIONS <= drawn[2] < MAX_ITERATIONS + BATCH
-
-
-def test_an_estimator_without_models_gives_none() -> None:
-    class Barren(Location):
-        def generate_models(self, samples: int, rng: np.random.Generator) -> Floats:
-            """Give something useless."""
-            return np.zeros(0)
-
-    assert ransac(Barren(np.zeros(5), inliers=1.0), np.random.default_rng(0)) is None
-
-
-def test_samples_do_not_repeat_and_follow_the_weights() -> None:
-    weights = np.r_[np.full(10, 1.0), np.full(10, 9.0)]
-    drawn = weighted_samples(weights, 7, 500, np.random.default_rng(0))
-    assert (np.diff(np.sort(drawn, axis=1), axis=1) > 0).all()
-    assert 0.7 < (drawn >= 10).mean() < 0.95
-    with pytest.raises(ValueError, match="at least 7"):
-        weighted_samples(np.ones(6), 7, 1, np.random.default_rng(0))

@@ -1,9 +1,8 @@
-"""The fuzz test finds planted faults, draws the same cases again, and two calls are not rude."""
+"""The fuzz test finds planted faults, and two calls are not rude."""
 
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from tools.evaluation import fuzz
@@ -36,13 +35,6 @@ def test_what_is_changed_and_what_is_left_is_found(tmp_path: Path) -> None:
         path.write_text("x")
     found = set(fuzz.complaints(folder, before, ["estimate", "-o", "out"], done))
     assert found == {"changes or removes good.jpg", "leaves stray", "leaves x outside"}
-
-
-def test_a_mutation_is_drawn_from_its_seed() -> None:
-    data = b'{"image": "a.jpg", "rows": [1, 2.5]}' * 9
-    drawn = [fuzz.mutated(data, np.random.default_rng(seed)) for seed in range(50)]
-    assert drawn == [fuzz.mutated(data, np.random.default_rng(seed)) for seed in range(50)]
-    assert len(set(drawn)) > 40
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Small studies: times of a step, and a page of kinds of blur whose pictures are known."""
+"""A page of kinds of blur whose pictures are known."""
 
 from pathlib import Path
 
@@ -7,18 +7,7 @@ import numpy as np
 import pytest
 
 from tools.datasets import blurred_photographs
-from tools.evaluation import benchmark, blur_kinds
-
-
-@pytest.mark.slow
-def test_steps_are_timed_and_a_process_that_fails_ends_the_benchmark(tmp_path: Path) -> None:
-    photo = tmp_path / "photo.png"
-    texture = np.random.default_rng(0).integers(0, 256, (120, 160, 3), dtype=np.uint8)
-    assert cv2.imwrite(str(photo), cv2.GaussianBlur(texture, (0, 0), 2.0))
-    steps = benchmark.step_rows(photo, [photo, photo], repeats=1)
-    assert steps[-1][2] == "1.00" and all(float(seconds) >= 0 for _, seconds, _ in steps)
-    with pytest.raises(SystemExit, match="ends with 1"):
-        benchmark.called("estimate", tmp_path / "missing.jpg")
+from tools.evaluation import blur_kinds
 
 
 @pytest.mark.slow

@@ -1,33 +1,11 @@
-"""The spectral reader: what turns with the picture, what its layers compute, and what it is fitted to."""
+"""The spectral reader: what it is fitted to."""
 
 import numpy as np
 import pytest
 import torch
 
-from blur2view.networks.spectra import LAGS
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
-from tools.training.reader import SCALARS, Reader, ReaderOptions, target_of
-
-SMALL = ReaderOptions(window=8, region=12)
-
-
-def some_octaves() -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Return features of two octaves, of any values."""
-    torch.manual_seed(1)
-    sizes = ((4, 5), (2, 3))
-    return [(torch.randn(1, h, w, DIRECTIONS, LAGS), torch.randn(1, h, w, SCALARS)) for h, w in sizes]
-
-
-def test_without_the_lattice_directions_are_treated_alike() -> None:
-    torch.manual_seed(0)
-    network, given = Reader(SMALL).eval(), some_octaves()
-    turned = [(torch.roll(cepstra, 8, -2), scalars) for cepstra, scalars in given]
-    with torch.no_grad():
-        assert (network(turned)[0][0] - torch.roll(network(given)[0][0], 8, -2)).abs().max() > 1e-3
-        network.lattice.zero_()
-        for one, same in zip(network(turned), network(given), strict=True):
-            torch.testing.assert_close(one[0], torch.roll(same[0], 8, -2), atol=1e-4, rtol=1e-4)
-            torch.testing.assert_close(one[1:], same[1:], atol=1e-4, rtol=1e-4)
+from tools.training.reader import target_of
 
 
 @pytest.mark.parametrize("k", [0, 7, 31])
