@@ -45,9 +45,8 @@ def resampled(image: Any, place: Any, how: int = cv2.INTER_LINEAR) -> Any:
 def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False) -> list[Any]:
     """Return an image (H, W, ...) blurred at each pixel along its own path, in float32.
 
-    A point is seen at p(t) = path t + bend t^2 from where it is at t = 0, t from -1/2 to 1/2, for ``path``
-    and ``bend`` (H, W, 2), pixels. A list of this one image or, with ``moments``, of three: the others have
-    the samples weighed by t and by t^2, of which derivatives by path and bend are made.
+    A point is seen at path t + bend t^2, (H, W, 2), from where it is at t = 0, t from -1/2 to 1/2. A list of
+    this image and, with ``moments``, of those whose samples are weighed by t and t^2.
     """
     height, width = image.shape[:2]
     place = np.dstack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)))
@@ -76,10 +75,7 @@ def equalised(image: Any) -> Any:
 
 
 def tracked(first: Any, second: Any, points: Array, moved: Array, levels: int) -> Array:
-    """Return how far patches at points (N, 2) of one uint8 image lie in another from there, (N, 2), pixels.
-
-    From a first guess, by pyramids of so many levels above the image itself; `UNFOUND` where it fails.
-    """
+    """Return how far patches at (N, 2) moved between uint8 images, (N, 2), about ``moved``, or `UNFOUND`."""
     if not len(points):
         return np.zeros((0, 2))
     start = np.array(points, np.float32).reshape(-1, 1, 2)

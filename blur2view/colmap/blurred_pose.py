@@ -143,8 +143,8 @@ def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
 class Kernel:
     """Normal equations of corrections (9,) to a motion and its bend, from what differs between patches.
 
-    To first order a picture blurred along path t + bend t^2 changes by the blurred gradients, weighted by t
-    and t^2, times the change. Of each patch gain and displacement are free; they are projected out.
+    To first order a blurred picture changes by the blurred gradients, weighted by t and t^2, times the
+    change of path and bend. Of each patch gain and displacement are free; they are projected out.
     """
 
     def __init__(self) -> None:
@@ -180,8 +180,8 @@ def find_pose(
 ) -> BlurredPose | None:
     """Return the pose of a photograph that is about where its view is; None where too little is found in it.
 
-    From points (N, 3) of the model's world, of which each neighbour sees some (N,). ``expected`` (6,) is the
-    change from the frame before to the one after, by half: its sense in time, and its translation.
+    From points (N, 3) of the world, of which each neighbour sees some (N,); ``expected`` (6,) is the change
+    of a frame about it.
     """
     pixels = view.project(world)
     inside = within(view.camera, pixels)
@@ -258,10 +258,7 @@ class Search:
         levels: int,
         kernel: Kernel | None,
     ) -> tuple[NDArray[np.int_], Array, Array]:
-        """Return points (M,), of one neighbour or more each, their places (M, 2) and covariances (M, 2, 2).
-
-        What differs between the patches is added to the equations of the blur.
-        """
+        """Return points found (M,), places (M, 2), covariances (M, 2, 2); add what patches differ by."""
         flow = image_flow(self.view.camera, self.places)
         path, bend = flow @ motion.rigid, flow[:, :, :3] @ motion.bend
         warps = [self._warp(one, path) for one in neighbours]

@@ -41,9 +41,8 @@ def track_frames(
 ) -> None:
     """Write a copy of a project's database with keypoints and matches of a sequence's known frames.
 
-    Each with the `BEFORE` frames before. Keypoints come behind those of the project; a pair's matches and
-    geometry are those of the tracks. What is at ``target`` is replaced, when all is written. DatabaseError if
-    the project lacks a frame.
+    Each is matched with the `BEFORE` frames before. ``target`` is replaced when all is written.
+    DatabaseError if the project lacks a frame.
     """
     names = sorted(sequence.poses, key=lambda name: sequence.times[name])
     beside = half_written(target)
@@ -91,11 +90,7 @@ def _corners(image: Any) -> Array:
 def _matches(
     sequence: FrameSequence, view: View, name: str, before: str, keypoints: Keypoints
 ) -> NDArray[np.uint32]:
-    """Return index pairs (M, 2) of the keypoints of an earlier frame and of this one, where they are found.
-
-    Each pair has its own blur: what differs between both is how unevenly either of them moved, so that places
-    are those of mid exposure in both.
-    """
+    """Return index pairs (M, 2) of keypoints of an earlier frame and of this one, where they are found."""
     other, expected = sequence.view(before, sequence.poses[before]), sequence.expected(name)
     world = _surfaces(other, keypoints[before], sequence.world(sequence.points_of(before)))
     everything = [np.ones(len(world), bool)]

@@ -37,10 +37,10 @@ def stored_camera(text: str) -> StoredCamera | None:
 def camera_of_database(
     path: str | os.PathLike[str], camera_id: int | None = None, image_name: str = ""
 ) -> Camera:
-    """Return a camera of a COLMAP database, of any version: by id, else the image's, else the only one.
+    """Return a camera of a COLMAP database: by id, else the image's, else the only one.
 
-    ``image_name`` is the photograph's path; the database's image whose name it ends with is taken for it.
-    CameraError if the database cannot be read, has no such camera, or leaves the choice open.
+    ``image_name`` is the photograph's path; the image whose name it ends with is taken for it. CameraError
+    if the database cannot be read, has no such camera, or leaves the choice open.
     """
     import pycolmap
 

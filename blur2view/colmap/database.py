@@ -38,9 +38,8 @@ def write_database(
 ) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Photographs with equal cameras share one. Without F and H nothing is matched. With ``replace`` an earlier
-    file is replaced. DatabaseError if the file exists or cannot be written; ValueError if two photographs
-    have one name, or a name is no UTF-8.
+    Without F and H nothing is matched. DatabaseError if the file exists, without ``replace``, or cannot be
+    written; ValueError if two photographs have one name, or a name is no UTF-8.
     """
     names, path = [views.name for views in photographs], Path(path)
     if len(set(names)) != len(names) or not all(map(storable, names)):
@@ -102,10 +101,7 @@ def _write_image(opened: Any, name: str, camera_id: int) -> int:
 
 
 def write_rows(opened: Any, views: ExposureViews, ids: Pair, pairs: Mapping[Pair, TwoViewGeometry]) -> None:
-    """Write keypoints of both images, and matches and geometry of pairs, into a pycolmap.Database.
-
-    ``ids`` are those of the open and the close image. Every pair has the matches (i, i) of the usable points.
-    """
+    """Write keypoints of both images, and usable matches and geometry of pairs, into a pycolmap.Database."""
     for image_id, points in zip(ids, (views.points_open, views.points_close), strict=True):
         opened.write_keypoints(image_id, to_colmap(points).astype(np.float32))
     matches = np.stack([matched(views)] * 2, axis=1).astype(np.uint32)
@@ -122,10 +118,9 @@ def put_views(database: sqlite3.Connection, views: ExposureViews, ids: Pair) -> 
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
-    """Return the pycolmap.Camera of a photograph, whose width and height are ``size``, pixels.
+    """Return the pycolmap.Camera of a photograph of a size (width, height), pixels.
 
-    Known intrinsics are written as they are. A hint keeps its focal length as a prior and gets room for a
-    distortion; without any camera the same holds of COLMAP's own guess, which is no prior.
+    A hint keeps its focal length as a prior, and gets room for a distortion; COLMAP's own guess is no prior.
     """
     stated = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size)
     model, params = stated.model, stated.params
@@ -139,7 +134,7 @@ def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
 def refuse_existing(path: Path, *, replace: bool = False) -> None:
     """Raise a DatabaseError where something lies at a path that is not to be replaced, or cannot be.
 
-    A log beside it is of a program that uses it or was killed: SQLite would apply it to the new database.
+    SQLite would apply a log that lies beside it to the new database.
     """
     if os.path.lexists(path) and not replace:
         raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")

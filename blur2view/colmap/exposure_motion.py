@@ -19,10 +19,7 @@ FIT_STEPS, POSE_STEPS = 12, 20  # of reweighting
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """How a camera moves while its shutter is open, t from -1/2 to 1/2: points by ``rigid`` t + ``bend`` t^2.
-
-    A rotation vector and a translation (6,), and a rotation vector (3,).
-    """
+    """How points move in an exposure, t from -1/2 to 1/2: by ``rigid`` (6,) t + ``bend`` (3,) t^2."""
 
     rigid: Array
     bend: Array
@@ -63,8 +60,7 @@ def doubt_of(expected: Array) -> float:
 def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Array:
     """Return the rigid motion (6,) of smears (N, 2) without sign, in the sense of an expected one (6,).
 
-    Cauchy's weights. Smears hardly see the translation, which is about that expected for as long as they are
-    (`doubt_of`). The expected rotation may be wrong, so that others are tried, too.
+    Cauchy's weights, from several starts. Smears hardly see the translation, which is about that expected.
     """
     length = float(np.median(np.linalg.norm(smears, axis=1)))
     reach = np.linalg.norm(flow[:, :, :3], axis=1).mean(axis=0) + TINY  # (3,) pixels per radian
@@ -97,7 +93,7 @@ def _fit_from(
 def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: Array) -> tuple[Array, Array]:
     """Return the pose (3, 4) of places (N, 2) of points (N, 3), and its information (6, 6), from a first one.
 
-    Least squares of places with covariance (N, 2, 2), Cauchy's weights (Triggs et al. 2000).
+    Least squares with covariances (N, 2, 2), Cauchy's weights (Triggs et al. 2000).
     """
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     for _ in range(POSE_STEPS):

@@ -61,10 +61,7 @@ class ProjectImage:
 
 
 def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | DatabaseError]:
-    """Return the image of each photograph of a project, or why it cannot be linked; nothing is written.
-
-    DatabaseError if nothing can be read.
-    """
+    """Return the image of each photograph of a project, or why it cannot be linked; nothing is written."""
     plan: list[ProjectImage | DatabaseError] = []
     first_of: dict[str, Path] = {}
     with open_read_only(path) as database:
@@ -116,10 +113,10 @@ def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: st
 def write_links(
     path: Path, links: Sequence[tuple[ProjectImage, ExposureViews]], *, backup: bool = True
 ) -> Path | None:
-    """Write planned views in one transaction; without any the file is not touched.
+    """Write planned views in one transaction, and return the backup that ``backup`` makes before.
 
-    Return the backup: with ``backup`` the database is copied first, as it is when the transaction begins.
-    DatabaseError if the database cannot be used, or an image changed since the plan: nothing is written then.
+    DatabaseError if the database cannot be used, or an image changed since the plan: nothing is written
+    then.
     """
     if not links:
         return None
@@ -167,10 +164,7 @@ def _put_all(database: sqlite3.Connection, links: Sequence[tuple[ProjectImage, E
 
 
 def _put_images(database: sqlite3.Connection, image: ProjectImage) -> Pair:
-    """Write the images of both views, each with a frame of its own if the project has frames.
-
-    What an earlier call wrote goes before, and its image ids are taken again. Return the ids.
-    """
+    """Write the images of both views in place of earlier ones, with frames if others have; return the ids."""
     own = own_views(database, image.name)
     with_frames, of_frame = has_frames(database), f"data_id = ? AND sensor_type = {CAMERA_SENSOR}"
     doomed = ["keypoints WHERE image_id = ?", "images WHERE image_id = ?"]

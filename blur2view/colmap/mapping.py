@@ -34,9 +34,9 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return pycolmap.IncrementalPipelineOptions for a database that ``blur2view to-colmap`` wrote.
 
-    Of exposures alone, which do not determine the focal length; or, ``linked``, of views beside the
-    photographs of a project, whose wide baselines begin the model. With ``keep_photographs`` the poses and
-    cameras of the model that ``input_path`` names stay. ValueError if there are none to be kept.
+    Of exposures alone, which do not determine the focal length; or, ``linked``, of views beside a project's
+    photographs. With ``keep_photographs`` the model that ``input_path`` names stays; ValueError if not
+    linked.
     """
     import pycolmap
 
@@ -77,11 +77,10 @@ def global_options() -> Any:
 
 
 def blurred_options() -> tuple[Any, Any]:
-    """Return options with which COLMAP finds and matches features of blurred photographs, at its best.
+    """Return options of ``pycolmap.extract_features`` and ``match_exhaustive`` for blurred photographs.
 
-    For ``pycolmap.extract_features`` and ``pycolmap.match_exhaustive``. Of RedKitchen's frames with smears of
-    37 px its defaults register none of 11, these 11; with 51 px none and 7 of 8. They take about ten seconds
-    for a photograph of 640x480.
+    Of RedKitchen's frames with smears of 37 px COLMAP's defaults register none of 11, these 11; with 51 px
+    none and 7 of 8. They take about ten seconds for a photograph of 640x480.
     """
     import pycolmap
 

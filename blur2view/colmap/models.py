@@ -73,10 +73,7 @@ RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": 
 
 
 def find_model(folder: Path) -> Path:
-    """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ...
-
-    DatabaseError if one cannot be read.
-    """
+    """Return the model in a folder, or the largest of those that a mapper has written below it, 0, 1, ..."""
     below = sorted(path for path in folder.iterdir() if holds_model(path)) if folder.is_dir() else []
     if holds_model(folder) or not below:
         return folder
@@ -130,10 +127,7 @@ def refuse_other_model(folder: Path) -> None:
 
 
 def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:
-    """Write a pycolmap.Reconstruction and COLMAP's project.ini, in place of an earlier one when all is there.
-
-    OutputError if it cannot be written.
-    """
+    """Write a model and COLMAP's project.ini in place of an earlier one when all is there, or OutputError."""
     paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
     lines = [SIGN, *(f"{key}={path.absolute()}" for key, path in paths.items())]
     with writable_folders(folder), tempfile.TemporaryDirectory(dir=folder) as name:

@@ -63,13 +63,12 @@ def place_views(
     names: Sequence[str] | None = None,
     fraction: float | None = None,
 ) -> Placement:
-    """Return a model with the virtual views of a linked project placed beside its photographs.
+    """Return a folder's model with the views that ``to-colmap --link`` wrote beside its photographs.
 
-    ``database`` is one to which ``blur2view to-colmap --link`` has written views, ``model`` the folder of a
-    reconstruction of its photographs. ``names`` are the photographs of one video in order, parted where their
-    numbers say that some were left out (`frame_times`); by default those of the model by their numbers.
-    ``fraction`` is exposure time over frame interval, by default measured from the smears. DatabaseError if
-    database or model cannot be read, or no view can be placed; ValueError if the fraction is not positive.
+    ``names`` are the photographs of one video in order, parted where numbers say that some were left out
+    (`frame_times`); by default those of the model. ``fraction`` is exposure time over frame interval, by
+    default measured from the smears. DatabaseError if database or model cannot be read, or no view can be
+    placed; ValueError if the fraction is not positive.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")

@@ -51,8 +51,7 @@ REMEDY = (
 def open_read_only(path: Path) -> Iterator[Connection]:
     """Open a COLMAP database for reading; every query inside sees the same state of it, with its log.
 
-    DatabaseError if there is no such file, it is locked, damaged or no database of SQLite, also where a query
-    inside shows it; if another program changed it meanwhile, or was killed with a transaction to undo.
+    DatabaseError if it is missing, locked or damaged, or another program changed it meanwhile.
     """
     with database_errors(path):
         path = path.resolve()
@@ -70,10 +69,7 @@ def open_read_only(path: Path) -> Iterator[Connection]:
 
 @contextmanager
 def open_for_writing(path: Path) -> Iterator[Connection]:
-    """Begin a transaction in the file itself and commit it; a failure inside rolls it back.
-
-    DatabaseError as of `open_read_only`, and of what SQLite refuses to write.
-    """
+    """Begin a transaction in the file and commit it; a failure inside rolls it back (DatabaseError)."""
     with database_errors(path), closing(connect(path, "mode=rw")) as database:
         database.execute("PRAGMA foreign_keys = ON")
         database.execute("BEGIN IMMEDIATE")
@@ -104,10 +100,7 @@ def connect(path: Path, query: str) -> Connection:
 
 
 def check_schema(database: Connection) -> None:
-    """Raise ValueError of what is not a COLMAP database of a known version, whole.
-
-    A table or a column that is missing is an error of SQLite's, and ends the transaction that writes to it.
-    """
+    """Raise ValueError of a damaged database, or one of a newer COLMAP than is known."""
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
         known = f"version {version}, known up to {NEWEST_KNOWN}"

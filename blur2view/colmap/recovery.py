@@ -78,13 +78,12 @@ def recover_frames(
     network: SmearReader | None = None,
     show: Callable[[int, int], None] = lambda done, count: None,
 ) -> Recovery:
-    """Return a model with the frames of a video that it lacks.
+    """Return the model in a folder with those frames of a video, in another folder, that it lacks.
 
-    ``model`` is the folder of a COLMAP model, ``frames`` that of the frames, ``names`` all of them in order,
-    as COLMAP calls them; where their numbers leave some out, none are neighbours. With ``refine`` recovered
-    poses and the points are adjusted together at the end; other poses and cameras stay. ``show`` is called
-    with how many frames are done, and of how many. DatabaseError if the model cannot be read or has fewer
-    than two of the frames.
+    ``names`` are all frames in order, as COLMAP calls them; where their numbers leave some out, none are
+    neighbours. With ``refine`` recovered poses and the points are adjusted together at the end. ``show`` is
+    called with how many frames are done, and of how many. DatabaseError if the model cannot be read or has
+    fewer than two of the frames.
     """
     sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
     if len(sequence.images) < 2:
@@ -103,10 +102,7 @@ def recover_frames(
 
 
 class FrameSequence:
-    """The frames of a video, some of them in a model: ``poses`` of those registered and recovered.
-
-    Only a few pictures are in memory at a time.
-    """
+    """The frames of a video, some in a model: ``poses`` of those registered and recovered."""
 
     def __init__(self, model: Any, folder: Path, names: Sequence[str], network: SmearReader) -> None:
         self.model, self.folder, self.network = model, folder, network
@@ -118,10 +114,7 @@ class FrameSequence:
     def recover(
         self, names: Sequence[str], show: Callable[[int, int], None]
     ) -> dict[str, RecoveredFrame | str]:
-        """Return the frames of these names that can be recovered, or why one cannot.
-
-        Those next to registered ones first: they are known for the spline through the others.
-        """
+        """Return frames that can be recovered, or why one cannot; those next to registered ones first."""
         found = dict[str, RecoveredFrame | str]()
         for name in sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name])):
             show(len(found), len(names))

@@ -57,8 +57,7 @@ RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)
 def with_views(model: Any, folder: Path, max_smear_px: float = np.inf) -> list[Exposed]:
     """Return the photographs of a folder's pycolmap.Reconstruction, by name, of no longer smears.
 
-    The length is that which the results of the photograph state, where the model names the database that has
-    it, else the median of what the photograph observes. A bound leaves out those whose smears are unknown.
+    Of the lengths of the database that the model names, else medians of what photographs observe.
     DatabaseError if none is left, none has both views, or a name leads out of the folder of photographs.
     """
     images = {image.name: image for image in model.images.values() if image.has_pose}
@@ -96,10 +95,9 @@ def transforms(
 ) -> dict[str, Any]:
     """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
-    Of the pycolmap.Reconstruction of a folder, with views as `place_views` gives it. ``images`` is the folder
-    of the photographs as seen from that of the file; the exposure time, seconds, is of nerfstudio's dialect;
-    photographs with a longer smear are left out. DatabaseError as of `with_views`, or if a camera is of a
-    kind that these files cannot hold; ValueError of another dialect or time.
+    ``images`` is the folder of the photographs as seen from that of the file; the exposure time, seconds, is
+    of nerfstudio's dialect. DatabaseError as of `with_views`, or of cameras that these files cannot hold;
+    ValueError of another dialect or time.
     """
     if dialect not in DIALECTS or not 0 < exposure_s < np.inf:
         raise ValueError(f"expected a dialect of {DIALECTS} and a positive time, got {dialect}, {exposure_s}")
@@ -162,10 +160,7 @@ def _world_from_camera(image: Any) -> Array:
 
 
 def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:
-    """Return the median length of the smears of what an image observes, as both views' keypoints have them.
-
-    Not between the poses of the views: `place_views` takes all exposures of a video to be equally long.
-    """
+    """Return the median length of observed smears by keypoints: poses of `place_views` are equally long."""
     seen = [*observed(model, image)]
     if not seen or seen[-1] >= min(first.num_points2D(), last.num_points2D()):
         return None
@@ -210,7 +205,7 @@ def _box(model: Any, images: list[Any]) -> dict[str, Any]:
 def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
     """Remove all other images from the pycolmap.Reconstruction of a folder, and points that only they saw.
 
-    DatabaseError if a camera is of a kind that gsplat does not know, or the model is damaged.
+    DatabaseError of a camera that gsplat does not know, or a damaged model.
     """
     posed = [image for image in model.images.values() if image.has_pose]
     for image in posed:

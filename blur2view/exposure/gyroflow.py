@@ -23,8 +23,8 @@ MOST_NAME = 200  # characters of the video's name, so that the header ends withi
 def gyroflow_log(times_s: Sequence[float], rates: Array, video: str) -> str:
     """Return the text of a ``.gcsv`` file, to be called as the video but for its ending.
 
-    Of rates (N, 3), radians per second, as a gyroscope along the camera's axes x (right), y (down) and z
-    (forwards) shows them, at times (N,), seconds of the video. ValueError if these do not ascend.
+    Of rates (N, 3), rad/s, as a gyroscope along the camera's axes x (right), y (down) and z (forwards) shows
+    them, at times (N,), seconds. ValueError if these do not ascend.
     """
     if not (np.diff(times_s) > 0).all():
         raise ValueError("times must ascend")

@@ -19,10 +19,9 @@ from blur2view.geometry.two_view_geometry import TwoViewGeometry
 
 
 def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
-    """Return the geometry from the middle of the exposure (1) to its close (2), of that from open to close.
+    """Return the geometry from mid-exposure (1) to close (2), of that from open to close; without H.
 
-    That from the middle to the open end is the same of ``geometry.reversed()``. With a camera F is exactly
-    that of the halved pose; there is no H. ``size`` is width and height of the photograph, pixels.
+    With a camera F is exactly that of the halved pose. ``size`` is width and height, pixels.
     """
     whole = geometry.cam2_from_cam1
     pose = None if whole is None else half_pose(whole)
@@ -33,9 +32,9 @@ def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[
 
 
 def half_pose(pose: RigidTransform) -> RigidTransform:
-    """Return the pose that applied twice is this one, its translation of unit length again.
+    """Return the pose that applied twice is this one: R^2 is its rotation, (R + I) t its translation.
 
-    With X -> R X + t applied twice: R^2 is the whole rotation and (R + I) t the whole translation.
+    Of unit length again.
     """
     R = rotation_matrix(0.5 * pose.rotation_vector)
     t = np.asarray(np.linalg.solve(R + np.eye(3), pose.translation), np.float64)
@@ -45,8 +44,8 @@ def half_pose(pose: RigidTransform) -> RigidTransform:
 def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
     """Return F (3, 3) of half the motion, to first order in the motion; of unit norm and rank 2.
 
-    A smear of displacement d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x;
-    with d/2 in place of d that is S / 2 + [a]x. The nearest of rank 2, where the picture is of unit size.
+    A smear d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x; d/2 satisfies
+    that of S / 2 + [a]x. The nearest of rank 2, where the picture is of unit size.
     """
     scale = 2.0 / max(size)
     T = np.diag([scale, scale, 1.0])

@@ -22,10 +22,7 @@ from blur2view.two_view.consensus import EstimatorOptions
 
 
 def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
-    """Return an estimate in the direction of time that neighbouring frames show: its geometry and ``time``.
-
-    Where neighbours do not decide it is the likelier one, and ``time.known`` is false.
-    """
+    """Return an estimate in the likelier direction of time, and whether neighbours decide it (``time``)."""
     views, candidates = views_of("frame", replace(estimated, shutter=None)), None
     if estimated.shutter is not None:  # another motion in the other order in time, or none
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
@@ -45,16 +42,14 @@ def estimate_frames(
 ) -> Iterator[Estimate]:
     """Return an iterator over estimates of a video's frames, each in the right direction of time.
 
-    Each is as of :func:`estimate`, with the same options. A frame alone leaves the direction of time open;
-    the frames before and after it decide it (``time`` of the estimate), so each is given when the next one is
-    there. ``frames``, of one size, are pictures (H, W, 3) or (H, W) in the order of time, or the file of a
-    video; ``timestamps_s``, as of `timestamps_of`, go with them.
-    ValueError if they are one photograph, their sizes differ, or there are fewer times; else as `estimate`.
+    Each is as of :func:`estimate`, given when the next frame is there: both neighbours decide the direction
+    (``time``). ``frames``, of one size, are pictures (H, W, 3) or (H, W) in the order of time, or a video's
+    file; ``timestamps_s``, as of `timestamps_of`, go with them. ValueError if they are one photograph, their
+    sizes differ, or there are fewer times; else as `estimate`.
 
     Examples
     --------
-    Rates of a robot's camera as its gyroscope shows them, with the covariance that ROS's ``sensor_msgs/Imu``
-    has::
+    Rates of a robot's camera as its gyroscope shows them, for ROS's ``sensor_msgs/Imu``::
 
         paths = sorted(Path("mav0/cam0/data").glob("*.png"))
         stamps = blur2view.timestamps_of(paths)  # from the names

@@ -47,11 +47,7 @@ class NeighbourMotion:
 
 
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
-    """Return the motion that matched pixels (M, 2) of a photograph and of a neighbour show.
-
-    ``steps`` are the frames from the photograph to the neighbour, negative if that is earlier; the camera is
-    that of both, and used if it is known.
-    """
+    """Return the motion that matches (M, 2) of a photograph and a neighbour, ``steps`` frames later, show."""
     rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
     velocity = (there - here) / steps
     return NeighbourMotion(
@@ -62,8 +58,7 @@ def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | Non
 def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
     """Return the rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few.
 
-    Of both rotations of E the smaller. The other is about 180 degrees away, which no two frames are; where
-    there is little parallax, cheirality does not decide between them.
+    Of both rotations of E the smaller: the other is about 180 degrees away, which no two frames are.
     """
     rays = np.stack([camera.rays(points1), camera.rays(points2)])
     rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
@@ -77,10 +72,7 @@ def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | 
 
 
 def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
-    """Return the mean cosine, in [-1, 1], of smears, open to close, with neighbours' motion; 0 without any.
-
-    Each neighbour counts by the median length of the motion that it shows.
-    """
+    """Return the mean cosine of smears with neighbours' motions, by these' median lengths; 0 without any."""
     votes = [_vote(views, motion) for motion in motions]
     total = sum(weight for _, weight in votes)
     return sum(cosine * weight for cosine, weight in votes) / total if total > 0 else 0.0

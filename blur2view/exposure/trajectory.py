@@ -69,8 +69,7 @@ class CameraPath:
     def at(self, time: float, used: NDArray[np.bool_] | None = None) -> Array | None:
         """Return the pose at a time by a cubic through frames before and after, None of fewer than two.
 
-        By a line where one side is empty. Rotations are those from the nearest frame's, as vectors. ``used``
-        are the frames (N,), bool, that it goes through: by default all.
+        By a line where one side is empty. ``used`` are the frames (N,), bool, that it goes through.
         """
         known: NDArray[np.bool_] = np.abs(self.times - time) <= self.reach
         if used is not None:
@@ -100,8 +99,7 @@ class CameraPath:
     def expected(self, time: float) -> Expected | None:
         """Return where the path expects a frame at a time, and how far off it is; None as of `at`.
 
-        How far frames that are known are off a path without them and their neighbours, as far as those of
-        the time are away.
+        As far as known frames are off a path without them and as many neighbours as the time lacks.
         """
         pose, first, last = (self.at(time + step) for step in (0.0, -0.5, 0.5))
         if pose is None or first is None or last is None:
@@ -144,10 +142,7 @@ class ExposedFrame:
 
 
 def ends_on(path: CameraPath, frames: Sequence[ExposedFrame], fraction: float) -> Array:
-    """Return the changes (N, 2, 6) of the camera from mid exposure to both ends of such a fraction.
-
-    NaN of frames without a neighbour within the path's reach.
-    """
+    """Return the changes (N, 2, 6) from mid exposure to both ends, NaN where the path has no neighbour."""
     found = np.full((len(frames), 2, 6), np.nan)
     for k, frame in enumerate(frames):
         middle, *ends = (path.at(frame.time + share * fraction) for share in (0.0, -0.5, 0.5))
@@ -171,9 +166,9 @@ def exposures(
 ) -> tuple[Array, float, bool]:
     """Return the changes (N, 2, 6) from mid exposure to both ends of exposures, by path and smears.
 
-    As of `ends_on`, open and close as the smears have them; then the exposure over the frame interval, as
-    given or else that for which smears and path agree, NaN if no frame shows it; and whether that is more
-    than a guess: a camera that shakes faster than the frames shows none.
+    Then the exposure over the frame interval, as given or that for which smears and path agree, NaN if no
+    frame shows it; and whether that is more than a guess: a camera that shakes faster than the frames shows
+    none.
     """
     if fraction is not None:
         return _placed(_of_known_exposure(frames, path, fraction), path, fraction)[0], fraction, True
@@ -231,10 +226,7 @@ def _placed(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -
 
 
 def _turn(frame: ExposedFrame, motion: Array, precision: float) -> tuple[Array, Array, int]:
-    """Return a rotation (3,) by smears and an expected motion (6,), and the information (3, 3) of the smears.
-
-    Then -1 if these have open and close exchanged, and so the rotation; the translation is as expected.
-    """
+    """Return a rotation (3,) by smears and a motion (6,), their information (3, 3), -1 if they run back."""
     sense = -1 if frame.share(motion) < 0 else 1
     motion = sense * motion
     if len(frame.rays) < MIN_SMEARS or not np.isfinite(motion).all():
@@ -258,9 +250,8 @@ def _turn(frame: ExposedFrame, motion: Array, precision: float) -> tuple[Array, 
 def _doubt(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> float:
     """Return the part of their spreads (N,) by which a trajectory's rotations are off, as smears show.
 
-    A shake faster than the frames looks like a slow one in their poses: only smears show that it is not. The
-    factor of largest likelihood (Student's t with `FREEDOM`, for what smears alone say of each frame's
-    rotation less that of the trajectory).
+    A shake faster than the frames looks like a slow one in their poses. The factor of largest likelihood
+    (Student's t) for each frame's rotation by smears less that of the trajectory.
     """
     apart, own, path = [], [], []
     for frame, motion, spread in zip(frames, motions, spreads, strict=True):

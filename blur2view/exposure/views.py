@@ -28,10 +28,9 @@ STILL_PX = 1.5  # as short as that a smear need not be known better
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposureViews:
-    """Two virtual images of one photograph.
+    """Two virtual images of one photograph: both ends of N smears, ``points_close^T F points_open = 0``.
 
-    Pixels (0, 0 at the centre of the top-left one) of both ends of N smears: one scene point each, as seen at
-    shutter-open and at shutter-close, where ``points_close^T F points_open = 0``.
+    Pixels, 0, 0 at the centre of the top-left one; smear i is one scene point in both.
     """
 
     name: str  # of the photograph, as the database names it
@@ -57,10 +56,9 @@ class ExposureViews:
 
 
 def views_of(name: str, estimate: Estimate) -> ExposureViews:
-    """Return both virtual images of an estimate, in the time direction that the estimator happened to choose.
+    """Return both virtual images of an estimate, under a photograph's name, in the estimate's order of time.
 
-    ``name`` is the photograph's, as the database is to name it. ValueError if the estimate has a rolling
-    shutter: no camera of one time saw the points of all rows where they are.
+    ValueError if it has a rolling shutter: no camera of one time saw the points of all rows where they are.
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
@@ -84,8 +82,8 @@ def keypoint_views(
 ) -> ExposureViews:
     """Return the features (N, 2), pixels, of a photograph of this name moved to both ends of the exposure.
 
-    Each by half of its smear; where the camera did not move they stay. Usable are those whose smear is known
-    well enough, within the picture; what is not finite is put at 0.
+    Where the camera did not move they stay. Usable are those within the picture whose smear is known well
+    enough; what is not finite is put at 0.
     """
     grid, geometry = estimate.grid, estimate.geometry
     keypoints = np.asarray(keypoints, float)
@@ -139,10 +137,7 @@ def share_in_front(views: ExposureViews) -> float:
 
 
 def other_translation(views: ExposureViews) -> ExposureViews | None:
-    """Return the views with the translation reversed and the rotation kept: smears are ordered anew.
-
-    None without F, which fixes the translation but for its sign, and where the pose is a rotation alone.
-    """
+    """Return the views with the translation reversed, the rotation kept; None without F or a translation."""
     geometry = views.geometry
     if geometry.F is None:
         return None

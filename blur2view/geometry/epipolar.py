@@ -65,19 +65,13 @@ def unit_norm(F: Array) -> Array:
 
 
 def symmetric_skew(F: Array) -> tuple[Array, Array]:
-    """Return the parts S (..., 3, 3) and a (..., 3) of F = S + [a]x, shape (..., 3, 3).
-
-    S is zero for a pure translation; the transpose of F has -a.
-    """
+    """Return S (..., 3, 3) and a (..., 3) of F = S + [a]x, (..., 3, 3); the transpose of F has -a."""
     F = np.asarray(F)
     return 0.5 * (F + np.swapaxes(F, -2, -1)), F.reshape(*F.shape[:-2], 9) @ FORMS[:, 6:]
 
 
 def quadratic_features(ends: Array) -> tuple[Array, Array]:
-    """Return coefficients of smears' ends (..., 2, 2) so that points2^T F points1 = q + l.
-
-    Of (S11, S12, S13, S22, S23, S33) in q, (..., 6), and of a in l, (..., 3): swapped ends negate these.
-    """
+    """Return coefficients of S11, S12, S13, S22, S23, S33 in q, (..., 6), and of a in l, (..., 3)."""
     u, v = np.moveaxis(0.5 * (ends[..., 0, :] + ends[..., 1, :]), -1, 0)
     su, sv = np.moveaxis(0.5 * (ends[..., 1, :] - ends[..., 0, :]), -1, 0)
     one = np.ones_like(u)
@@ -118,11 +112,7 @@ def denormalise(F: Array, T: Array) -> Array:
 def sampson(F: Array, points1: Array, points2: Array) -> Array:
     """Return squared Sampson distances (..., N) of ordered matches (N, 2) to F (..., 3, 3), squared pixels.
 
-    Zero for exact matches, and at a match lying on both epipoles.
-
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., equation 11.9.
+    Zero at a match lying on both epipoles. Hartley and Zisserman, 2nd ed., equation 11.9.
     """
     x, y = homogeneous(points1).T, homogeneous(points2).T
     line2 = F @ x  # (..., 3, N)
@@ -134,10 +124,7 @@ def sampson(F: Array, points1: Array, points2: Array) -> Array:
 
 
 def serrmin(F: Array, ends: Array) -> Array:
-    """Return SErrMin: the smaller of the squared Sampson distances of the two orders of each smear.
-
-    Of F (..., 3, 3), or its transpose, and ends (N, 2, 2): (..., N), squared pixels.
-    """
+    """Return SErrMin (..., N): the smaller squared Sampson distance of both orders of ends (N, 2, 2)."""
     one, other = ends[:, 0], ends[:, 1]
     return np.minimum(sampson(F, one, other), sampson(F, other, one))
 
@@ -166,10 +153,7 @@ class EndProducts:
         self._gradient: FloatArray = np.ascontiguousarray(gradient, dtype)
 
     def distances(self, F: Array) -> tuple[Array, Array]:
-        """Return signed Sampson distances (2, N) of F (3, 3), ends[:, 0] first and ends[:, 1] first.
-
-        Beside them the lengths (2, N) of their gradients, which `derivatives` takes.
-        """
+        """Return signed Sampson distances (2, N) of F in both orders, and their gradients' lengths."""
         root = np.sqrt(np.maximum(_gradients(F, F) @ self._gradient, TINY)).reshape(2, -1)
         return (F.reshape(9) @ FORMS @ self._algebraic).reshape(2, -1) / root, root
 
@@ -183,10 +167,7 @@ class EndProducts:
         return np.asarray(change)
 
     def costs(self, F: Array, limit: float, block: NDArray[np.int_] | slice = slice(None)) -> FloatArray:
-        """Return the sums (M,) of SErrMin of models F (M, 3, 3) over a block of smears, each at most a limit.
-
-        Few models at a time, whose residuals stay in the processor's cache.
-        """
+        """Return sums (M,) of SErrMin of models F (M, 3, 3) over a block of smears, each at most a limit."""
         half, dtype = self._algebraic.shape[1] // 2, self._algebraic.dtype
         q, skew = np.split(self._algebraic[:, :half][:, block], [6])
         even, odd = np.split(self._gradient[:, :half][:, block], 2)

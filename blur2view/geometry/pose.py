@@ -21,9 +21,9 @@ QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigidTransform:
-    """``cam2_from_cam1``: X2 = R X1 + t, with a rotation matrix (3, 3) and a unit direction (3,).
+    """``cam2_from_cam1``: X2 = R X1 + t, with a rotation matrix (3, 3) and a unit direction (3,), or zero.
 
-    The translation is zero where there is none or none can be estimated. ValueError of anything else.
+    ValueError of anything else.
     """
 
     rotation: Array
@@ -55,11 +55,9 @@ class RigidTransform:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AngularVelocity:
-    """How fast a camera turned during an exposure.
+    """How fast a camera turned: the rotation vector of ``cam2_from_cam1`` over the exposure time, rad/s.
 
-    The rotation vector of ``cam2_from_cam1`` over the exposure time, radians per second, about the camera's
-    axes x (right), y (down) and z (forwards). A gyroscope along these axes, which turns with the camera,
-    shows its negative, `of_gyroscope`.
+    About the camera's axes x (right), y (down) and z (forwards); a gyroscope along these shows its negative.
     """
 
     mean: Array  # (3,)
@@ -83,9 +81,7 @@ class AngularVelocity:
 def decompose_essential(E: Array) -> list[RigidTransform]:
     """Return the four poses of the essential matrix nearest to E (3, 3), those of the smaller rotation first.
 
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., result 9.19.
+    Hartley and Zisserman, 2nd ed., result 9.19.
     """
     rotations, t = essential_motions(E)
     return [RigidTransform(rotation=R, translation=sign * t) for R in rotations for sign in (1.0, -1.0)]
@@ -102,12 +98,8 @@ def essential_motions(E: Array) -> tuple[list[Array], Array]:
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
     """Return where (N,) rays (N, 2), x/z and y/z, of two cameras meet before both of them (cheirality).
 
-    Rays x, y of a match meet where depth2 y = depth1 R x + t; both depths are solved across the other ray, so
-    that noisy rays nearly meet. False of parallel rays, which meet nowhere.
-
-    References
-    ----------
-    Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 9.6.3.
+    Where depth2 y = depth1 R x + t, each solved across the other ray, so that noisy rays nearly meet; False
+    of parallel rays (Hartley and Zisserman, 2nd ed., section 9.6.3).
     """
     x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
     normal = np.cross(y, x)
@@ -139,8 +131,8 @@ class PoseCovariance:
     def inverse(self, pose: RigidTransform) -> PoseCovariance:
         """Return the covariance of the inverse of a pose.
 
-        To first order exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w, and the translation
-        t' = -R^T t moves by -R^T (dt - w x t): along the tangents -T R, u' = u + T [t]x w.
+        exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w; t' = -R^T t moves by -R^T (dt - w x t): along
+        the tangents -T R, u' = u + T [t]x w.
         """
         step = np.eye(5)
         step[:3, :3] = -pose.rotation.T

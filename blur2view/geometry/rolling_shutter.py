@@ -23,11 +23,10 @@ AROUND = 16  # smears that decide the order of one: without parallax the order o
 
 @dataclass(frozen=True, kw_only=True)
 class RollingShutter:
-    """How long a sensor takes to expose its rows.
+    """How long a sensor takes to expose its rows, and from where to where.
 
-    ``readout_s`` are seconds from the start of exposure of the first row to that of the last one, 0 of a
-    global shutter, ``exposure_s`` the exposure time of every row, and ``towards`` the direction in which the
-    rows begin: (0, 1) from top to bottom, (1, 0) from left to right, or against. ValueError of anything else.
+    ``readout_s`` are seconds from the start of the first row's exposure to that of the last, ``exposure_s``
+    the exposure of each; rows begin ``towards`` (0, 1), top to bottom, (1, 0), left to right, or against.
     """
 
     readout_s: float
@@ -47,8 +46,7 @@ class RollingShutter:
     ) -> SmearMatches | None:
         """Return the matches as an exposure of all rows at once leaves them, in a given order (N,) of ends.
 
-        Each is shortened about its midpoint and ordered as the AROUND nearest are. None where no motion
-        leaves them in this order in time.
+        Ordered as the AROUND nearest are. None where no motion leaves them in this order in time.
         """
         from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
 

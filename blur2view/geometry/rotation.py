@@ -48,9 +48,6 @@ def step_on_sphere(unit: Array, delta: Array) -> Array:
 
 
 def rotation_flow(middle: AnyArray) -> AnyArray:
-    """Return the motion (2, 3, N) of points (N, 2), K = identity, per radian of rotation about x, y and z.
-
-    To first order: a rotation w moves the point p by w x p - p (w x p)_z.
-    """
+    """Return the motion (2, 3, N) of points (N, 2), K = identity, per radian: w x p - p (w x p)_z."""
     x, y = middle.T
     return np.array([[-x * y, 1 + x * x, -y], [-(1 + y * y), x * y, x]])

@@ -59,11 +59,7 @@ class MotionModel(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelRow:
-    """One model: its free parameters, its log-likelihood and its probability.
-
-    The log-likelihood is that of the effective number of smears, with priors, 0 for smears without residuals
-    whose orders are known.
-    """
+    """One model: its free parameters, log-likelihood (of the effective number of smears) and probability."""
 
     model: MotionModel
     parameters: int
@@ -135,8 +131,7 @@ class TwoViewGeometry:
     def reversed(self) -> TwoViewGeometry:
         """Return the same motion with time reversed: the other of two equal answers.
 
-        Of a rolling shutter that is `backward`; without it the motion leaves no such smears the other way
-        round, and the inverse is given.
+        Of a rolling shutter `backward`; without it no motion leaves such smears, and the inverse is given.
         """
         if self.backward is not None:
             return replace(self.backward, backward=replace(self, backward=None))
@@ -161,9 +156,8 @@ class TwoViewGeometry:
     def to_pycolmap(self) -> Any:
         """Return it as a pycolmap.TwoViewGeometry: COLMAP's pixels, F and H of unit norm, indices of matches.
 
-        Of an open and a close image whose keypoints are both ends of the smears in their order
-        (`views.ExposureViews`): match (i, i) is smear i. Of a distorted camera F and H are those of
-        undistorted pixels, as everywhere here.
+        Of keypoints that are both ends of the smears in their order (`views.ExposureViews`): match (i, i) is
+        smear i. Of a distorted camera F and H are those of undistorted pixels, as everywhere here.
         """
         import pycolmap
 

@@ -55,17 +55,11 @@ class Prior(NamedTuple):
 
 
 def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:
-    """Return smears with those that are long and sure moved to their peaks in the cepstrum.
+    """Return smears (h, w, 4), as of `read_smears`, with long and sure ones moved to their cepstral peaks.
 
-    Parameters
-    ----------
-    cells : ndarray of shape (h, w, 4)
-        As of :func:`blur2view.smears.likelihood.read_smears`.
-    spectra : list of ndarray
-        :func:`blur2view.networks.spectra.power_spectra` (h, w, 96, 49) of the picture and its smaller copies,
-        which halve it; of windows as far apart in the picture as the cells, or 2, 4, ... times as far.
-    threads : int
-        That share the work; the result is the same.
+    ``spectra`` are `power_spectra` (h, w, 96, 49) of the picture and its smaller copies, which halve it; of
+    windows as far apart in the picture as the cells, or 2, 4, ... times as far. Threads do not change the
+    result.
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
     octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
@@ -102,10 +96,9 @@ def _prior(cells: Floats, length: Floats, own: NDArray[np.bool_], side: int, sca
 
 
 def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
-    """Return how deep the cepstra are about the smears, and about their halves, in deviations.
+    """Return how deep the cepstra are about smears (h, w, 33, 25) and about their halves (h, w, 221).
 
-    (h, w, 33, 25) and (h, w, 221), by rotation and scale of each window's own smear, summed over neighbours;
-    zero where there is no usable one near.
+    In deviations, by rotation and scale of each window's smear, summed over neighbours.
     """
     usable = prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
@@ -127,12 +120,10 @@ def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, F
 def _corrections(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
     """Return how smears are to be turned and scaled, (h, w, 5), given their windows' sampled peaks.
 
-    Radians, the logarithm of the factor, what is left of both variances if the peak is the smear's, and the
-    probability that it is; else the network's own deviations hold, about the corrected smear.
-
-    The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2). Beyond the samples
-    lies what the network's distribution, taken for normal, has there, with the evidence for half the smear: a
-    smear has a second, shallower peak at twice its length.
+    Radians, the logarithm of the factor, what is left of both variances, and the probability that the peak
+    is the smear's. The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2).
+    Beyond the samples lies what the network's distribution, taken for normal, has there, with the evidence
+    for half the smear: a smear has a second, shallower peak at twice its length.
     """
     a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]

@@ -19,11 +19,7 @@ BYTES_A_CORE = 1 << 29  # of what networks compute; a piece of a photograph take
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkFormat:
-    """A kind of network: the file of ``models/`` that ships, and what its files hold.
-
-    ``what`` it is called in errors, with a ``remedy``; ``version`` is its ``blur2view_format``. Inputs and
-    outputs are of float32.
-    """
+    """A kind of network: its file in ``models/``, its ``blur2view_format``, float32 inputs and outputs."""
 
     file: str
     what: str
@@ -80,10 +76,7 @@ def usable_cores() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """What runs networks: threads, on which results do not depend, and ONNX Runtime's providers.
-
-    These, such as cuda, coreml or openvino, are tried before the processor.
-    """
+    """What runs networks: threads, on which results do not depend, and providers of ONNX Runtime."""
 
     threads: int = field(default_factory=usable_cores)
     providers: tuple[str, ...] = ()
@@ -92,13 +85,8 @@ class Execution:
 class OnnxNetwork:
     """A network of a format, opened by ONNX Runtime: the shipped one, or that of a path.
 
-    All networks of the process together get no more memory than `BYTES_A_CORE` for each core.
-
-    Raises
-    ------
-    ModelError
-        If the file cannot be read or is no network of the format, or there is no such provider; it names the
-        remedy.
+    ModelError, with the remedy, if it cannot be read or is no network of the format, or there is no such
+    provider. All networks of the process together get no more memory than `BYTES_A_CORE` for each core.
     """
 
     def __init__(
@@ -130,10 +118,9 @@ class OnnxNetwork:
         return ModelError(f"{self.path}: {what}; {self.form.remedy}")
 
     def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
-        """Return all outputs for the inputs, in order, without the first axis of both.
+        """Return all outputs for the inputs, without the first axis of both; ``frugal``: free the memory.
 
-        A ``frugal`` run gives its memory back. ModelError if the network cannot be run on them, or what it
-        gives is not finite.
+        ModelError if the network cannot be run on them, or what it gives is not finite.
         """
         options = _onnxruntime().RunOptions()
         if frugal:

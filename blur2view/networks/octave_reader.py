@@ -56,10 +56,7 @@ VALUES = 5 + len(KINDS) + DIRECTIONS + LENGTHS
 
 
 class Octave(NamedTuple):
-    """Logits of smears (h, w, 32, B), radii (h, w, B) and kinds (h, w, 5), and features (h, w, 32, C).
-
-    Lengths and radii on one axis, for an octave and all smaller ones.
-    """
+    """Logits of smears (h, w, 32, B), radii (h, w, B), kinds (h, w, 5); features (h, w, 32, C)."""
 
     smears: Floats
     radii: Floats
@@ -70,16 +67,11 @@ class Octave(NamedTuple):
 def read_octaves(
     network: OnnxNetwork, features: int, pictures: Iterator[tuple[int, Floats]], apart: int
 ) -> Floats:
-    """Return what is read of the `octaves` of a picture (H, W) whose sides are multiples of large cells'.
+    """Return what is read of `octaves` of a picture, (h, w, 74), whose sides are multiples of large cells'.
 
-    Octaves are read, the smallest first. Cells are ``apart`` pixels wide, 32 times a power of two: finer
-    octaves have no more windows, and are read only while smears may be too short for those that were.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 74)
-        Double angle and both deviations of smears, radius out of focus, probabilities of the kinds of blur;
-        shares of directions and lengths, where cells have 32 pixels.
+    The smallest first; finer ones only while smears may be too short for those that were. Cells are
+    ``apart`` pixels wide, 32 times a power of two. Double angle and both deviations of smears, radius out of
+    focus, probabilities of the kinds of blur; shares of directions and lengths, where cells have 32 pixels.
     """
     threads, spectra, read = network.execution.threads, list[Floats](), None
     for k, picture in pictures:
@@ -161,8 +153,8 @@ def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:
 def joined(fine: Floats, coarse: Floats) -> Floats:
     """Return one octave's logits (h, w, ..., B) plus those of all smaller ones (h, w, ..., C), on one axis.
 
-    A length, or a radius, of the smaller copy is twice as long here, one octave up the axis; what is shorter
-    or longer than an octave can read has one logit for all such lengths.
+    A length of the smaller copy is twice as long here, one octave up the axis; what is shorter or longer
+    than an octave can read has one logit.
     """
     same = [(0, 0)] * (fine.ndim - 1)
     own = np.pad(fine, [*same, (0, coarse.shape[-1] + PER_OCTAVE - fine.shape[-1])], mode="edge")

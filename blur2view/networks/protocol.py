@@ -29,7 +29,4 @@ class SmearReader(Protocol):
         """What runs it, and then the networks that find movers."""
 
     def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
-        """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1].
-
-        Without radii and kinds of blur in the grid the photograph counts as smeared by the camera.
-        """
+        """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1]."""

@@ -44,25 +44,10 @@ EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16
 class SmearNetwork:
     """A loaded smear network; load once, predict many times.
 
-    Parameters
-    ----------
-    path : path-like, optional
-        An ONNX file written by ``tools/training/export.py``; the shipped one by default.
-    threads : int, optional
-        Threads of one inference; all cores this process may use by default. The result is the same.
-    providers : sequence of str
-        Execution providers of ONNX Runtime, tried before the processor, as ``["cuda"]``, ``["coreml"]``,
-        ``["openvino"]``; results differ by rounding.
-
-    Attributes
-    ----------
-    info : dict of str
-        What the file says of itself: name and licence of the weights, how they were trained.
-
-    Raises
-    ------
-    ModelError
-        If the file is missing, not ONNX, or no network of this format, or there is no such provider.
+    Of a file that ``tools/training/export.py`` wrote, by default the shipped one; ``info`` is what it says
+    of itself. Results do not depend on ``threads``, by default all cores; ``providers`` of ONNX Runtime, as
+    ``["cuda"]``, are tried before the processor and differ by rounding. ModelError if the file is missing,
+    not ONNX, or no network of this format, or there is no such provider.
     """
 
     def __init__(
@@ -95,26 +80,12 @@ class SmearNetwork:
         return f"<SmearNetwork {self.model_id} of {self.path.name}, a cell every {STEP} px>"
 
     def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
-        """Return the smear and its sigma at every cell of the network's grid.
+        """Return the smear and its sigma at every cell of the network's grid, in the image's pixels.
 
-        Parameters
-        ----------
-        image : ndarray of shape (H, W, 3) or (H, W)
-            A photograph as :func:`rgb_of` takes it.
-        detail : Detail
-            What it is read for: of large photographs some windows are, spread over the picture.
-
-        Returns
-        -------
-        SmearGrid
-            In the image's pixels. Where the image shows no texture at all the smear is zero, the sigmas
-            are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind of blur is unknown. The result
-            does not depend on how bright the image is, but for its noise.
-
-        Raises
-        ------
-        ValueError, ModelError
-            If the image is none of these; if the network cannot be run or breaks its format's promise.
+        Of a photograph as :func:`rgb_of` takes it; of a large one some windows, spread over it, as many as
+        ``detail`` needs. Without any texture the smear is zero, the sigmas are ``UNSEEN_SIGMA_PX`` and
+        ``UNSEEN_SIGMA_RAD``, and the kind of blur is unknown. ValueError if it is no such image; ModelError
+        if the network breaks its format's promise.
         """
         image = photograph_of(image)
         apart = STEP << _spread(image.shape, Detail(detail))  # a word will do
@@ -133,10 +104,7 @@ class SmearNetwork:
         )
 
     def _read(self, image: AnyArray, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat.
-
-        A cell that the border cuts is kept; nothing is read of what is flat all over.
-        """
+        """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat."""
         levels = octave_count(min(image.shape[:2]))
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
         height, width = (-(-max(side, LEAST_PX << levels - 1) // step) * step for side in image.shape[:2])
@@ -161,16 +129,8 @@ def _spread(shape: tuple[int, ...], detail: Detail) -> int:
 def rgb_of(image: AnyArray | Image.Image) -> Floats:
     """Return a photograph as the network reads it: (H, W, 3), float32, sRGB-coded RGB in [0, 1], contiguous.
 
-    Parameters
-    ----------
-    image : ndarray of shape (H, W), (H, W, 1), (H, W, 3) or (H, W, 4), or a picture of Pillow
-        RGB (OpenCV's BGR as ``image[..., ::-1]``) or grey, sRGB-coded: uint8, uint16, or floats in [0, 1];
-        contiguous or not. Of RGBA what is transparent shows mid-grey. It is not changed.
-
-    Raises
-    ------
-    ValueError
-        If it is none of these.
+    Of (H, W), (H, W, 1), (H, W, 3) RGB (OpenCV's BGR as ``image[..., ::-1]``) or (H, W, 4), transparent on
+    mid-grey; of uint8, uint16 or floats in [0, 1]; or a picture of Pillow. ValueError of anything else.
     """
     return floats_of(photograph_of(image))
 
@@ -217,8 +177,7 @@ def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
 def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
     """Return the factor, 1 at least, that makes a photograph (H, W, 3) or (H, W) so bright.
 
-    Of uint8, uint16 or floats in [0, 1]. Its values are coded: the factor is that of the light to the power
-    of the code's exponent, for whatever exponent.
+    Its values are coded: it is that of the light to the power of the code's exponent, for whatever exponent.
     """
     every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / SAMPLES)), 1)
     values = image[::every, ::every].reshape(-1)

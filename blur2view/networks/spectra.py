@@ -71,10 +71,9 @@ def windows_of(grey: Floats, apart: int = STEP) -> Floats:
 
 
 def power_spectra(windows: Floats, threads: int = 1) -> Floats:
-    """Return the power spectra (h, w, 96, 49) of windows (h, w, 96, 96), under a Hann window.
+    """Return the power spectra (h, w, 96, 49) of Hann windows (h, w, 96, 96) of luma in [0, 1].
 
-    Windows are of sRGB-coded luma in [0, 1], spectra of frequencies 0 to 48 along x and, as of an FFT, 0 to
-    47 and -48 to -1 along y. Threads share the work; the result is the same.
+    Frequencies are 0 to 48 along x and, as of an FFT, 0 to 47 and -48 to -1 along y.
     """
     h, w = windows.shape[:2]
     rows, columns = np.divmod(np.arange(h * w), w)
@@ -172,10 +171,9 @@ def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
 def polar_samples(cepstrum: int, columns: Integers, rows: Integers) -> Floats:
     """Return the matrix (..., 9 * lags) from the log power of frequencies (...) to samples to 45 degrees.
 
-    Its columns: the inverse transform at a polar bin (Gaussian footprint 0.6 px + 4 % of the lag) of the
-    spectrum tapered towards high frequencies. To subtract the spectrum's trend, as the first cepstrum (0)
-    does and the second (1) does not, is in the cepstrum a factor that vanishes at no lag. Entries are rounded
-    to float16, as the network saw them in training.
+    The inverse transform at polar bins (Gaussian footprint 0.6 px + 4 % of the lag) of the tapered spectrum.
+    To subtract the spectrum's trend, as the first cepstrum (0) does, is a factor of the cepstrum that
+    vanishes at no lag. Entries are rounded to float16, as the network saw them in training.
     """
     radius = np.hypot(rows, columns)
     taper = np.exp(-((radius / (WINDOW * TAPERS[cepstrum])) ** 2)) * (1 - np.exp(-((radius / 3) ** 2)))

@@ -10,8 +10,7 @@ from threadpoolctl import threadpool_limits
 class OneThread(ContextDecorator):
     """Lets BLAS and OpenCV use one thread, in a block or a function, which may be nested and run in threads.
 
-    Their other threads wait for work by spinning: a network of two threads then takes up to three times as
-    long.
+    Their other threads wait by spinning: a network of two threads then takes up to three times as long.
     """
 
     def __init__(self) -> None:

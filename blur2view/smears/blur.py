@@ -105,9 +105,9 @@ def blur_of(
 ) -> Blur:
     """Return the blur of a photograph; the photograph itself says why nothing can be seen.
 
-    Of a grid without kinds of blur (matches from elsewhere) the camera is taken to have moved. ``moving``
-    (h, w) is the share of each cell that moves by itself, by default 0; ``moving_share`` that of the picture,
-    by default the mean; ``camera_moved`` the probability that the camera did, by default that of the cells.
+    Of a grid without kinds of blur the camera is taken to have moved. ``moving`` (h, w) is the share of each
+    cell that moves by itself, ``moving_share`` that of the picture, ``camera_moved`` the probability that
+    the camera did; by default 0, the mean, and that of the cells.
     """
     smeared = with_length(Blur(kind=BlurKind.CAMERA_MOVED), grid)
     if smeared.smear_px is None:
@@ -135,11 +135,7 @@ def blur_of(
 
 
 def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float | None = None) -> BlurKind:
-    """Return what blurred a photograph whose cells have these probabilities of kinds, (h, w, 5).
-
-    They are weighed by how much of a cell stands still; ``moving_share`` of the picture does not.
-    ``camera_moved`` is the probability that the camera did, where more than the cells was asked.
-    """
+    """Return what blurred a photograph of kinds (h, w, 5), weighed by how much of a cell stands still."""
     sharp, defocused, smeared, both = near_border(kinds)
     moved, still = smeared + both, sharp + defocused
     if moved > MOVED * (moved + still) if camera_moved is None else camera_moved > 0.5:
@@ -160,8 +156,6 @@ def near_border(kinds: NDArray[np.float64]) -> NDArray[np.float64]:
 def is_close(grid: SmearGrid) -> bool:
     """Whether a photograph's kind of blur is so close that more windows may show another.
 
-    So it is where about half of it is smeared, where a part is surely smeared before a camera at rest, and
-    where the camera moved, but smears are short, or what is in focus has the radius of a lens out of focus.
     Of 280 pictures that chose none of the limits, sharp, soft, out of focus, smeared and of DAVIS, this is
     true of 33, and 13 of the others have another kind than by all windows.
     """
@@ -184,10 +178,7 @@ def smeared_share(grid: SmearGrid) -> float:
 
 
 def in_doubt(grid: SmearGrid) -> bool:
-    """Whether the cells' own blur leaves open if the camera moved: some of it is smeared, some is not.
-
-    False of a network that does not say which blur the cells have.
-    """
+    """Whether the cells' own blur leaves open if the camera moved: some of it is smeared, some is not."""
     if grid.kinds is None:
         return False
     smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
@@ -211,9 +202,8 @@ def nothing_seen(image: AnyArray) -> str:
 def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None = None) -> Blur:
     """Return the blur with length, deviation and direction of the photograph's smear; as it is if smooth.
 
-    Length and deviation are medians over the cells, each weighed by how well it knows its length, so that
-    plain surfaces, which know nothing, do not pull them: ``1 / (c^2 + (sigma / (length + 2 px))^2)``, and by
-    the probability ``of_kind`` (h, w) that it is blurred as the photograph is, by default 1.
+    Medians over the cells, each weighed by how well it knows its length, ``1 / (c^2 + (sigma / (length + 2
+    px))^2)``, and by the probability ``of_kind`` (h, w), by default 1.
     """
     smears, sigma = grid.smears(), grid.sigma_px
     seen = sigma < UNSEEN_PX

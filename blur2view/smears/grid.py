@@ -47,10 +47,7 @@ class SmearField:
 
 
 def to_double_angle(displacement: ArrayLike) -> Floats:
-    """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), pixels, the same for d and -d.
-
-    Of the same length and, for floats, the same dtype; zero stays zero.
-    """
+    """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), pixels, the same for d and -d."""
     d = _vectors(displacement)
     length = np.hypot(d[..., 0], d[..., 1])
     # through the unit vector, so that squares of tiny and huge lengths neither underflow nor overflow
@@ -59,10 +56,7 @@ def to_double_angle(displacement: ArrayLike) -> Floats:
 
 
 def from_double_angle(double_angle: ArrayLike) -> Floats:
-    """Return the displacements (..., 2) of vectors |d| (cos 2phi, sin 2phi), phi in (-90, 90] degrees.
-
-    Their x is not negative, and their y is positive where x is zero.
-    """
+    """Return the displacements (..., 2) of vectors |d| (cos 2phi, sin 2phi), phi in (-90, 90] degrees."""
     u = _vectors(double_angle)
     length = np.hypot(u[..., 0], u[..., 1])
     phi = np.arctan2(u[..., 1] + 0.0, u[..., 0]) / 2  # + 0.0 turns -0.0 into 0.0: phi is 90, never -90
@@ -76,10 +70,7 @@ def _vectors(values: ArrayLike) -> Floats:
 
 
 def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64]:
-    """Return both ends (N, 2, 2), p - d/2 and p + d/2, of smears d (N, 2) at mid-exposure pixels p (N, 2).
-
-    Which end is the start is unknown. ValueError if the two arrays are not both (N, 2).
-    """
+    """Return both ends (N, 2, 2), p - d/2 and p + d/2, of smears d (N, 2) at mid-exposure pixels p (N, 2)."""
     p = np.asarray(points, dtype=np.float64)
     half = np.asarray(displacement, dtype=np.float64) / 2
     if p.shape != half.shape or p.ndim != 2 or p.shape[1] != 2:
@@ -90,8 +81,7 @@ def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64
 def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
     """Return a grid of cells (h, w, C) resampled to pixels (h*stride, w*stride, C), float32.
 
-    Cell j's centre is at pixel stride*j + (stride-1)/2; outside the outermost centres the nearest cell
-    continues. Directions must be in double angle: averaging d and -d would cancel them.
+    Directions must be in double angle: averaging d and -d would cancel them.
     """
     height, width, channels = grid.shape
     # OpenCV's pixel centres are at integer + 0.5 of the cell, which is exactly the convention above
@@ -103,8 +93,7 @@ def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]
 class SmearGrid:
     """Smears and their uncertainty at the cells of a grid: all that a network says of a photograph.
 
-    Cell j's centre is at pixel stride*j + (stride-1)/2; its border may cut the last cells. ValueError if the
-    cells do not cover a photograph of this shape.
+    Cell j's centre is at pixel stride*j + (stride-1)/2. ValueError if the cells do not cover the photograph.
     """
 
     cells: NDArray[np.float32]  # (h, w, 4): double angle of d, pixels; sigma_px and sigma_rad of `SmearField`
@@ -166,10 +155,7 @@ class SmearGrid:
         return _decoded(self.cells)
 
     def at(self, points: Array) -> SmearField:
-        """Return the smears at pixels (N, 2), interpolated in double angle between the four nearest cells.
-
-        Beyond the outermost centres the nearest cell continues.
-        """
+        """Return the smears at pixels (N, 2), interpolated in double angle; the outermost cells continue."""
         height, width = self.cells.shape[:2]
         place = (np.asarray(points, float) - (self.stride - 1) / 2) / self.stride
         column, row = np.clip(place, 0, [width - 1, height - 1]).T
@@ -203,10 +189,9 @@ def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
 
 
 def load_smears(path: str | Path) -> SmearGrid:
-    """Return the smears that ``blur2view estimate -o`` has written to a ``.smear.npz`` file.
+    """Return the smears of a ``.smear.npz`` file of ``blur2view estimate -o``, as `SmearNetwork.predict`.
 
-    As `SmearNetwork.predict` returns them, with ``at(points)`` and ``at_pixels()``. OutputError if the file
-    is missing, damaged or something else.
+    OutputError if the file is missing, damaged or something else.
     """
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:

@@ -53,12 +53,11 @@ def normalised(log_likelihood: Floats) -> Floats:
 
 
 def read_smears(log_likelihood: Floats) -> Floats:
-    """Return the smears of a log likelihood, with their standard deviations, (h, w, 4), float32.
+    """Return the smears of log likelihoods (h, w, 32, bins), up to a constant: (h, w, 4), float32.
 
-    Of cells' log likelihoods (h, w, 32, bins), up to a constant, directions by lengths: the double angle |d|
-    (cos 2phi, sin 2phi), the standard deviation of the end-point error |d - d*|, pixels, and of the
-    direction, radians: root mean squares over the whole likelihood, all its peaks, less what the fit's own
-    blur adds.
+    Double angle |d| (cos 2phi, sin 2phi), standard deviations of the end-point error |d - d*|, pixels, and
+    of the direction, radians: root mean squares over the whole likelihood, less what the fit's own blur
+    adds.
     """
     likelihood = normalised(log_likelihood)
     direction, length = _smears(likelihood)
@@ -79,10 +78,9 @@ def read_smears(log_likelihood: Floats) -> Floats:
 
 
 def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
-    """Return the shares of directions and of so many lengths, (h, w, 32 + lengths), of a log likelihood.
+    """Return the shares of directions and lengths, (h, w, 32 + lengths), of log likelihoods (h, w, 32, bins).
 
-    Of cells' log likelihoods (h, w, 32, bins), up to a constant. The first length stands for anything
-    shorter, the last one for anything longer.
+    The first length stands for anything shorter, the last one for anything longer.
     """
     likelihood = normalised(log_likelihood)
     each = likelihood.sum(-2)
@@ -93,10 +91,7 @@ def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
 
 
 def with_unseen(cells: Floats, unseen: Floats) -> Floats:
-    """Return smears (h, w, 4) with the deviations of mixtures of what is read and what may be any smear.
-
-    ``unseen`` (h, w) is the probability of the latter.
-    """
+    """Return smears (h, w, 4) with deviations of mixtures: ``unseen`` (h, w) of it may be any smear."""
     x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
     any_px = x**2 + y**2 + ANY_PX**2
     sigmas = [

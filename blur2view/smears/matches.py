@@ -53,8 +53,8 @@ class SmearMatches:
     ) -> SmearMatches:
         """Return the matches of two arrays (N, 2) of matched pixels; their order is dropped.
 
-        ``sigma_px`` is that of the displacement, a number or (N,): twice the standard deviation of one
-        coordinate of one point, if both points have equal errors.
+        ``sigma_px``, a number or (N,), is that of the displacement: twice that of one coordinate of one
+        point.
         """
         points1, points2 = np.asarray(points1, float), np.asarray(points2, float)
         if points1.shape != points2.shape or points1.ndim != 2 or points1.shape[1] != 2:

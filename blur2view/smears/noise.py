@@ -96,10 +96,9 @@ INDEPENDENT = NoiseModel()
 def of_kinds(length_px: Floats, sigma_px: Floats, still: Floats) -> Floats:
     """Return standard deviations of cells' smears, given the probability that a cell is not smeared.
 
-    The stated ones are root mean squares over whole likelihoods: of a sharp cell, one smear in twenty of
-    16 px makes 3.6 px. What is surely not smeared, and reads short, errs by that length. The median deviation
-    of 46 sharp photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears
-    of 6 to 16 px does not change.
+    What is surely not smeared, and reads short, errs by that length: the median deviation of 46 sharp
+    photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears of 6 to 16
+    px does not change.
     """
     short = (still >= SURE_STILL) & (length_px < SHORTEST_PX)
     return np.where(short, np.minimum(sigma_px, np.hypot(length_px, np.float32(STILL_PX))), sigma_px)
@@ -113,10 +112,7 @@ def across_px(length_px: Array, sigma_rad: Array) -> Array:
 def inlier_sigma_px(
     length_px: Array, sigma_px: Array, across: Array, shared: NoiseModel
 ) -> tuple[Array, Array]:
-    """Return standard deviations (N,) of errors along and across smears that are no outliers, pixels.
-
-    Of the stated deviation of the whole end-point error ``sigma_px`` and of its part across the smear.
-    """
+    """Return standard deviations (N,) along and across smears of errors that are no outliers, pixels."""
     along = np.sqrt(np.maximum(sigma_px**2 - across**2, 0.0))
     pair = (along, shared.least_along), (across, shared.least_across)
     first, second = (
