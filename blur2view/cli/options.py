@@ -188,7 +188,7 @@ class Folder:
     -o, --output DIR: write files of each photograph, see below, into DIR, in place of those of an earlier
         call
     --json: print one JSON document instead of the summaries, see below
-    --resume: with -o: skip photographs whose results in DIR are whole, and of the same content, options,
+    --resume: with -o: skip photographs whose results in DIR are all there, and of the same content, options,
         network and version; do the others
     """
 
