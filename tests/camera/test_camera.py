@@ -13,9 +13,9 @@ from blur2view.camera.camera import Camera, from_colmap, parse_camera, to_colmap
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues, Intrinsics, read_exif
 from blur2view.colmap.cameras import camera_of_database, stored_camera
 from blur2view.errors import CameraError
-from tests.support.exif import exif_of
-from tests.support.lens import distorted_points
-from tests.support.sql import run_sql
+from tests.support.colmap_projects import run_sql
+from tests.support.many_photographs import exif_of
+from tests.support.scenes import distorted_points
 
 SIZE = (640, 480)
 RADIAL = "SIMPLE_RADIAL 640 480 525 320 240 0.05"

@@ -10,7 +10,7 @@ from PIL import Image
 from blur2view.geometry.rotation import rotation_vector
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.exif import exif_of
+from tests.support.many_photographs import exif_of
 
 SIZE = (320, 240)
 K = np.array([[300.0, 0, 159.5], [0, 300, 119.5], [0, 0, 1]])

@@ -10,10 +10,9 @@ from blur2view.images.image import read_image
 from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.consensus import EstimatorOptions
-from tests.support.calls import Call
+from tests.support.calls import Call, table
 from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
 from tests.support.many_photographs import contents
-from tests.support.tables import table
 
 
 def test_files_hold_the_estimate_whose_F_fits_the_true_smears(

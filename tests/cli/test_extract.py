@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 
 from blur2view.images.video import read_frame
-from tests.support.calls import Call
+from tests.support.calls import Call, table
 from tests.support.many_photographs import contents, write_frames
-from tests.support.tables import table
 
 
 def write_clip(path: Path, count: int) -> Path:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.calls import Call
+from tests.support.calls import Call, table
 from tests.support.many_photographs import write_photographs, write_video
-from tests.support.tables import table
 
 
 def test_folder_prints_one_line_each_and_a_total(run: Call, folder: Path, tmp_path: Path) -> None:

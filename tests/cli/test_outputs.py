@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.calls import Call
+from tests.support.calls import Call, table
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import command, contents, environment
-from tests.support.tables import table
 
 
 def test_only_results_of_blur2view_are_replaced(run: Call, moving: Path, still: Path, tmp_path: Path) -> None:

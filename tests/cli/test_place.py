@@ -13,7 +13,6 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
-from blur2view.geometry.rotation import rotation_vector
 from tests.support.colour_code import colour_code
 from tests.support.walks import Walk
 
@@ -96,18 +95,6 @@ def test_chain_ends_in_files_that_both_programs_read(
             assert (path.parent / frame["file_path"]).is_file()
             np.testing.assert_allclose(frame["transform_matrix"], in_opengl(WALK.pose_at(k)), atol=0.02)
     assert [path.name for path in ngp.parent.iterdir()] == ["transforms.json"]
-
-
-def test_views_stand_where_the_camera_was(linked: Path) -> None:
-    assert place(linked, "-q", output="views") == 0
-    model = pycolmap.Reconstruction(linked / "views")
-    assert model.num_reg_images() == 3 * FRAMES
-    for k, name in enumerate(NAMES):
-        first, last = (model.find_image_with_name(name + end).cam_from_world() for end in ("#open", "#close"))
-        turn = rotation_vector((last * first.inverse()).rotation.matrix())
-        np.testing.assert_allclose(np.sign(turn @ TURN) * turn, SHARE * TURN, atol=1e-3)
-        middle = model.find_image_with_name(name).cam_from_world().matrix()
-        np.testing.assert_allclose(middle, WALK.pose_at(k), atol=1e-6)
 
 
 def test_the_same_call_replaces_what_it_wrote_and_nothing_else(

@@ -2,7 +2,6 @@
 
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +11,11 @@ import pytest
 from PIL import Image
 
 from blur2view.cli import commands as cli
-from blur2view.cli.to_colmap import LinkJob, views_line, views_record
 from blur2view.colmap.mapping import mapper_options
-from blur2view.images.source import Source
 from tests.cli.test_cli_camera import SIZE, picture_8_bit, smears
-from tests.colmap.test_link import link_of, only_plan
-from tests.support.colmap_check import check_database
-from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
+from tests.support.colmap_projects import ProjectOptions, check_database, make_project, user_rows
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.exif import exif_of
+from tests.support.many_photographs import exif_of
 
 CAMERA = ("--camera", "PINHOLE 320 240 300 300 160 120")
 
@@ -111,18 +106,6 @@ def test_links_are_written_anew_and_what_is_the_users_stays(
     assert code == 0 and "moving.png: replaced, " in out and "backup" not in out
     assert user_rows(project) == before
     assert len(list(project.parent.glob("*.bak"))) == 1
-
-
-def test_line_and_record_give_one_reason_and_say_where_order_is_from(project: Path) -> None:
-    plan = link_of(only_plan(project, "still.png"))[0]
-    views = random_views("still.png", len(plan.keypoints), np.random.default_rng(0))
-    job = LinkJob(source=Source(path=Path("a/still.png")), name="still.png", plan=plan)
-    record = views_record(job, replace(views, usable=np.zeros(len(views.points_open), bool)))
-    assert record["reason"] == "no feature of yours has a smear that can be used"
-    assert f"no matches: {record['reason']}" in views_line(record, verbose=False)
-    open_ = views_record(job, views) | {"translation_known": False, "time_known": True}
-    line = views_line(open_, verbose=False)
-    assert "translation undecided" in line and "order in time known by neighbours" in line
 
 
 def test_pixels_are_those_of_the_file_as_it_is_stored(run: Any, photos: list[Path], tmp_path: Path) -> None:

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.calls import Call
+from tests.support.calls import Call, table
 from tests.support.colour_code import forward_motion
-from tests.support.tables import table
 
 
 @pytest.mark.slow

@@ -18,9 +18,7 @@ from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration
-from tests.support.colmap_check import check_database
-from tests.support.colmap_projects import some_views
-from tests.support.sql import run_sql
+from tests.support.colmap_projects import check_database, run_sql, some_views
 
 SIZE, COUNT = (640, 480), 30
 CAMERA = Camera.from_focal(525.0, SIZE)

@@ -12,9 +12,14 @@ from blur2view.colmap.project import image_names, open_for_writing, smear_length
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.epipolar import unit_norm
-from tests.support.colmap_check import check_database
-from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
-from tests.support.sql import run_sql
+from tests.support.colmap_projects import (
+    ProjectOptions,
+    check_database,
+    make_project,
+    random_views,
+    run_sql,
+    user_rows,
+)
 
 FEATURES = 40
 KINDS = [ProjectOptions(), ProjectOptions(wal=False), ProjectOptions(old=True), ProjectOptions(frames=False)]

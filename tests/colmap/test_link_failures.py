@@ -11,8 +11,7 @@ from blur2view.colmap.link import ProjectImage, write_links
 from blur2view.colmap.project import MAX_IMAGES, open_for_writing
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan
-from tests.support.colmap_projects import ProjectOptions, make_project, random_views, user_rows
-from tests.support.sql import run_sql
+from tests.support.colmap_projects import ProjectOptions, make_project, random_views, run_sql, user_rows
 from tools.evaluation.fuzz import mutated
 
 SQL_FAULTS = {

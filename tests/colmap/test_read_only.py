@@ -17,8 +17,7 @@ from blur2view.colmap.placement import place_views
 from blur2view.colmap.project import open_read_only
 from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
-from tests.support.colmap_check import check_database
-from tests.support.sql import run_sql
+from tests.support.colmap_projects import check_database, run_sql
 
 
 def linked_before(path: Path) -> bool:

@@ -14,18 +14,6 @@ def random_matrices(seed: int, count: int) -> Array:
     return epipolar.unit_norm(np.random.default_rng(seed).normal(size=(count, 3, 3)))
 
 
-def test_constraint_is_q_plus_l_and_swapping_flips_l() -> None:
-    F, ends = random_matrices(2, 1)[0], np.random.default_rng(2).normal(size=(20, 2, 2))
-    S, a = epipolar.symmetric_skew(F)
-    vector = S[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    x, y = epipolar.homogeneous(ends[:, 0]), epipolar.homogeneous(ends[:, 1])
-    q, skew = epipolar.quadratic_features(ends)
-    assert np.allclose(q @ vector + skew @ a, np.einsum("ni,ij,nj->n", y, F, x))
-    q_swapped, skew_swapped = epipolar.quadratic_features(ends[:, ::-1])
-    assert np.allclose(q_swapped, q)
-    assert np.allclose(skew_swapped, -skew)
-
-
 def test_sampson_is_opencv_s() -> None:
     F, points = random_matrices(4, 1)[0], np.random.default_rng(4).normal(size=(10, 2, 2))
     x, y = epipolar.homogeneous(points[:, 0]), epipolar.homogeneous(points[:, 1])

@@ -7,13 +7,45 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
+from skimage import data
 
 from blur2view.images.image import read_image
-from blur2view.movers.mask import MotionLabel, MotionMask, segment
+from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results import overlay
-from tests.support.motion_scenes import BOX, HEIGHT, SIDEWAYS, WIDTH, Floats, photo, smears
+
+HEIGHT, WIDTH = 480, 640
+BOX = slice(160, 320), slice(352, 544)
+SIDEWAYS, MOVER = (12.0, 0.0), (3.0, 24.0)
+
+Floats = NDArray[np.float32]
+
+
+def smears(camera: tuple[float, float], box: tuple[slice, slice] | None = BOX) -> Floats:
+    """Smears (H, W, 2) of a camera, and of a box before it, pixels."""
+    displacement = np.full((HEIGHT, WIDTH, 2), camera, np.float32)
+    if box is not None:
+        displacement[box] = MOVER
+    return displacement
+
+
+def photo(displacement: Floats) -> Floats:
+    """Give a photograph (H, W, 3) that is blurred along smears (H, W, 2); what moves shows another one."""
+    image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    for smear in {tuple(one) for one in np.unique(displacement.reshape(-1, 2), axis=0).tolist()}:
+        picture = data.astronaut() if smear == MOVER else data.coffee()
+        sharp = cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+        size = 2 * int(max(map(abs, smear))) + 3
+        kernel, middle = np.zeros((size, size), np.float32), (size - 1) / 2
+        ends = [np.round(16 * (middle + sign * np.array(smear) / 2)).astype(int).tolist() for sign in (-1, 1)]
+        cv2.line(kernel, ends[0], ends[1], 1.0, 1, cv2.LINE_AA, 4)
+        blurred = cv2.filter2D(sharp, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REFLECT)
+        here = (displacement == smear).all(axis=-1)
+        image[here] = blurred[here]
+    return np.asarray(np.clip(image, 0, 1), np.float32)
+
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "models" / "sample_mover.jpg"
@@ -118,6 +150,18 @@ def test_a_lower_threshold_marks_more_and_what_is_no_probability_is_refused() ->
     for p in (0.0, 1.0):
         with pytest.raises(ValueError, match="above 0 and below 1"):
             segment(found, image, threshold=p)
+
+
+def test_parts_are_described_by_their_own_pixels() -> None:
+    moving = np.zeros((30, 40), bool)
+    moving[2:5, 7] = moving[4, 3:8] = True
+    moving[20:28, 10:30] = True
+    probability = np.where(moving, 0.5, 0.0).astype(np.float32)
+    probability[20:28, 10:20] = 0.9
+    large, small = regions_of(moving, probability)
+    assert (large.area_px, small.area_px) == (160, 7)
+    assert (large.box, small.box) == ((10, 20, 20, 8), (3, 2, 5, 3))
+    assert large.probability == pytest.approx(0.7) and small.probability == pytest.approx(0.5)
 
 
 def test_overlay_is_pink_on_what_moves_and_refuses_another_size() -> None:

@@ -1,7 +1,9 @@
 """Commands in this process: their exit codes, with what they printed."""
 
+import csv
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -45,3 +47,15 @@ def call_program(capsys: pytest.CaptureFixture[str], *words: object) -> Exit:
     done, printed = Exit(code), capsys.readouterr()
     done.out, done.err = printed
     return done
+
+
+READ = {"name", "use", "blur", "config", "verdict", "error"}  # columns that scripts read
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table."""
+    with path.open(newline="") as file:
+        reader = csv.DictReader(file)
+        rows = list(reader)
+    assert set(reader.fieldnames or ()) >= READ
+    return rows

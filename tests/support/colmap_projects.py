@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 
 from blur2view import Configuration, ExposureViews, TimeDirection, TwoViewGeometry
-from blur2view.colmap.project import MAX_IMAGES
+from blur2view.colmap.project import MAX_IMAGES, open_read_only
 
 SIZE = (96, 64)
 OLD_TABLES = """
@@ -145,3 +145,45 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
 def some_views(name: str = "a.jpg", count: int = 4) -> ExposureViews:
     """Return such views, the same each time, of unknown order in time."""
     return replace(random_views(name, count, np.random.default_rng(0)), time=TimeDirection())
+
+
+def run_sql(path: Path, *statements: str) -> list[tuple[Any, ...]]:
+    """Run statements, each committed, with foreign keys; return the rows of the last."""
+    rows: list[tuple[Any, ...]] = []
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA foreign_keys = ON")
+        for statement in statements:
+            rows = database.execute(statement).fetchall()
+    return rows
+
+
+NO_FRAME = (
+    "SELECT 'image ' || name || ': no frame' FROM images WHERE EXISTS (SELECT 1 FROM frames) "
+    "AND image_id NOT IN (SELECT data_id FROM frame_data)"
+)
+
+
+def check_database(path: Path) -> list[str]:
+    """Return a line for everything that is wrong with a COLMAP database, which is not written.
+
+    SQLite's own integrity and foreign keys; an image without a frame where frames are used; matches of no
+    images, beyond their keypoints or that occur twice; inliers that are no matches; F, E or H not finite.
+    """
+    with open_read_only(path) as database:
+        found = [str(row) for row in database.execute("PRAGMA integrity_check") if row != ("ok",)]
+        found += [str(row) for row in database.execute("PRAGMA foreign_key_check")]
+        if database.execute("SELECT 1 FROM sqlite_master WHERE name = 'frames'").fetchone():
+            found += [line for (line,) in database.execute(NO_FRAME)]
+        counts = dict(database.execute("SELECT image_id, rows FROM keypoints"))
+        matches = dict[int, set[tuple[int, ...]]]()
+        for table in ("matches", "two_view_geometries"):
+            for pair, rows, data in database.execute(f"SELECT pair_id, rows, data FROM {table}"):
+                indices = np.frombuffer(data or b"", "<u4").reshape(-1, 2)
+                listed = set(map(tuple, indices.tolist()))
+                beyond = (indices >= [counts.get(image, 0) for image in divmod(pair, MAX_IMAGES)]).any()
+                if beyond or len(listed) != rows or not listed <= matches.setdefault(pair, listed):
+                    found.append(f"{table} {divmod(pair, MAX_IMAGES)}")
+        for pair, *blobs in database.execute("SELECT pair_id, F, E, H FROM two_view_geometries"):
+            if not all(np.isfinite(np.frombuffer(blob or b"", "<f8")).all() for blob in blobs):
+                found.append(f"matrices of {divmod(pair, MAX_IMAGES)}")
+    return found

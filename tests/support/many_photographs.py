@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
 from tests.support.colour_code import colour_code, write_picture
@@ -81,3 +82,11 @@ def contents(folder: Path) -> dict[str, bytes]:
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
+
+
+def exif_of(*, orientation: int = 1, **tags: float) -> Image.Exif:
+    """Return EXIF of these tags; Pillow writes none into a PNG that has no orientation."""
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    exif.get_ifd(ExifTags.IFD.Exif).update({ExifTags.Base[name].value: value for name, value in tags.items()})
+    return exif

@@ -7,8 +7,12 @@ import numpy as np
 
 from blur2view import Camera, SmearMatches
 from blur2view.arrays import Array
+from blur2view.camera.camera import from_colmap
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.rotation import rotation_matrix as rotation
+from blur2view.smears.noise import NoiseModel
+from blur2view.two_view.likelihood import Likelihood
+from blur2view.two_view.models import assumed_camera
 from tools.datasets.synthetic_matches import (
     IMAGE_SIZE,
     camera,
@@ -125,3 +129,23 @@ def noise_field_ends(rng: np.random.Generator, *, count: int = 2000, correlation
     """Smears of random direction with no geometry behind them, optionally smooth over the image."""
     middle = rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
     return random_field(rng, middle, 12.0, correlation_px)
+
+
+T = assumed_camera(IMAGE_SIZE)
+UNIT_PX = 1 / T[0, 0]
+PLAIN = NoiseModel(least=0.0, least_along=0.0, least_across=0.0)
+
+
+def normalised_likelihood(ends: Array, sigma: float | Array, effective_share: float = 1.0) -> Likelihood:
+    """Return that of ends (N, 2, 2) whose Sampson distances have a standard deviation, both normalised."""
+    pixels = (np.asarray(ends) - T[:2, 2]) / np.diag(T)[:2]
+    sigma_px = np.broadcast_to(2 * UNIT_PX * np.asarray(sigma), len(ends))
+    shared = replace(PLAIN, effective_share=effective_share)
+    matches = SmearMatches(ends=pixels, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
+    return Likelihood.of(matches)
+
+
+def distorted_points(camera: Any, rays: Array) -> Array:
+    """Our pixels (N, 2) of rays (N, 2) = (x/z, y/z): the inverse of `normalised_points`."""
+    directions = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
+    return from_colmap(np.asarray(camera.img_from_cam(directions), float).reshape(-1, 2))

@@ -8,8 +8,7 @@ from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.two_view.homography import HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, HomographyFlow, cayley
-from tests.support.likelihoods import normalised_likelihood
-from tests.support.scenes import make_scene
+from tests.support.scenes import make_scene, normalised_likelihood
 
 NOISE = 8e-4
 

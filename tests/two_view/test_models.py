@@ -19,8 +19,7 @@ from blur2view.two_view.models import (
     cayley,
     velocity_basis,
 )
-from tests.support.likelihoods import normalised_likelihood
-from tests.support.scenes import IMAGE_SIZE, make_scene
+from tests.support.scenes import IMAGE_SIZE, make_scene, normalised_likelihood
 
 SOFT = np.array([0.1, 0.1, 0.3, 0.3, 0.03, 0.03])
 DIRECTION = np.array([0.6, 0.0, 0.8])

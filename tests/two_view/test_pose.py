@@ -9,8 +9,7 @@ from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.rotation import rotation_matrix
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.smears.noise import NoiseModel
-from tests.support.lens import distorted_points
-from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene
+from tests.support.scenes import IMAGE_SIZE, Scene, distorted_points, disturb, make_scene
 from tools.evaluation import pose_coverage
 from tools.metrics import rotation_error, translation_direction_error_deg
 
