@@ -31,6 +31,7 @@ body { max-width: 1280px; margin: auto; padding: 12px 20px; }
 th, td { text-align: left; padding: 2px 14px 2px 0; vertical-align: top; overflow-wrap: anywhere; }
 th, small { font-weight: normal; color: GrayText; }
 th { white-space: nowrap; }
+td:first-child { min-width: 14em; }
 td { white-space: pre-line; font-variant-numeric: tabular-nums; }
 article { margin-top: 40px; border-top: 2px solid; }
 article table { font-size: 13px; }
