@@ -113,9 +113,9 @@ def check_file(target: Path, inputs: Collection[str] = (), *, option: str = "-o"
     file, or has no signature.
     """
     remedy = f"name another with {option}"
-    if os.path.realpath(target) in inputs:
+    if (real := os.path.realpath(target)) in inputs:
         raise OutputError(f"{target}: would replace an input of this call; {remedy}")
-    if target.exists() and not target.is_file():
+    if os.path.lexists(real) and not os.path.isfile(real):  # or it is a link to itself
         raise OutputError(f"{target}: is no regular file; {remedy}")
     if target.exists() and not is_ours(target):
         unsigned = "is there and does not say that blur2view wrote it"

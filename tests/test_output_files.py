@@ -4,8 +4,11 @@ import errno
 import os
 from pathlib import Path
 
+import pytest
+
 from blur2view.colmap.database import write_database
-from blur2view.output_files import half_written, unwritable, write_file
+from blur2view.errors import OutputError
+from blur2view.output_files import check_file, half_written, unwritable, write_file
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project, some_views
 
@@ -24,3 +27,9 @@ def test_the_next_call_replaces_what_a_killed_one_left_half_written(tmp_path: Pa
 def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:
     refusal = unwritable(Path("."), OSError(errno.EROFS, os.strerror(errno.EROFS)))
     assert str(refusal).startswith(f"{here}: results cannot be written there (Read-only file system)")
+
+
+def test_a_link_to_itself_is_not_replaced(tmp_path: Path) -> None:
+    (loop := tmp_path / "link").symlink_to("link")
+    with pytest.raises(OutputError, match="link: is no regular file; name another with --csv"):
+        check_file(loop, option="--csv")

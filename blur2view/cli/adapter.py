@@ -146,6 +146,10 @@ class CommandParser(Parser):
         for word in words[: words.index("--")] if "--" in words else words:
             if re.match(r"-[^\d.]", word):
                 self._refuse_unknown(word.partition("=")[0])
+        if "--" in words:  # behind which argparse, as it mixes words and options, would read options
+            at = words.index("--")
+            files = (f"./{one}" if one[0] == "-" != one else one for one in words[at + 1 :])
+            words = [*words[:at], *files]
         values = vars(self.parse_intermixed_args(words))
         try:
             return _made(self.kind, values)

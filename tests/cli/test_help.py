@@ -21,8 +21,8 @@ def test_options_are_read_on_both_sides_of_photographs_and_wrong_ones_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     parser = cli.parser_of("estimate")
-    options = parser.read(["a", "--seed", "7", "-v", "b", "--", "-c"])
-    reading, estimating = Reading(images=["a", "b", "-c"]), Estimating(seed=7)
+    options = parser.read(["a", "--seed", "7", "-v", "b", "--", "-c", "-o.jpg"])
+    reading, estimating = Reading(images=["a", "b", "./-c", "./-o.jpg"]), Estimating(seed=7)
     common = Common(reading=reading, estimating=estimating, printing=Printing(verbose=True))
     assert options == EstimateOptions(common=common)
     with pytest.raises(SystemExit, match="2"):
