@@ -10,10 +10,9 @@ from PIL import Image
 
 from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
-from blur2view.errors import ImageError, ModelError
+from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.rotation import rotation_vector
-from blur2view.images.video import read_video
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph
@@ -57,6 +56,7 @@ def test_photograph_is_the_same_of_any_type_contiguous_or_not(kind: type) -> Non
         np.zeros((40, 40), bool),
         np.full((40, 40), 255.0),
         np.full((40, 40), np.nan),
+        np.full((40, 40), -0.1),
         [[0.0]],
         None,
     ],
@@ -107,21 +107,15 @@ def test_what_is_no_argument_is_a_value_error_that_says_what_is() -> None:
     for size in (PICTURE.shape, 960, PICTURE):
         with pytest.raises(ValueError, match=r"\(width, height\), as image.shape"):
             Camera.from_focal(800, size)
-    with pytest.raises(ValueError, match="focal length must be 0.1 to 1e"):
-        Camera.from_focal("800", (960, 540))  # type: ignore[arg-type]
     for wrong in (None, PICTURE):
         with pytest.raises(
             ValueError, match=r"matches must be a blur2view.SmearMatches, as of select_matches"
         ):
             estimate_two_view(wrong)  # type: ignore[arg-type]
-    with pytest.raises(ImageError, match="none.mp4: no such file"):
-        read_video("none.mp4")
     with pytest.raises(ValueError, match="is a folder; give map"):
         estimate_frames(Path(__file__).parent)
     with pytest.raises(ValueError, match="grid must be a blur2view.SmearGrid, as of network.predict"):
         select_matches(PICTURE)  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match="gpu: is no execution provider .*onnxruntime-gpu"):
-        SmearNetwork(providers="gpu")
 
 
 @pytest.mark.slow

@@ -106,16 +106,6 @@ def test_tiff_that_no_decoder_reads_right_is_refused(tmp_path: Path) -> None:
             read_image(path)
 
 
-def test_photograph_that_takes_too_much_memory_is_refused_before_it_is_decoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = saved(tmp_path / "a.png", RGB8)
-    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.load", lambda picture: pytest.fail("decoded"))
-    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.size", (13000, 13000))
-    with pytest.raises(ImageError, match="13000x13000 pixels; resize it to at most 105 megapixels$"):
-        read_image(path)
-
-
 def encoded(picture: Image.Image, kind: str) -> bytes:
     stream = io.BytesIO()
     picture.save(stream, kind)

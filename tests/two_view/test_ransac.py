@@ -1,6 +1,6 @@
 """The robust loop on a problem that has nothing to do with geometry: the mean of numbers with outliers."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +18,6 @@ class Location:
     values: Floats
     sample_size: ClassVar[int] = 1
     inliers: float = 0.0
-    scored: list[int] = field(default_factory=list)
     refined: int = 0
 
     @property
@@ -31,8 +30,7 @@ class Location:
         return rng.choice(self.values, samples)
 
     def score(self, models: Floats, block: NDArray[np.int_]) -> Floats:
-        """Give truncated squares and count the work."""
-        self.scored.append(len(models) * len(block))
+        """Give truncated squares."""
         total: Floats = np.minimum((models[:, None] - self.values[block]) ** 2, 1.0).sum(axis=1)
         return total
 
