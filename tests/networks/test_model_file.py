@@ -71,16 +71,6 @@ def test_wrong_network_file_is_named_in_one_line(
     assert capfd.readouterr() == ("", "")  # ONNX Runtime adds no lines of its own
 
 
-def test_pipe_and_file_of_absurd_size_are_no_networks(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.onnx")
-    with pytest.raises(ModelError, match="is no regular file"):
-        SmearNetwork(tmp_path / "pipe.onnx")
-    with (tmp_path / "huge.onnx").open("wb") as file:
-        file.truncate(1 << 34)  # sparse
-    with pytest.raises(ModelError, match="is larger than 256 MiB"):
-        SmearNetwork(tmp_path / "huge.onnx")
-
-
 def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_path: Path) -> None:
     code = "import sys; from blur2view.networks.smear_network import SmearNetwork; SmearNetwork(sys.argv[1])"
     hidden = ("ORT_DISABLE_TELEMETRY", "XDG_CACHE_HOME")
