@@ -1,4 +1,4 @@
-"""Ends of exposures from smears at known depth and a trajectory: exact motions, fractions."""
+"""Ends of exposures from smears at known depth and a trajectory: exact motions, fractions, weights."""
 
 from __future__ import annotations
 
@@ -8,10 +8,20 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, exposures, motions_between
+from blur2view.exposure.trajectory import (
+    PATH_REACH,
+    CameraPath,
+    ExposedFrame,
+    _placed,
+    change_of,
+    ends_on,
+    exposures,
+    motions_between,
+)
 from blur2view.geometry.rotation import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
+OPEN_FOR = 0.6
 
 
 def frame(
@@ -37,6 +47,18 @@ def steady(count: int) -> list[Array]:
         step = rotation_matrix(PER_FRAME[:3])
         R, t = step @ R, step @ t + PER_FRAME[3:]
     return poses
+
+
+def swing(period: float, reach: float = 0.1) -> tuple[CameraPath, Array]:
+    """Return a camera that moves to and fro with a period in frames, so far, and its true motions."""
+
+    def pose(time: float) -> Array:
+        phase = np.sin(2 * np.pi * time / period + np.array([0, 1, 2, 3, 4, 5]))
+        R = rotation_matrix(0.05 * phase[:3])
+        return np.column_stack([R, -R @ (reach * phase[3:])])
+
+    true = [change_of(pose(k - OPEN_FOR / 2), pose(k + OPEN_FOR / 2)) for k in range(24)]
+    return path_of([pose(k) for k in range(24)]), np.array(true)
 
 
 @pytest.mark.parametrize("fraction", [0.3, -0.6])
@@ -65,3 +87,18 @@ def test_a_frame_with_too_few_smears_follows_the_trajectory_if_there_is_one() ->
     assert np.isnan(ends[8]).all()
     ends, fraction, _ = exposures(frames, path, None)
     assert np.isnan(fraction) and np.isnan(ends).all()
+
+
+def test_smears_show_that_a_shake_is_faster_than_frames_and_positions_are_those_of_the_trajectory() -> None:
+    for period, follows in ((8.0, 0.1), (1.05, 0.5)):  # the second looks slow in the poses
+        rng = np.random.default_rng(7)
+        path, true = swing(period, reach=0.01)
+        still = [frame(rng, PER_FRAME, time, count=0) for time in path.times]
+        moved = motions_between(ends_on(path, still, OPEN_FOR))
+        made = np.hstack([true[:, :3], moved[:, 3:]])
+        frames = [frame(rng, motion, time, noise=1e-3) for time, motion in enumerate(made)]
+        found = motions_between(_placed(frames, path, OPEN_FOR)[0])
+        size = np.linalg.norm(true[:, :3], axis=1).max()
+        off, guessed = (np.linalg.norm(one[:, :3] - true[:, :3], axis=1) for one in (found, moved))
+        assert np.median(off) < 0.1 * size and np.median(off) < follows * max(np.median(guessed), 0.1 * size)
+        np.testing.assert_allclose(np.abs(found[:, 3:]), np.abs(moved[:, 3:]), atol=1e-3)
