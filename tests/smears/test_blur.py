@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import blur_of, is_close, smeared_share
+from blur2view.smears.blur import blur_of, in_doubt, is_close, smeared_share
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import KINDS
+from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
 from tests.support.grids import grid_of
 
 ROWS, COLUMNS = 12, 16
@@ -126,3 +126,15 @@ def test_where_nothing_is_seen_nothing_is_smeared() -> None:
     unseen = grid(within(4, 4))
     assert unseen.blur is not None
     assert smeared_share(replace(unseen, blur=unseen.blur.round())) == 0
+
+
+def test_the_cells_leave_open_whether_the_camera_moved_where_only_some_of_them_are_smeared() -> None:
+    assert in_doubt(grid(within(2, 0))) and in_doubt(grid(within(1, 3)))
+    assert not any(in_doubt(grid(within(k, k))) for k in range(5))
+
+
+def test_logits_are_read_as_probabilities_and_radii() -> None:
+    assert softmax(np.zeros((2, 3, 5), np.float32)).sum(-1) == pytest.approx(1)
+    logits = np.full((1, 1, 24), -30, np.float32)
+    logits[..., 9] = 0
+    assert read_radii(logits)[0, 0] == pytest.approx(radii_px(24)[9]) == pytest.approx(2.8, rel=1e-3)
