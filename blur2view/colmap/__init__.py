@@ -1,6 +1,4 @@
 """COLMAP databases, models and mapping."""
 
-INSTANT_NGP, NERFSTUDIO = DIALECTS = ("instant-ngp", "nerfstudio")
-"""The dialects of ``transforms.json``."""
-GSPLAT = "gsplat"
-"""A trainer that reads COLMAP's models instead."""
+INSTANT_NGP, NERFSTUDIO = DIALECTS = ("instant-ngp", "nerfstudio")  # the dialects of ``transforms.json``
+GSPLAT = "gsplat"  # a trainer that reads COLMAP's models instead

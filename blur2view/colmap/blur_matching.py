@@ -1,10 +1,8 @@
 """Patches of two photographs found in each other, each blurred by the other's smear.
 
-Blurs commute: a scene S blurred by k in one photograph and by l in another becomes the same picture,
-S * k * l, once the first is blurred by l and the second by k. Then both carry the same blur and ordinary
-registration (pyramidal Lucas-Kanade, Bouguet 2001) works to a fraction of a pixel, where features of SIFT are
-not found again. Everything is done in linear light, in which an exposure is a mean: in the file's gamma the
-residuals along the smears of RedKitchen's frames are twice as large.
+Blurs commute: S * k blurred by l is S * l blurred by k. Then ordinary registration (pyramidal Lucas-Kanade,
+Bouguet 2001) works to a fraction of a pixel, where features of SIFT are not found again. It is done in
+linear light: in the file's gamma residuals along the smears of RedKitchen are twice as large.
 """
 
 from typing import Any, NamedTuple

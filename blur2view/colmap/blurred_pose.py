@@ -1,17 +1,16 @@
 """The pose of one blurred photograph, from registered neighbours and the model's points that they see.
 
 A neighbour is warped to where the photograph is expected to be, by the inverse depth of the model's points,
-and each of the two is blurred as the other one is (`blur_matching`). The blur of the photograph is that of a
-rigid motion during its exposure: rotation and translation fit to its smears, in which all points take part,
-and a change of the rotation's rate. What differs between two pictures of equal blur corrects both
-(`Kernel`): so the pose is that of mid exposure, not that of the blur's centroid, from which a frame of
-RedKitchen with smears of 52 px is 0.15 degrees away in the median.
+and each of the two is blurred as the other one is (`blur_matching`): by a rigid motion during its exposure,
+fit to its smears, and a change of the rotation's rate. What differs between two pictures of equal blur
+corrects both (`Kernel`): so the pose is that of mid exposure, from which the blur's centroid is 0.15 degrees
+away in frames of RedKitchen with smears of 52 px.
 """
 
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -89,15 +88,14 @@ class View:
         return projected(self.camera, self.points(world))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlurredPose:
+class BlurredPose(NamedTuple):
     """What neighbours say of a photograph's pose, in pixels of the working size."""
 
     pose: Array  # (3, 4) cam_from_world at mid exposure
     information: Array  # (6, 6) of a rotation and translation of points in it, as of independent matches
     motion: Motion
     smear_motion: Array  # (6,) the rigid motion by the smears alone
-    index: NDArray[np.int_]  # (M,) points that were found, each once
+    numbers: NDArray[np.int_]  # (M,) points that were found, each once
     places: Array  # (M, 2) where
     residual_px: float  # median distance of the places from the projections
     tried: int  # points that were looked for
@@ -192,8 +190,8 @@ def find_pose(
     motion = Motion(rigid=smear_motion, bend=np.zeros(3))
     for scale, levels in ROUNDS:
         here, there = view.scaled(scale), [one.scaled(scale) for one in neighbours]
-        search = Search.of(replace(here, pose=pose), world)
-        if search is None:
+        search = Search(replace(here, pose=pose), world)
+        if search.inside.sum() < NEAREST:
             return None
         kernel = Kernel() if levels else None  # not in the last round
         index, places, covariance = search.matches(there, seen, motion, levels, kernel)
@@ -204,16 +202,8 @@ def find_pose(
             motion = kernel.corrected(motion, expected)
     index, places = _means(index, places, covariance)
     residual = np.linalg.norm(places - replace(view, pose=pose).project(world[index]), axis=1)
-    return BlurredPose(
-        pose=pose,
-        information=information,
-        motion=motion,
-        smear_motion=smear_motion,
-        index=index,
-        places=places,
-        residual_px=float(np.median(residual)),
-        tried=int(inside.sum()),
-    )
+    missed, tried = float(np.median(residual)), int(inside.sum())
+    return BlurredPose(pose, information, motion, smear_motion, index, places, missed, tried)
 
 
 def _means(index: NDArray[np.int_], places: Array, covariance: Array) -> tuple[NDArray[np.int_], Array]:
@@ -226,29 +216,14 @@ def _means(index: NDArray[np.int_], places: Array, covariance: Array) -> tuple[N
     return index, np.asarray(np.linalg.solve(total, right[..., None])[..., 0], float)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Search:
-    """Where points of the model are to be looked for in a photograph."""
+    """Where points (N, 3) of the model, of which some are ``inside``, are looked for in a photograph."""
 
-    view: View
-    world: Array
-    lattice: Lattice
-    pixels: Array  # (N, 2)
-    inside: Mask  # (N,)
-    places: Array  # (L, 3): the lattice's places at the smooth depth, in the camera
-
-    @classmethod
-    def of(cls, view: View, world: Array) -> "Search | None":
-        """Return the search about a pose, None if hardly a point is in the picture."""
-        lattice = Lattice(view.camera)
-        points = view.points(world)
-        pixels = projected(view.camera, points)
-        inside = within(view.camera, pixels)
-        if inside.sum() < NEAREST:
-            return None
-        depth = 1 / inverse_depth_at(lattice.points, pixels[inside], points[inside, 2])
-        places = lattice.rays * depth[:, None]
-        return cls(view=view, world=world, lattice=lattice, pixels=pixels, inside=inside, places=places)
+    def __init__(self, view: View, world: Array) -> None:
+        self.view, self.world, self.lattice = view, world, Lattice(view.camera)
+        self.points = view.points(world)
+        self.pixels = projected(view.camera, self.points)
+        self.inside = within(view.camera, self.pixels)
 
     def matches(
         self,
@@ -259,9 +234,12 @@ class Search:
         kernel: Kernel | None,
     ) -> tuple[NDArray[np.int_], Array, Array]:
         """Return points found (M,), places (M, 2), covariances (M, 2, 2); add what patches differ by."""
-        flow = image_flow(self.view.camera, self.places)
+        seen_pixels, seen_depth = self.pixels[self.inside], self.points[self.inside, 2]
+        depth = 1 / inverse_depth_at(self.lattice.points, seen_pixels, seen_depth)
+        surface = self.lattice.rays * depth[:, None]  # (L, 3), smooth, in the camera
+        flow = image_flow(self.view.camera, surface)
         path, bend = flow @ motion.rigid, flow[:, :, :3] @ motion.bend
-        warps = [self._warp(one, path) for one in neighbours]
+        warps = [self._warp(one, surface, path) for one in neighbours]
         scene = np.dstack([one[0] for one in warps])
         fields = self.lattice.everywhere(path), self.lattice.everywhere(bend) if motion.bend.any() else None
         blurred = blurred_along(scene, *fields, moments=kernel is not None)
@@ -285,10 +263,10 @@ class Search:
         index, places, covariance = (np.concatenate(one) for one in zip(*found, strict=True))
         return index, places, covariance + FLOOR_PX**2 * np.eye(2)
 
-    def _warp(self, neighbour: View, path: Array) -> tuple[Any, Any, Any]:
+    def _warp(self, neighbour: View, surface: Array, path: Array) -> tuple[Any, Any, Any]:
         """Return a neighbour's picture where this one's is, where that is in it, and its smears here."""
         R, t = relative(neighbour.pose, self.view.pose)
-        where = np.nan_to_num(projected(neighbour.camera, self.places @ R.T + t), nan=-1e3)
+        where = np.nan_to_num(projected(neighbour.camera, surface @ R.T + t), nan=-1e3)
         jacobian = self.lattice.jacobian(where) + 1e-6 * np.eye(2)
         smears = np.asarray(np.linalg.solve(jacobian, neighbour.smears(where)[0][..., None])[..., 0], float)
         field = self.lattice.everywhere(same_sense(smears, path))

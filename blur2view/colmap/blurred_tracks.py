@@ -99,7 +99,7 @@ def _matches(
         return np.zeros((0, 2), np.uint32)
     numbers = _numbers(keypoints, name, found.places, SAME_PX)
     _, first = np.unique(numbers, return_index=True)
-    return np.column_stack([found.index, numbers]).astype(np.uint32)[np.sort(first)]
+    return np.column_stack([found.numbers, numbers]).astype(np.uint32)[np.sort(first)]
 
 
 def _surfaces(view: View, pixels: Array, world: Array) -> Array:

@@ -118,10 +118,7 @@ def put_views(database: sqlite3.Connection, views: ExposureViews, ids: Pair) -> 
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
-    """Return the pycolmap.Camera of a photograph of a size (width, height), pixels.
-
-    A hint keeps its focal length as a prior, and gets room for a distortion; COLMAP's own guess is no prior.
-    """
+    """Return the pycolmap.Camera of a photograph (width, height): a hint is a prior, a guess is not."""
     stated = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size)
     model, params = stated.model, stated.params
     if camera is None or not camera.known:
@@ -132,10 +129,7 @@ def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
 
 
 def refuse_existing(path: Path, *, replace: bool = False) -> None:
-    """Raise a DatabaseError where something lies at a path that is not to be replaced, or cannot be.
-
-    SQLite would apply a log that lies beside it to the new database.
-    """
+    """Raise a DatabaseError of what is not to be replaced, or of a log that SQLite would apply to it."""
     if os.path.lexists(path) and not replace:
         raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
     for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):

@@ -8,17 +8,18 @@ an earlier call wrote are written anew.
 import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import datetime
 from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera.camera import from_colmap
+from blur2view.arrays import Array
+from blur2view.camera.camera import Camera, from_colmap
 from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (
     CAMERA_SENSOR,
@@ -36,8 +37,11 @@ from blur2view.colmap.project import (
     rig_of,
 )
 from blur2view.errors import DatabaseError
-from blur2view.exposure.half_exposure import half_geometry
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose, symmetric_skew, unit_norm
+from blur2view.geometry.pose import RigidTransform
+from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.output_files import half_written
 
 COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's database has
@@ -47,8 +51,7 @@ COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's data
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ProjectImage:
+class ProjectImage(NamedTuple):
     """One image of a project, as it was read."""
 
     image_id: int
@@ -99,15 +102,7 @@ def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: st
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in own.values():
             raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
-    return ProjectImage(
-        image_id=image_id,
-        camera_id=camera_id,
-        name=name,
-        prior_focal=bool(prior),
-        keypoints=keypoints,
-        stored=tuple(stored),
-        linked=bool(own),
-    )
+    return ProjectImage(image_id, camera_id, name, bool(prior), keypoints, tuple(stored), bool(own))
 
 
 def write_links(
@@ -210,3 +205,39 @@ def back_up(path: Path) -> Path:
     finally:
         beside.unlink(missing_ok=True)
     return copy
+
+
+def half_geometry(geometry: TwoViewGeometry, camera: Camera | None, size: tuple[int, int]) -> TwoViewGeometry:
+    """Return the geometry from mid-exposure (1) to close (2), of that from open to close; without H.
+
+    The camera is taken to move as one screw motion, and a photograph's features to lie in the middle of
+    their smears. With a camera F is exactly that of the halved pose. ``size`` is width and height, pixels.
+    """
+    whole = geometry.cam2_from_cam1
+    pose = None if whole is None else half_pose(whole)
+    F = None if geometry.F is None else half_fundamental(geometry.F, size)
+    if pose is not None and pose.translation.any() and camera is not None and F is not None:
+        F = fundamental_from_pose(camera.K, pose.rotation, pose.translation)
+    return replace(geometry, F=F, H=None, cam2_from_cam1=pose, covariance=None)
+
+
+def half_pose(pose: RigidTransform) -> RigidTransform:
+    """Return the pose, of unit translation, that applied twice is this one: of R^2 and (R + I) t."""
+    R = rotation_matrix(0.5 * pose.rotation_vector)
+    t = np.asarray(np.linalg.solve(R + np.eye(3), pose.translation), np.float64)
+    return RigidTransform(rotation=R, translation=t / max(float(np.linalg.norm(t)), 1e-30))
+
+
+def half_fundamental(F: Array, size: tuple[int, int]) -> Array:
+    """Return F (3, 3) of half the motion, to first order in the motion; of unit norm and rank 2.
+
+    A smear d about p satisfies p^T S p + a . (d x p) = 0 up to second order, F = S + [a]x; d/2 satisfies
+    that of S / 2 + [a]x. The nearest of rank 2, where the picture is of unit size.
+    """
+    scale = 2.0 / max(size)
+    T = np.diag([scale, scale, 1.0])
+    T[:2, 2] = -scale * (np.array(size, float) - 1) / 2
+    back = np.linalg.inv(T)
+    S, a = symmetric_skew(back.T @ F @ back)
+    U, singular, Vt = np.linalg.svd(0.5 * S + cross_matrix(a))
+    return unit_norm(T.T @ (U * [singular[0], singular[1], 0.0]) @ Vt @ T)

@@ -100,10 +100,7 @@ def observed(model: Any, image: Any) -> dict[int, int]:
 def add_image(
     model: Any, name: str, pose: Array, keypoints: Array, beside: Any, wanted_id: int | None = None
 ) -> Any:
-    """Return a new image of a model at a pose (3, 4), alone in its frame, of the wanted id if that is free.
-
-    With COLMAP's keypoints (N, 2), and the camera and rig of another image ``beside``.
-    """
+    """Return a new image at a pose (3, 4), with keypoints (N, 2) and the camera of another one ``beside``."""
     import pycolmap
 
     camera_id = beside.camera_id

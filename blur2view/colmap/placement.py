@@ -8,9 +8,8 @@ trajectory, and smears measure what fraction of it an exposure is (`trajectory`)
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,32 +22,21 @@ from blur2view.exposure.time_direction import frame_times, place_of
 from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, changed, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 
-UNREGISTERED = "COLMAP did not register them, or calls them otherwise"
-PLACED_BEFORE = "the model has their views already"
-NOT_NAMED = "they are not in the folder of the frames"
-OTHER_FEATURES = "their features in the model are not those of the database"
-ALONE = "no frame of the model is next to them by number"
 MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
 
 
-@dataclass(frozen=True, kw_only=True)
-class Placement:
+class Placement(NamedTuple):
     """A reconstruction with virtual views."""
 
     model: Any
     """pycolmap.Reconstruction with both views of ``placed``, which observe points within `MAX_ERROR_PX`."""
-    fraction: float
-    """Exposure over frame interval: given, or as measured from the smears; NaN if unknown."""
-    measured: bool
-    """False where it is a guess, as the camera shakes faster than frames follow one another."""
-    placed: tuple[str, ...]
-    """Photographs whose views were placed."""
-    refused: dict[str, str]
-    """Why, of every other photograph with views in the database, by its name."""
+    fraction: float  # exposure over frame interval: given, or as measured from the smears; NaN if unknown
+    measured: bool  # False where it is a guess, as the camera shakes faster than frames follow one another
+    placed: tuple[str, ...]  # photographs whose views were placed
+    refused: dict[str, str]  # why, of every other photograph with views in the database, by its name
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Linked:
+class _Linked(NamedTuple):
     """A registered photograph and its views, as the database has them."""
 
     photograph: Any  # pycolmap.Image of the model
@@ -92,10 +80,8 @@ def place_views(
             _add_views(reconstruction, one, end)
             placed.append(one.photograph.name)
         else:
-            refused[one.photograph.name] = ALONE
-    return Placement(
-        model=reconstruction, fraction=used, measured=measured, placed=tuple(placed), refused=refused
-    )
+            refused[one.photograph.name] = "no frame of the model is next to them by number"
+    return Placement(reconstruction, used, measured, tuple(placed), refused)
 
 
 def _read_linked(
@@ -109,13 +95,13 @@ def _read_linked(
         both = [name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()]
         for name in both:
             if name not in registered:
-                refused[name] = UNREGISTERED
+                refused[name] = "COLMAP did not register them, or calls them otherwise"
             elif name + OPEN in views:  # of an earlier call, or recovered
-                refused[name] = PLACED_BEFORE
+                refused[name] = "the model has their views already"
             elif name not in times:
-                refused[name] = NOT_NAMED
+                refused[name] = "they are not in the folder of the frames"
             elif registered[name].num_points2D() != len(read_keypoints(opened, ids[name])):
-                refused[name] = OTHER_FEATURES
+                refused[name] = "their features in the model are not those of the database"
             else:
                 found[name] = _read_one(opened, ids, model, registered[name])
     return [found[name] for name in times if name in found], refused
@@ -129,7 +115,7 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], model: Any, ph
     matched = map(int, read_matches(opened, ids[photograph.name], first)[:, 0])
     seen = {index: points[index] for index in matched if index < count and index in points}
     stacked = np.stack([one[:count] for one in ends])
-    return _Linked(photograph=photograph, ids=(first, last), ends=stacked, seen=seen)
+    return _Linked(photograph, (first, last), stacked, seen)
 
 
 def _frame(model: Any, one: _Linked, time: float) -> ExposedFrame:
@@ -139,12 +125,8 @@ def _frame(model: Any, one: _Linked, time: float) -> ExposedFrame:
     depth = world @ pose[2, :3] + pose[2, 3]
     first, last = (normalised_points(camera, from_colmap(ends[[*one.seen]])) for ends in one.ends)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
-    return ExposedFrame(
-        time=time,
-        rays=0.5 * (first + last)[good],
-        displacement=(last - first)[good],
-        inverse_depth=1 / depth[good],
-    )
+    rays, displacement = 0.5 * (first + last)[good], (last - first)[good]
+    return ExposedFrame(time=time, rays=rays, displacement=displacement, inverse_depth=1 / depth[good])
 
 
 def _add_views(model: Any, one: _Linked, changes: Array) -> None:

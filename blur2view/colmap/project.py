@@ -1,12 +1,11 @@
 """A user's COLMAP project as SQLite sees it: read without changing a byte of it, or to be linked to.
 
-SQLite reads, and `blur2view.colmap.link` writes, because ``pycolmap.Database.open`` changes a file before
-anything is asked of it: it adds tables and columns, turns on write-ahead logging and stamps its own version.
-Linking writes in one transaction, whose journal outlives a kill at any moment. The format is pycolmap 4.2's:
-numbers are little-endian; keypoints are float32 (N, 2), (N, 4) or (N, 6), x and y first; matches are uint32
-(N, 2), oriented from the image of the smaller id. If the table of frames has any row, every image needs a
-frame, or the mapper throws; if it has none (COLMAP 3.11 and older), the mapper makes them itself. A camera is
-sensor type 0 and belongs to exactly one rig.
+``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables, turns on
+write-ahead logging and stamps its version. The format is pycolmap 4.2's: numbers are little-endian;
+keypoints float32 (N, 2), (N, 4) or (N, 6), x and y first; matches uint32 (N, 2), from the image of the
+smaller id. If the table of frames has any row, every image needs a frame, or the mapper throws; if it has
+none (COLMAP 3.11 and older), the mapper makes them. A camera is sensor type 0 and belongs to exactly one
+rig.
 """
 
 import sqlite3

@@ -9,7 +9,7 @@ tools.evaluation.recovered`` measures what comes of it.
 
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -48,8 +48,7 @@ BEND_ERROR = 0.04  # the same of an uneven motion, of its bend
 LEAST_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RecoveredFrame:
+class RecoveredFrame(NamedTuple):
     """A frame with its pose."""
 
     pose: Array  # (3, 4) cam_from_world at mid exposure
@@ -172,15 +171,8 @@ class FrameSequence:
         if found is None or reason:
             return reason
         scale = view.grid.size[0] / view.camera.width
-        pose, covariance = weighed(found, expected)
-        return RecoveredFrame(
-            pose=pose,
-            covariance=covariance,
-            motion=found.motion,
-            points=ids[found.index],
-            places=(found.places + 0.5) * scale - 0.5,
-            residual_px=found.residual_px * scale,
-        )
+        places, residual = (found.places + 0.5) * scale - 0.5, found.residual_px * scale
+        return RecoveredFrame(*weighed(found, expected), found.motion, ids[found.numbers], places, residual)
 
     def points_of(self, name: str) -> set[int]:
         """Return the ids of the points that a registered frame sees, or the one next to it."""
@@ -215,7 +207,7 @@ def _shared_error(found: BlurredPose, bend: float) -> Array:
 
 def refusal(found: BlurredPose | None, expected: Expected) -> str:
     """Return why a pose is not believed, empty if it is."""
-    if found is None or len(found.index) < max(LEAST_POINTS, LEAST_FOUND * found.tried):
+    if found is None or len(found.numbers) < max(LEAST_POINTS, LEAST_FOUND * found.tried):
         return "too few points of its neighbours are found in it"
     if found.residual_px > MOST_RESIDUAL_PX:
         return "its points are not where the pose has them"
@@ -226,7 +218,7 @@ def refusal(found: BlurredPose | None, expected: Expected) -> str:
         return "its pose is too far off its neighbours' path"
     smears = found.smear_motion[:3]
     corrected = float(np.linalg.norm(found.motion.rigid[:3] - smears) / (np.linalg.norm(smears) + TINY))
-    unsure = len(found.index) < SURE_SHARE * found.tried
+    unsure = len(found.numbers) < SURE_SHARE * found.tried
     if unsure and corrected > MOST_CHANGE and np.linalg.norm(smears) > expected.rotation_rad:
         return "its smears differ from the blur that its neighbours show"
     return ""

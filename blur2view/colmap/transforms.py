@@ -203,10 +203,7 @@ def _box(model: Any, images: list[Any]) -> dict[str, Any]:
 
 
 def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
-    """Remove all other images from the pycolmap.Reconstruction of a folder, and points that only they saw.
-
-    DatabaseError of a camera that gsplat does not know, or a damaged model.
-    """
+    """Remove all other images and their points; DatabaseError of a camera that gsplat does not know."""
     posed = [image for image in model.images.values() if image.has_pose]
     for image in posed:
         if image.name in names:

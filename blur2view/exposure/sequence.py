@@ -11,7 +11,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.exposure.features import NO_FEATURES, Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
-from blur2view.exposure.views import views_of
+from blur2view.exposure.views import ExposureViews, views_of
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.video import read_video
 from blur2view.networks.protocol import SmearReader
@@ -23,7 +23,7 @@ from blur2view.two_view.consensus import EstimatorOptions
 
 def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:
     """Return an estimate in the likelier direction of time, and whether neighbours decide it (``time``)."""
-    views, candidates = views_of("frame", replace(estimated, shutter=None)), None
+    views, candidates = views_of("frame", replace(estimated, shutter=None)), list[ExposureViews]()
     if estimated.shutter is not None:  # another motion in the other order in time, or none
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motions, candidates)
@@ -59,13 +59,9 @@ def estimate_frames(
             if rate is not None and one.time.known:  # it moved, shows a pose, and its sign is known
                 publish(one.timestamp_s, rate.of_gyroscope.mean, rate.of_gyroscope.covariance)
     """
+    network = network or SmearNetwork()
     one_of = partial(
-        estimate,
-        network=network or SmearNetwork(),
-        select=select,
-        options=options,
-        camera=camera,
-        shutter=shutter,
+        estimate, network=network, select=select, options=options, camera=camera, shutter=shutter
     )
     found = _in_series(map(photograph_of, _frames_of(frames)), one_of, camera)
     return found if timestamps_s is None else _timed(found, iter(timestamps_s))

@@ -1,18 +1,17 @@
 """Which end of an exposure came first: consecutive photographs vote on each one's time reversal.
 
-What moves right from the last frame to this one, and on to the next, moved right during this exposure too.
 Every match with a neighbour compares its displacement with the smear at its place; the longer one counts for
-more. Where noise has decided the sign of a translation, the rotation is reversed relative to it, and no time
-reversal is right: so all four combinations of both signs are candidates. On 66 frames of RedKitchen with
-their intrinsics the pose's rotation then agreed in sign with the recorder's in 64 of 64 frames, with the time
-reversal alone in 45.
+more. Where noise has decided the sign of a translation no time reversal is right: so all four combinations
+of both signs are candidates. On 66 frames of RedKitchen with their intrinsics the pose's rotation then
+agreed in sign with the recorder's in 64 of 64 frames, with the time reversal alone in 45.
 """
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import accumulate, groupby, pairwise
 from posixpath import dirname
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,8 +36,7 @@ MAX_ERROR_PX = 1.0  # of the essential matrix between neighbours
 FAR_APART = 100  # frames; of those so far apart nothing is concluded
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NeighbourMotion:
+class NeighbourMotion(NamedTuple):
     """How the picture moves about the time of a photograph, as one neighbour shows it."""
 
     points: Array  # (M, 2) pixels of the photograph
@@ -49,10 +47,7 @@ class NeighbourMotion:
 def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
     """Return the motion that matches (M, 2) of a photograph and a neighbour, ``steps`` frames later, show."""
     rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
-    velocity = (there - here) / steps
-    return NeighbourMotion(
-        points=here, velocity=velocity, rotation=None if rotation is None else rotation / steps
-    )
+    return NeighbourMotion(here, (there - here) / steps, None if rotation is None else rotation / steps)
 
 
 def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
@@ -108,9 +103,7 @@ def _rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]
 
 
 def directed(
-    views: ExposureViews,
-    motions: Sequence[NeighbourMotion],
-    candidates: Sequence[ExposureViews] | None = None,
+    views: ExposureViews, motions: Sequence[NeighbourMotion], candidates: Sequence[ExposureViews] = ()
 ) -> ExposureViews:
     """Return the candidate that agrees best with the neighbours, with its confidence.
 
@@ -118,7 +111,7 @@ def directed(
     """
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
-    if candidates is None:
+    if not candidates:
         twins = [views, other_translation(views)]
         candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 

@@ -12,6 +12,7 @@ points in the first camera.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +50,7 @@ def changed(pose: Array, change: Array) -> Array:
     return np.column_stack([R @ pose[:, :3], R @ pose[:, 3] + change[3:]])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Expected:
+class Expected(NamedTuple):
     """Where a path expects a frame: a pose (3, 4), how it errs, and the change of a frame about it."""
 
     pose: Array
@@ -67,10 +67,7 @@ class CameraPath:
         self.times, self.poses, self.reach = np.asarray(times, float)[order], np.asarray(poses)[order], reach
 
     def at(self, time: float, used: NDArray[np.bool_] | None = None) -> Array | None:
-        """Return the pose at a time by a cubic through frames before and after, None of fewer than two.
-
-        By a line where one side is empty. ``used`` are the frames (N,), bool, that it goes through.
-        """
+        """Return the pose at a time by a cubic, beyond all a line, through frames ``used`` (N,), or None."""
         known: NDArray[np.bool_] = np.abs(self.times - time) <= self.reach
         if used is not None:
             known &= used
@@ -116,7 +113,7 @@ class CameraPath:
                 errors.append((np.linalg.norm(change[:3]), np.linalg.norm(change[3:])))
         spread = np.median(errors, axis=0) / MEDIAN_OF_THREE if errors else np.full(2, np.inf)
         turn, move = map(float, np.maximum(spread, TINY))
-        return Expected(pose=pose, rotation_rad=turn, position=move, motion=change_of(first, last))
+        return Expected(pose, turn, move, change_of(first, last))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -28,10 +28,7 @@ STILL_PX = 1.5  # as short as that a smear need not be known better
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExposureViews:
-    """Two virtual images of one photograph: both ends of N smears, ``points_close^T F points_open = 0``.
-
-    Pixels, 0, 0 at the centre of the top-left one; smear i is one scene point in both.
-    """
+    """Two virtual images of one photograph: both ends (N, 2), pixels, of smears, one scene point each."""
 
     name: str  # of the photograph, as the database names it
     size: tuple[int, int]  # width and height, pixels
@@ -62,7 +59,7 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
     """
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
-    matches, geometry = estimate.matches, estimate.geometry
+    matches, geometry, blur = estimate.matches, estimate.geometry, estimate.blur
     points_open, points_close = open_and_close(matches.ends, geometry.second_end_is_open)
     return ExposureViews(
         name=name,
@@ -73,7 +70,7 @@ def views_of(name: str, estimate: Estimate) -> ExposureViews:
         geometry=geometry,
         camera=estimate.camera,
         time=estimate.time,
-        smear_px=_smear_px(estimate),
+        smear_px=None if blur.smear_px is None else blur.smear_px * blur.kind.of_camera,
     )
 
 
@@ -107,24 +104,14 @@ def keypoint_views(
         errors = serrmin(geometry.F, order.camera.undistorted(ends))
         fits = usable & (errors < (options or EstimatorOptions()).tolerance_px(length, sampson) ** 2)
     moved, still = inside[:, None], np.where(np.isfinite(keypoints), keypoints, 0.0)
-    return ExposureViews(
-        name=name,
-        size=grid.size,
+    return replace(
+        views_of(name, estimate),
         points_open=np.where(moved, first, still),
         points_close=np.where(moved, last, still),
         sampson_px=sampson,
         geometry=replace(geometry, inlier_mask=fits, second_end_is_open=second_end_is_open),
-        camera=estimate.camera,
-        time=estimate.time,
         usable=usable,
-        smear_px=_smear_px(estimate),
     )
-
-
-def _smear_px(estimate: Estimate) -> float | None:
-    """Return the length of a photograph's smear as results state it, 0 where the camera did not move."""
-    length = estimate.blur.smear_px
-    return length if length is None or estimate.blur.kind.of_camera else 0.0
 
 
 def share_in_front(views: ExposureViews) -> float:

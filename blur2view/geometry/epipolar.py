@@ -110,10 +110,7 @@ def denormalise(F: Array, T: Array) -> Array:
 
 
 def sampson(F: Array, points1: Array, points2: Array) -> Array:
-    """Return squared Sampson distances (..., N) of ordered matches (N, 2) to F (..., 3, 3), squared pixels.
-
-    Zero at a match lying on both epipoles. Hartley and Zisserman, 2nd ed., equation 11.9.
-    """
+    """Return squared Sampson distances (..., N) of matches (N, 2) to F (Hartley and Zisserman, 11.9)."""
     x, y = homogeneous(points1).T, homogeneous(points2).T
     line2 = F @ x  # (..., 3, N)
     line1 = np.swapaxes(F, -2, -1) @ y

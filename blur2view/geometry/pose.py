@@ -21,10 +21,7 @@ QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RigidTransform:
-    """``cam2_from_cam1``: X2 = R X1 + t, with a rotation matrix (3, 3) and a unit direction (3,), or zero.
-
-    ValueError of anything else.
-    """
+    """``cam2_from_cam1``: X2 = R X1 + t, R (3, 3), t (3,) of unit length or zero, else ValueError."""
 
     rotation: Array
     translation: Array
@@ -79,10 +76,7 @@ class AngularVelocity:
 
 
 def decompose_essential(E: Array) -> list[RigidTransform]:
-    """Return the four poses of the essential matrix nearest to E (3, 3), those of the smaller rotation first.
-
-    Hartley and Zisserman, 2nd ed., result 9.19.
-    """
+    """Return the four poses of E (3, 3), smaller rotations first (Hartley and Zisserman, result 9.19)."""
     rotations, t = essential_motions(E)
     return [RigidTransform(rotation=R, translation=sign * t) for R in rotations for sign in (1.0, -1.0)]
 

@@ -44,10 +44,7 @@ class RollingShutter:
     def all_rows_at_once(
         self, matches: SmearMatches, second_end_is_open: NDArray[np.bool_], image_size: tuple[int, int]
     ) -> SmearMatches | None:
-        """Return the matches as an exposure of all rows at once leaves them, in a given order (N,) of ends.
-
-        Ordered as the AROUND nearest are. None where no motion leaves them in this order in time.
-        """
+        """Return matches as of all rows exposed at once, ends ordered (N,); None if no motion leaves them."""
         from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
 
         directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement

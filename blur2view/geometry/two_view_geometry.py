@@ -34,27 +34,21 @@ class Configuration(StrEnum):
 class Parallax(StrEnum):
     """Whether smears show things at different depths, which F and a translation follow from."""
 
-    PROVEN = "proven"
-    """No homography explains the smears, errors that neighbours share allowed for."""
+    PROVEN = "proven"  # no homography explains the smears, errors that neighbours share allowed for
     UNDECIDED = "undecided"
     """Parallax and errors that neighbours share look the same here, or too little is seen."""
-    ABSENT = "absent"
-    """A homography leaves nothing to explain, or nothing moved."""
+    ABSENT = "absent"  # a homography leaves nothing to explain, or nothing moved
 
 
 class MotionModel(StrEnum):
     """Model of the camera's motion; in brackets its number of parameters."""
 
-    STILL = "no motion"
-    """A camera that holds still (0)."""
+    STILL = "no motion"  # a camera that holds still (0)
     ROTATION = "rotation"
     """H of a pure rotation (3, and 3 of the camera held by a prior); 3 more where the shutter rolls."""
-    PLANE = "plane"
-    """Any H (8); 3 more where the shutter rolls."""
-    PARALLAX = "parallax"
-    """A plane, and parallax along the lines of F (10)."""
-    NONE = "none"
-    """None: no models were compared."""
+    PLANE = "plane"  # any H (8); 3 more where the shutter rolls
+    PARALLAX = "parallax"  # a plane, and parallax along the lines of F (10)
+    NONE = "none"  # none: no models were compared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,10 +123,7 @@ class TwoViewGeometry:
         return Parallax.UNDECIDED if undecided else Parallax.ABSENT
 
     def reversed(self) -> TwoViewGeometry:
-        """Return the same motion with time reversed: the other of two equal answers.
-
-        Of a rolling shutter `backward`; without it no motion leaves such smears, and the inverse is given.
-        """
+        """Return the same motion with time reversed: `backward`, if there is one, or the inverse."""
         if self.backward is not None:
             return replace(self.backward, backward=replace(self, backward=None))
         pose, covariance = self.cam2_from_cam1, self.covariance

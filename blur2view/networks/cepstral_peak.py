@@ -1,9 +1,8 @@
 """Smears refined on the cepstral peak: between the network's bins, with the deviations that are left.
 
-An even smear d leaves in a picture's cepstrum a negative peak at d and -d, a pixel or two wide. The network
-reads it in bins of 5.6 degrees and 19 % of the length, robustly: it knows false peaks. Here the cepstra of
-the windows are sampled about the network's smears, by how far these would be turned and scaled, and summed
-over neighbouring windows, whose errors are alike and whose textures are not. The smear is then the mean over
+The network reads the negative peak of an even smear robustly, in bins of 5.6 degrees and 19 % of the length.
+Here the cepstra of windows are sampled about its smears, by how far these would be turned and scaled, and
+summed over neighbours, whose errors are alike and whose textures are not. The smear is then the mean over
 the network's own distribution times the likelihood of the peak (Bayes).
 """
 
@@ -24,8 +23,7 @@ Floats = NDArray[np.float32]
 
 SHORTEST_PX, LONGEST_PX = 14.0, 28.0
 """Lengths, in an octave's pixels, that are read there; longer ones are read in the next octave."""
-UNSURE = 0.6
-"""Deviation over length up to which the network's smear is taken for the peak's neighbourhood."""
+UNSURE = 0.6  # deviation over length up to which the network's smear is taken for the peak's neighbourhood
 ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
 """Rotations at which a cepstrum is sampled, radians: steps of half a pixel for the longest smear."""
 LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
@@ -33,12 +31,9 @@ LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
 NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
 """Weights of neighbouring windows along each axis, a normal's of 0.7 windows (24 development scenes: with 0.5
 and with 1 rho of F is 1.06 and 1.11 times as large; of every second window alone, 1.1 times)."""
-TEMPER = 0.5
-"""Exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels."""
-CEPSTRUM_RANGE_PX = 3.0, 40.0
-"""Distances from the origin over which the deviation of a cepstrum is taken."""
-BATCH = 40
-"""Windows at a time."""
+TEMPER = 0.5  # exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels
+CEPSTRUM_RANGE_PX = 3.0, 40.0  # distances from the origin over which the deviation of a cepstrum is taken
+BATCH = 40  # windows at a time
 PEAK_PX = 0.25
 """Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
 
@@ -96,10 +91,7 @@ def _prior(cells: Floats, length: Floats, own: NDArray[np.bool_], side: int, sca
 
 
 def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
-    """Return how deep the cepstra are about smears (h, w, 33, 25) and about their halves (h, w, 221).
-
-    In deviations, by rotation and scale of each window's smear, summed over neighbours.
-    """
+    """Return how deep, in deviations, cepstra are about smears (h, w, 33, 25), and halves (h, w, 221)."""
     usable = prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
     steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)

@@ -22,10 +22,10 @@ class NetworkFormat:
     """A kind of network: its file in ``models/``, its ``blur2view_format``, float32 inputs and outputs."""
 
     file: str
-    what: str
     version: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    what: str = "a mover network"
     remedy: str = "install blur2view again"
 
 
@@ -40,19 +40,11 @@ SMEAR = NetworkFormat(
 """Of one octave: grey (1, 1, H, W), cepstra (1, h, w, 32, 45), scales (1, h, w, 3), coarser (1, h, w, 32, C);
 logits (1, h, w, 32, 20), radii (1, h, w, 20), kinds (1, h, w, 5) and features (1, h, w, 32, C)."""
 UNET = NetworkFormat(
-    file="unet.onnx",
-    what="a mover network",
-    version="unet-1",
-    inputs=("image", "cells"),
-    outputs=("log_odds", "camera_moved"),
+    file="unet.onnx", version="unet-1", inputs=("image", "cells"), outputs=("log_odds", "camera_moved")
 )
 """Image (1, 3, 32 h, 32 w), cells (1, 70, h, w); log_odds (1, 8 h, 8 w), camera_moved (1,)."""
 BLUR = NetworkFormat(
-    file="movers.onnx",
-    what="a mover network",
-    version="movers-1",
-    inputs=("places", "cells"),
-    outputs=("log_odds",),
+    file="movers.onnx", version="movers-1", inputs=("places", "cells"), outputs=("log_odds",)
 )
 """Places (1, 15, 8 h, 8 w), cells (1, 19, h, w); log_odds (1, 2, 8 h, 8 w)."""
 
@@ -118,10 +110,7 @@ class OnnxNetwork:
         return ModelError(f"{self.path}: {what}; {self.form.remedy}")
 
     def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
-        """Return all outputs for the inputs, without the first axis of both; ``frugal``: free the memory.
-
-        ModelError if the network cannot be run on them, or what it gives is not finite.
-        """
+        """Return all outputs for the inputs, without the first axis of both; ``frugal``: free the memory."""
         options = _onnxruntime().RunOptions()
         if frugal:
             options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")

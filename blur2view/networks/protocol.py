@@ -13,8 +13,7 @@ class Detail(StrEnum):
 
     GEOMETRY = "geometry"
     """The camera's motion and masks: of more than 2.5 megapixels some thousand windows spread over it."""
-    RANKING = "ranking"
-    """The order of photographs by their blur: some fifty to two hundred windows."""
+    RANKING = "ranking"  # the order of photographs by their blur: some fifty to two hundred windows
 
 
 class SmearReader(Protocol):

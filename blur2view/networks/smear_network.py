@@ -26,17 +26,14 @@ Floats = NDArray[np.float32]
 
 LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
 """Cells at least of photographs of which not every window is read; they have less than four times as many."""
-FLAT_PX = 33
-"""Where at most one grey level of 255 is seen within this many pixels nothing can be measured."""
+FLAT_PX = 33  # where at most one grey level of 255 is seen within this many pixels nothing can be measured
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
 """Of the smears, of length 0, of such cells: constant pictures, burnt skies."""
-STRIP_ROWS = 64
-"""Converted at a time, so that memory never holds all of a large photograph as RGB floats."""
+STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as RGB floats
 QUANTILE, BRIGHT, LARGEST_GAIN = 0.995, 0.9, 256.0
 """Of a photograph's values, that which says how bright it is (lamps and reflections are brighter); what it is
 brought to, if it is darker; and by how much at most."""
-SAMPLES = 1_000_000
-"""Values at least, where there are as many, that the quantile is taken of."""
+SAMPLES = 1_000_000  # values at least, where there are as many, that the quantile is taken of
 LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
 EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
@@ -94,14 +91,10 @@ class SmearNetwork:
         cells, blur, shares = np.split(values, [4, 5 + len(KINDS)], axis=-1)
         cells[flat] = 0.0, 0.0, UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD
         blur[flat] = 0, *np.eye(len(KINDS))[CANNOT_TELL]
-        return SmearGrid(
-            cells=cells,
-            blur=blur,
-            shares=shares if apart == STEP else None,
-            stride=apart,
-            shape=(image.shape[0], image.shape[1]),
-            window_px=WINDOW_PX * apart // STEP,  # as if the picture were smaller
-        )
+        height, width = image.shape[:2]
+        window_px = WINDOW_PX * apart // STEP  # as if the picture were smaller
+        own, shape = shares if apart == STEP else None, (height, width)
+        return SmearGrid(cells=cells, blur=blur, shares=own, stride=apart, shape=shape, window_px=window_px)
 
     def _read(self, image: AnyArray, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
         """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat."""

@@ -1,13 +1,10 @@
 """What is read of a picture before anything is learned: polar cepstra of its windows.
 
-A straight, even smear d multiplies a picture's spectrum by sinc(f . d); the log power spectrum then has
-evenly spaced zeros, and its inverse transform, the cepstrum, a negative peak at d and -d whatever the
-texture. Every window's cepstrum is sampled on a polar grid of directions and log lengths: a rotation of the
-picture is a circular shift of the grid, a change of scale a shift along the lengths.
-
-The samples are linear in the log spectrum, and the frequency lattice is symmetric under reflections at its
-axes and diagonals. So each log spectrum is split into its four symmetric parts on an eighth of the plane,
-and these are multiplied by the samples of directions 0 to 45 degrees alone: a quarter of the products.
+A straight, even smear d multiplies a picture's spectrum by sinc(f . d): the cepstrum, the inverse transform
+of the log power spectrum, has a negative peak at d and -d whatever the texture. It is sampled on a polar
+grid of directions and log lengths, which rotation and scale of the picture shift. The samples are linear in
+the log spectrum, whose four symmetric parts on an eighth of the plane are multiplied by the samples of
+directions 0 to 45 degrees alone: a quarter of the products.
 """
 
 from __future__ import annotations
@@ -26,34 +23,24 @@ from blur2view.smears.likelihood import DIRECTIONS, SHORTEST_PX
 Floats = NDArray[np.float32]
 Integers = NDArray[np.intp]
 
-WINDOW, STEP = 96, 32
-"""Side of a Hann window and the distance of windows, pixels."""
-NOISE_FLOOR = 0.02
-"""Power below which a frequency says nothing: noise of half a grey level."""
-RELATIVE_FLOOR = 1e-3
-"""The floor of the second cepstrum, as a share of the window's mean power."""
-TREND = 8.0
-"""Width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its zeros."""
+WINDOW, STEP = 96, 32  # side of a Hann window and the distance of windows, pixels
+NOISE_FLOOR = 0.02  # power below which a frequency says nothing: noise of half a grey level
+RELATIVE_FLOOR = 1e-3  # the floor of the second cepstrum, as a share of the window's mean power
+TREND = 8.0  # width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its zeros
 TAPERS = 0.28, 0.4
 """Widths, of the window's side, of the tapers of both cepstra towards high frequencies, which are noise."""
 HANN = np.outer(np.hanning(WINDOW), np.hanning(WINDOW)).astype(np.float32)
-FREQUENCIES = 40
-"""Frequencies that are kept along each axis, in bins of 1 / 96 px."""
+FREQUENCIES = 40  # frequencies that are kept along each axis, in bins of 1 / 96 px
 PEAK_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (np.arange(19) / 8)])
 """Lags of the first cepstrum, 2 to 38 px: eight an octave from 8 px on, where peaks are narrower."""
 TREND_LAGS_PX = SHORTEST_PX / 2 * 2 ** (np.arange(18) / 4)
 """Lags of the second cepstrum, 1 to 19 px, which keeps the spectrum's trend."""
-LEAST_FREQUENCY = 4
-"""Least frequency, in bins, of those whose mean power is given beside the cepstra."""
-EIGHTH = DIRECTIONS // 4
-"""Directions in 45 degrees."""
+LEAST_FREQUENCY = 4  # least frequency, in bins, of those whose mean power is given beside the cepstra
+EIGHTH = DIRECTIONS // 4  # directions in 45 degrees
 LAGS = len(PEAK_LAGS_PX) + len(TREND_LAGS_PX)
-SCALES = 3
-"""Numbers beside the cepstra of a window: logs of both deviations and of the mean power."""
-BATCH = 16
-"""Windows transformed at a time, which a core's cache holds: bytes do not depend on the threads."""
-CEPSTRA_BATCH = 120
-"""Spectra whose cepstra are sampled at a time; matrices of 40 take 1.25 times as long."""
+SCALES = 3  # numbers beside the cepstra of a window: logs of both deviations and of the mean power
+BATCH = 16  # windows transformed at a time, which a core's cache holds: bytes do not depend on the threads
+CEPSTRA_BATCH = 120  # spectra whose cepstra are sampled at a time; matrices of 40 take 1.25 times as long
 
 
 def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: int) -> None:

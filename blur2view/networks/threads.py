@@ -8,10 +8,7 @@ from threadpoolctl import threadpool_limits
 
 
 class OneThread(ContextDecorator):
-    """Lets BLAS and OpenCV use one thread, in a block or a function, which may be nested and run in threads.
-
-    Their other threads wait by spinning: a network of two threads then takes up to three times as long.
-    """
+    """Lets BLAS and OpenCV use one thread in a block: others spin, and networks take 3 times as long."""
 
     def __init__(self) -> None:
         self._lock, self._inside = Lock(), 0

@@ -44,8 +44,7 @@ class BlurKind(StrEnum):
     SHARP = "sharp"
     OUT_OF_FOCUS = "out of focus"
     CAMERA_MOVED = "camera moved"
-    CAMERA_AT_REST = "camera at rest"
-    """Something moves, or moved in part of the picture; the camera did not."""
+    CAMERA_AT_REST = "camera at rest"  # something moves, or moved in part of the picture; the camera did not
     OUT_OF_FOCUS_AND_MOVED = "out of focus and moved"
     CANNOT_TELL = "cannot tell"
 

@@ -1,9 +1,8 @@
 """Smears, the paths of pixels during the exposure, known up to the sign of their displacements.
 
-Of every pixel or at any points (`SmearField`), at the cells of a network's grid with all that it says of a
-photograph (`SmearGrid`), and in a file, ``.smear.npz``: the grid in half precision. A half has eleven bits: a
-smear's length and direction change by a 4000th at most, a hundredth of what the network errs by, and a
-photograph of 20 megapixels takes 0.2 MB, where all its pixels take 320.
+Of every pixel or at any points (`SmearField`), at the cells of a network's grid (`SmearGrid`), and in a
+file, ``.smear.npz``, in half precision, whose eleven bits change a smear by a hundredth of what the network
+errs by.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class SmearField:
 
 def to_double_angle(displacement: ArrayLike) -> Floats:
     """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), pixels, the same for d and -d."""
-    d = _vectors(displacement)
+    d = np.asarray(displacement)
     length = np.hypot(d[..., 0], d[..., 1])
     # through the unit vector, so that squares of tiny and huge lengths neither underflow nor overflow
     x, y = np.moveaxis(d / np.where(length > 0, length, 1)[..., None], -1, 0)
@@ -57,16 +56,10 @@ def to_double_angle(displacement: ArrayLike) -> Floats:
 
 def from_double_angle(double_angle: ArrayLike) -> Floats:
     """Return the displacements (..., 2) of vectors |d| (cos 2phi, sin 2phi), phi in (-90, 90] degrees."""
-    u = _vectors(double_angle)
+    u = np.asarray(double_angle)
     length = np.hypot(u[..., 0], u[..., 1])
     phi = np.arctan2(u[..., 1] + 0.0, u[..., 0]) / 2  # + 0.0 turns -0.0 into 0.0: phi is 90, never -90
     return np.stack([length * np.cos(phi), length * np.sin(phi)], -1)
-
-
-def _vectors(values: ArrayLike) -> Floats:
-    """Return a float array of shape (..., 2), keeping float32."""
-    vectors = np.asarray(values)
-    return vectors if np.issubdtype(vectors.dtype, np.floating) else vectors.astype(np.float64)
 
 
 def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64]:
@@ -189,24 +182,18 @@ def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
 
 
 def load_smears(path: str | Path) -> SmearGrid:
-    """Return the smears of a ``.smear.npz`` file of ``blur2view estimate -o``, as `SmearNetwork.predict`.
-
-    OutputError if the file is missing, damaged or something else.
-    """
+    """Return the smears of a ``.smear.npz`` file of ``estimate -o``; OutputError if it is none."""
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
             cells = arrays[GRID].astype(np.float32)
             blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
             if not np.isfinite(cells).all() or (blur is not None and not np.isfinite(blur).all()):
                 raise ValueError("smears must be finite")
-            height, width = map(int, arrays["shape"])
-            return SmearGrid(
-                cells=cells,
-                blur=blur,
-                stride=int(arrays["stride"]),
-                shape=(height, width),
-                window_px=int(arrays["window_px"]) or None,
+            height, width, stride, window_px = map(
+                int, (*arrays["shape"], arrays["stride"], arrays["window_px"])
             )
+            shape, window = (height, width), window_px or None
+            return SmearGrid(cells=cells, blur=blur, stride=stride, shape=shape, window_px=window)
     except FileNotFoundError:
         raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
     except Exception:  # whatever the readers of ZIP and NPY raise of damaged bytes

@@ -78,10 +78,7 @@ def read_smears(log_likelihood: Floats) -> Floats:
 
 
 def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
-    """Return the shares of directions and lengths, (h, w, 32 + lengths), of log likelihoods (h, w, 32, bins).
-
-    The first length stands for anything shorter, the last one for anything longer.
-    """
+    """Return shares of directions and lengths, the last and longer, (h, w, 32 + lengths) of (h, w, 32, B)."""
     likelihood = normalised(log_likelihood)
     each = likelihood.sum(-2)
     missing = [(0, 0)] * (each.ndim - 1) + [(0, max(lengths - each.shape[-1], 0))]

@@ -13,10 +13,8 @@ from blur2view.arrays import Array, require
 from blur2view.smears.grid import SmearGrid, smear_ends
 from blur2view.smears.noise import INDEPENDENT, NoiseModel, across_px, inlier_sigma_px, sampson_px
 
-SHORTEST_PX = 1.5
-"""Shorter smears have no direction worth the name."""
-TINY_SIGMA_PX = 1e-3
-"""What smaller standard deviations count as, so that none is 0."""
+SHORTEST_PX = 1.5  # shorter smears have no direction worth the name
+TINY_SIGMA_PX = 1e-3  # what smaller standard deviations count as, so that none is 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

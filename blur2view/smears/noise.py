@@ -89,8 +89,7 @@ class NoiseModel:
         )
 
 
-INDEPENDENT = NoiseModel()
-"""Every smear errs for itself: matches from elsewhere."""
+INDEPENDENT = NoiseModel()  # every smear errs for itself: matches from elsewhere
 
 
 def of_kinds(length_px: Floats, sigma_px: Floats, still: Floats) -> Floats:
