@@ -41,10 +41,9 @@ def resampled(image: Any, place: Any, how: int = cv2.INTER_LINEAR) -> Any:
 
 
 def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False) -> list[Any]:
-    """Return an image (H, W, ...) blurred at each pixel along its own path, in float32.
+    """Return an image (H, W, ...) blurred along path t + bend t^2, (H, W, 2), t from -1/2 to 1/2.
 
-    A point is seen at path t + bend t^2, (H, W, 2), from where it is at t = 0, t from -1/2 to 1/2. A list of
-    this image and, with ``moments``, of those whose samples are weighed by t and t^2.
+    A list of this image and, with ``moments``, of those whose samples are weighed by t and t^2.
     """
     height, width = image.shape[:2]
     place = np.dstack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)))

@@ -29,15 +29,7 @@ from blur2view.colmap.blur_matching import (
     resampled,
     same_sense,
 )
-from blur2view.colmap.exposure_motion import (
-    Motion,
-    doubt_of,
-    fit_pose,
-    fit_smears,
-    image_flow,
-    projected,
-    relative,
-)
+from blur2view.colmap.exposure_motion import Motion, doubt_of, fit_pose, fit_smears, image_flow, projected
 from blur2view.smears.grid import SmearGrid
 
 Mask = NDArray[np.bool_]
@@ -265,7 +257,9 @@ class Search:
 
     def _warp(self, neighbour: View, surface: Array, path: Array) -> tuple[Any, Any, Any]:
         """Return a neighbour's picture where this one's is, where that is in it, and its smears here."""
-        R, t = relative(neighbour.pose, self.view.pose)
+        there, here = neighbour.pose, self.view.pose
+        R = there[:, :3] @ here[:, :3].T
+        t = there[:, 3] - R @ here[:, 3]
         where = np.nan_to_num(projected(neighbour.camera, surface @ R.T + t), nan=-1e3)
         jacobian = self.lattice.jacobian(where) + 1e-6 * np.eye(2)
         smears = np.asarray(np.linalg.solve(jacobian, neighbour.smears(where)[0][..., None])[..., 0], float)

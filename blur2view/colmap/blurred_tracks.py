@@ -39,11 +39,7 @@ def track_frames(
     target: Path,
     show: Callable[[int, int], None] = lambda done, count: None,
 ) -> None:
-    """Write a copy of a project's database with keypoints and matches of a sequence's known frames.
-
-    Each is matched with the `BEFORE` frames before. ``target`` is replaced when all is written.
-    DatabaseError if the project lacks a frame.
-    """
+    """Write a copy of a database with keypoints of known frames, matched with those of `BEFORE` before."""
     names = sorted(sequence.poses, key=lambda name: sequence.times[name])
     beside = half_written(target)
     beside.unlink(missing_ok=True)  # of a call that was killed

@@ -46,22 +46,13 @@ def image_flow(camera: Any, points: Array) -> Array:
     return np.concatenate([-slope @ cross_matrix(points), slope], axis=-1)
 
 
-def relative(there: Array, here: Array) -> tuple[Array, Array]:
-    """Return rotation (3, 3) and translation (3,) from one camera's frame to another's, by their poses."""
-    R = there[:, :3] @ here[:, :3].T
-    return R, there[:, 3] - R @ here[:, 3]
-
-
 def doubt_of(expected: Array) -> float:
     """Return the standard deviation of the three parts of the translation of an expected motion (6,)."""
     return float(np.linalg.norm(expected[3:])) + TINY
 
 
 def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Array:
-    """Return the rigid motion (6,) of smears (N, 2) without sign, in the sense of an expected one (6,).
-
-    Cauchy's weights, from several starts. Smears hardly see the translation, which is about that expected.
-    """
+    """Return the rigid motion (6,) of smears (N, 2) without sign, in the sense of an expected one (6,)."""
     length = float(np.median(np.linalg.norm(smears, axis=1)))
     reach = np.linalg.norm(flow[:, :, :3], axis=1).mean(axis=0) + TINY  # (3,) pixels per radian
     share = length / max(float(np.median(np.linalg.norm(flow @ expected, axis=1))), TINY)
@@ -91,10 +82,7 @@ def _fit_from(
 
 
 def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return the pose (3, 4) of places (N, 2) of points (N, 3), and its information (6, 6), from a first one.
-
-    Least squares with covariances (N, 2, 2), Cauchy's weights (Triggs et al. 2000).
-    """
+    """Return the pose (3, 4) of points (N, 3) at places (N, 2), by Cauchy's weights, and its information."""
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     for _ in range(POSE_STEPS):
         points = world @ pose[:, :3].T + pose[:, 3]

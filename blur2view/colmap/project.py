@@ -48,10 +48,7 @@ REMEDY = (
 
 @contextmanager
 def open_read_only(path: Path) -> Iterator[Connection]:
-    """Open a COLMAP database for reading; every query inside sees the same state of it, with its log.
-
-    DatabaseError if it is missing, locked or damaged, or another program changed it meanwhile.
-    """
+    """Open a database for reading; DatabaseError if it is missing, locked, damaged or changes meanwhile."""
     with database_errors(path):
         path = path.resolve()
         # a read-only connection leaves two files beside a log; without one it needs no lock

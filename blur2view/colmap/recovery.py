@@ -184,10 +184,7 @@ class FrameSequence:
 
 
 def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
-    """Return the average of what was found and expected, by their covariances, and its own (6, 6).
-
-    `BEND_ERROR` has no part in the weights, only in the covariance: with it poses were no nearer.
-    """
+    """Return the weighted mean of poses found and expected, and its covariance (6, 6), `BEND_ERROR` added."""
     matches = np.linalg.pinv(found.information * INDEPENDENT, hermitian=True)
     own, even = (matches + _shared_error(found, bend) for bend in (BEND_ERROR, 0.0))
     if not np.isfinite([expected.rotation_rad, expected.position]).all():

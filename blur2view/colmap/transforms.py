@@ -1,28 +1,23 @@
 """A model with exposures as ``transforms.json``: what trainers of radiance fields read for blurred frames.
 
 A model as `place_views` gives it holds three poses of a photograph: at mid exposure (NAME), when the shutter
-opened (NAME#open) and when it closed (NAME#close). The world is the model's, in its unit. In both dialects
-``transform_matrix`` (4x4) is world_from_camera with OpenGL's camera axes: x right, y up, z backwards
-(instant-ngp, ``colmap2nerf.py --keep_colmap_coords``; nerfstudio, ``process_data/colmap_utils.py``);
-``w``, ``h``, ``fl_x``, ``cx``, ``k1`` ... are COLMAP's numbers, above the frames if all share a camera;
-``file_path`` is relative to the folder of the file.
+opened (NAME#open) and when it closed (NAME#close). In both dialects ``transform_matrix`` (4x4) is
+world_from_camera with OpenGL's camera axes, x right, y up, z backwards (``colmap2nerf.py
+--keep_colmap_coords``, nerfstudio's ``process_data/colmap_utils.py``), in the model's world; intrinsics are
+COLMAP's numbers, above the frames if all share a camera.
 
 instant-ngp (``src/nerf_loader.cu``): the camera goes from ``transform_matrix_start`` to
 ``transform_matrix_end``. ``rolling_shutter`` [a, b, c, d] gives the time of a ray through (u, v) in [0, 1]^2
-as a + b u + c v + d r, r random. ``sharpness`` is relative, here 1 / (1 + smear in pixels). A position p
-becomes ``scale`` p + ``offset``; cameras are put as far from the median of the points as by
-``colmap2nerf.py``, in its box (``aabb_scale``).
+as a + b u + c v + d r, r random. ``sharpness`` is 1 / (1 + smear in pixels). A position p becomes ``scale``
+p + ``offset``, as in ``colmap2nerf.py``, in its box (``aabb_scale``).
 
-nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur,
-``process_synthetic_inputs.py`` and ``combine.py``): ``camera_linear_velocity`` is (centre at the close -
-centre at the open) / ``exposure_time``, ``camera_angular_velocity`` the rotation vector from the open to the
-close camera over ``exposure_time``, both in the camera axes of ``transform_matrix``. Only velocity times
-exposure time shows in a photograph, so that 1 s will do where the time is unknown. ``ply_file_path`` names
-the model's points. The main line reads the same file and knows nothing of the motion.
+nerfstudio as forked for "Gaussian Splatting on the Move" (arXiv:2403.13327; SpectacularAI/3dgs-deblur):
+``camera_linear_velocity`` is (centre at the close - centre at the open) / ``exposure_time``,
+``camera_angular_velocity`` the rotation vector from the open to the close camera over it, in the camera axes
+of ``transform_matrix``. Only velocity times time shows in a photograph: 1 s will do where it is unknown.
 
-gsplat reads COLMAP's model, of its photographs alone: ``examples/datasets/colmap.py`` reads every image of
-the model in ``DIR/sparse/0`` and looks for its file below ``DIR/images``, so that views, which no file has,
-end it; of cameras it knows `KNOWN`, of masks and of blur nothing.
+gsplat reads COLMAP's model: ``examples/datasets/colmap.py`` reads every image of ``DIR/sparse/0`` and looks
+for its file below ``DIR/images``, so that views, which no file has, end it.
 """
 
 import os

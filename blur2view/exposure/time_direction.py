@@ -51,10 +51,7 @@ def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | Non
 
 
 def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
-    """Return the rotation vector (3,) of ``cam2_from_cam1`` from ordered matches (M, 2); None from too few.
-
-    Of both rotations of E the smaller: the other is about 180 degrees away, which no two frames are.
-    """
+    """Return the smaller rotation (3,), cam2_from_cam1, of ordered matches (M, 2); None of too few."""
     rays = np.stack([camera.rays(points1), camera.rays(points2)])
     rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
     if rays.shape[1] < MIN_MATCHES:
@@ -105,10 +102,7 @@ def _rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]
 def directed(
     views: ExposureViews, motions: Sequence[NeighbourMotion], candidates: Sequence[ExposureViews] = ()
 ) -> ExposureViews:
-    """Return the candidate that agrees best with the neighbours, with its confidence.
-
-    Candidates are by default both signs of time and translation. Without neighbours the views stay.
-    """
+    """Return the candidate, by default of either sign of time and translation, that agrees best."""
     if agreement_of(views, motions) == 0:
         return replace(views, time=TimeDirection())
     if not candidates:

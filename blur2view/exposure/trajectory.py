@@ -94,10 +94,7 @@ class CameraPath:
         return bool(before.any()), bool(after.any())
 
     def expected(self, time: float) -> Expected | None:
-        """Return where the path expects a frame at a time, and how far off it is; None as of `at`.
-
-        As far as known frames are off a path without them and as many neighbours as the time lacks.
-        """
+        """Return where the path expects a frame, and how far known frames are off a path without them."""
         pose, first, last = (self.at(time + step) for step in (0.0, -0.5, 0.5))
         if pose is None or first is None or last is None:
             return None
@@ -245,10 +242,9 @@ def _turn(frame: ExposedFrame, motion: Array, precision: float) -> tuple[Array, 
 
 
 def _doubt(frames: Sequence[ExposedFrame], motions: Array, spreads: Array) -> float:
-    """Return the part of their spreads (N,) by which a trajectory's rotations are off, as smears show.
+    """Return by what part of their spreads (N,) a trajectory's rotations are off: the likeliest of `FACTORS`.
 
-    A shake faster than the frames looks like a slow one in their poses. The factor of largest likelihood
-    (Student's t) for each frame's rotation by smears less that of the trajectory.
+    A shake faster than the frames looks like a slow one in their poses: only smears show that it is not.
     """
     apart, own, path = [], [], []
     for frame, motion, spread in zip(frames, motions, spreads, strict=True):

@@ -53,10 +53,7 @@ class ExposureViews:
 
 
 def views_of(name: str, estimate: Estimate) -> ExposureViews:
-    """Return both virtual images of an estimate, under a photograph's name, in the estimate's order of time.
-
-    ValueError if it has a rolling shutter: no camera of one time saw the points of all rows where they are.
-    """
+    """Return both virtual images of an estimate, in its order of time; ValueError of a rolling shutter."""
     if estimate.shutter is not None:
         raise ValueError("views are of the ends as recorded: estimate without a shutter")
     matches, geometry, blur = estimate.matches, estimate.geometry, estimate.blur

@@ -87,10 +87,7 @@ def epipoles(F: Array) -> tuple[Array, Array]:
 
 
 def unit_lines(translations: AnyArray, middle: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Return unit vectors (G, 2, N) along epipolar lines at points (N, 2) and across them, K = identity.
-
-    Along is the way a point before the camera moves: to the epipole if t_z > 0, away from it if t_z < 0.
-    """
+    """Return unit vectors (G, 2, N) along epipolar lines at points (N, 2), as these move, and across them."""
     lines = translations[:, :2, None] - translations[:, 2, None, None] * middle.T
     length = np.sqrt(lines[:, 0] ** 2 + lines[:, 1] ** 2)
     along = lines / np.maximum(length, TINY)[:, None]

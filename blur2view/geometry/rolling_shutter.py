@@ -23,10 +23,9 @@ AROUND = 16  # smears that decide the order of one: without parallax the order o
 
 @dataclass(frozen=True, kw_only=True)
 class RollingShutter:
-    """How long a sensor takes to expose its rows, and from where to where.
+    """Time from the start of the first row's exposure to that of the last, and each row's exposure time.
 
-    ``readout_s`` are seconds from the start of the first row's exposure to that of the last, ``exposure_s``
-    the exposure of each; rows begin ``towards`` (0, 1), top to bottom, (1, 0), left to right, or against.
+    Rows begin ``towards`` (0, 1), from top to bottom, (1, 0), from left to right, or against.
     """
 
     readout_s: float

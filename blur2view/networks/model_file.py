@@ -77,8 +77,7 @@ class Execution:
 class OnnxNetwork:
     """A network of a format, opened by ONNX Runtime: the shipped one, or that of a path.
 
-    ModelError, with the remedy, if it cannot be read or is no network of the format, or there is no such
-    provider. All networks of the process together get no more memory than `BYTES_A_CORE` for each core.
+    ModelError if it is no network of the format. All of a process get `BYTES_A_CORE` for each core at most.
     """
 
     def __init__(

@@ -168,10 +168,7 @@ def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
 
 
 def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
-    """Return the factor, 1 at least, that makes a photograph (H, W, 3) or (H, W) so bright.
-
-    Its values are coded: it is that of the light to the power of the code's exponent, for whatever exponent.
-    """
+    """Return the factor, 1 at least, of the coded values of a photograph that makes it so bright."""
     every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / SAMPLES)), 1)
     values = image[::every, ::every].reshape(-1)
     rank = min(int(QUANTILE * len(values)), len(values) - 1)

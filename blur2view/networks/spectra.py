@@ -58,10 +58,7 @@ def windows_of(grey: Floats, apart: int = STEP) -> Floats:
 
 
 def power_spectra(windows: Floats, threads: int = 1) -> Floats:
-    """Return the power spectra (h, w, 96, 49) of Hann windows (h, w, 96, 96) of luma in [0, 1].
-
-    Frequencies are 0 to 48 along x and, as of an FFT, 0 to 47 and -48 to -1 along y.
-    """
+    """Return the power spectra (h, w, 96, 49) of windows (h, w, 96, 96) of luma in [0, 1], as of an FFT."""
     h, w = windows.shape[:2]
     rows, columns = np.divmod(np.arange(h * w), w)
     power = np.empty((h * w, WINDOW, WINDOW // 2 + 1), np.float32)
@@ -84,10 +81,7 @@ def power_spectra(windows: Floats, threads: int = 1) -> Floats:
 
 
 def polar_cepstra(power: Floats, threads: int = 1) -> tuple[Floats, Floats]:
-    """Return the polar cepstra (h, w, 32, 45) of power spectra (h, w, 96, 49), and their scales (h, w, 3).
-
-    Both cepstra have mean 0 and deviation 1; scales are logs of both deviations and of the mean power.
-    """
+    """Return polar cepstra (h, w, 32, 45) of spectra, and logs of deviations and mean power (h, w, 3)."""
     h, w = power.shape[:2]
     spectra = power.reshape(h * w, -1)
     cepstra = np.empty((h * w, DIRECTIONS, LAGS), np.float32)
@@ -133,10 +127,9 @@ def sampled(logs: Floats, samples: Floats) -> Floats:
 def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
     """Return the linear map from log spectra to polar samples, split by symmetry.
 
-    Places (4 n,) in a power spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies
-    with 0 <= y <= x that say something; weights (4 n,) of the mean power from 4 to 40 bins; and samples
-    (4, n, 9 * lags) of both cepstra: of what is even under both reflections, odd at the x axis alone, odd at
-    the diagonal alone, odd under both.
+    Places (4 n,) in a spectrum (96, 49) of (x, y), (y, x), (x, -y) and (y, -x) for the n frequencies 0 <= y
+    <= x; weights (4 n,) of the mean power; and samples (4, n, 9 * lags) of both cepstra: even under both
+    reflections, odd at the x axis, odd at the diagonal, odd under both.
     """
     y, x = (i.ravel() for i in np.indices((FREQUENCIES + 1,) * 2))
     keep = (y <= x) & (x > 1) & (np.hypot(x, y) <= FREQUENCIES)

@@ -72,10 +72,7 @@ def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64
 
 
 def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
-    """Return a grid of cells (h, w, C) resampled to pixels (h*stride, w*stride, C), float32.
-
-    Directions must be in double angle: averaging d and -d would cancel them.
-    """
+    """Return a grid of cells (h, w, C), in double angle, at pixels (h*stride, w*stride, C), float32."""
     height, width, channels = grid.shape
     # OpenCV's pixel centres are at integer + 0.5 of the cell, which is exactly the convention above
     resized = cv2.resize(grid, (width * stride, height * stride), interpolation=cv2.INTER_LINEAR)

@@ -49,11 +49,7 @@ class SmearMatches:
         sigma_px: float | Array = 1.0,
         image_size: tuple[int, int] | None = None,
     ) -> SmearMatches:
-        """Return the matches of two arrays (N, 2) of matched pixels; their order is dropped.
-
-        ``sigma_px``, a number or (N,), is that of the displacement: twice that of one coordinate of one
-        point.
-        """
+        """Return the matches of pixels (N, 2); ``sigma_px`` is twice that of one coordinate of one point."""
         points1, points2 = np.asarray(points1, float), np.asarray(points2, float)
         if points1.shape != points2.shape or points1.ndim != 2 or points1.shape[1] != 2:
             raise ValueError(f"expected two arrays of shape (N, 2), got {points1.shape} and {points2.shape}")
