@@ -25,8 +25,7 @@ by one or at once::
 
 from typing import Any
 
-MIN_ANGLE_DEG = 0.02
-"""Least triangulation angle: a hand that moves by 5 mm sees a point 3 m away at 0.1 degrees."""
+MIN_ANGLE_DEG = 0.02  # of triangulation: a hand that moves by 5 mm sees a point 3 m away at 0.1 degrees
 SEED = 0  # of a mapper's samples, so that a run with one thread repeats
 SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mapper, a few, returns what it has
 

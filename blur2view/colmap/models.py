@@ -21,6 +21,8 @@ PICTURES, DATABASE = "image_path", "database_path"  # its keys
 BEYOND = 1e30  # of any number in a model
 MAX_PROJECT = 1 << 20  # bytes
 ROOM = 1 << 20  # bytes that must be left on a disk that was not full
+# Of a record: bytes before the number of its parts, but for a name; those of that number; of a part.
+RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": (64, 4, 16)}
 
 
 def read_model(folder: Path) -> Any:
@@ -66,10 +68,6 @@ def _check_file(path: Path) -> None:
                 whole = at <= size
         if not whole:
             raise ValueError(f"{path.name} ends within a record")
-
-
-RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": (64, 4, 16)}
-"""Of a record: bytes before the number of its parts, but for a name; those of that number; of a part."""
 
 
 def find_model(folder: Path) -> Path:

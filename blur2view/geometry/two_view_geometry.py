@@ -35,8 +35,7 @@ class Parallax(StrEnum):
     """Whether smears show things at different depths, which F and a translation follow from."""
 
     PROVEN = "proven"  # no homography explains the smears, errors that neighbours share allowed for
-    UNDECIDED = "undecided"
-    """Parallax and errors that neighbours share look the same here, or too little is seen."""
+    UNDECIDED = "undecided"  # parallax and shared errors look the same here, or too little is seen
     ABSENT = "absent"  # a homography leaves nothing to explain, or nothing moved
 
 
@@ -44,8 +43,7 @@ class MotionModel(StrEnum):
     """Model of the camera's motion; in brackets its number of parameters."""
 
     STILL = "no motion"  # a camera that holds still (0)
-    ROTATION = "rotation"
-    """H of a pure rotation (3, and 3 of the camera held by a prior); 3 more where the shutter rolls."""
+    ROTATION = "rotation"  # H (3, and 3 of the camera held by a prior); 3 more where the shutter rolls
     PLANE = "plane"  # any H (8); 3 more where the shutter rolls
     PARALLAX = "parallax"  # a plane, and parallax along the lines of F (10)
     NONE = "none"  # none: no models were compared

@@ -21,21 +21,18 @@ from blur2view.smears.likelihood import LEAST_SIGMA_PX, LEAST_SIGMA_RAD
 
 Floats = NDArray[np.float32]
 
-SHORTEST_PX, LONGEST_PX = 14.0, 28.0
-"""Lengths, in an octave's pixels, that are read there; longer ones are read in the next octave."""
+SHORTEST_PX, LONGEST_PX = 14.0, 28.0  # of an octave's pixels; longer smears are read in the next octave
 UNSURE = 0.6  # deviation over length up to which the network's smear is taken for the peak's neighbourhood
+# Rotations, radians, and log scales at which a cepstrum is sampled: half a pixel of the longest smear apart.
 ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
-"""Rotations at which a cepstrum is sampled, radians: steps of half a pixel for the longest smear."""
 LOG_SCALES = np.linspace(-0.35, 0.35, 25, dtype=np.float32)
-"""Logarithms of scales at which a cepstrum is sampled."""
+# Weights of neighbouring windows along each axis (24 development scenes: with a normal of 0.5 or of 1 window
+# rho of F is 1.06 and 1.11 times as large).
 NEIGHBOURS = np.exp(-0.5 * (np.arange(-2, 3, dtype=np.float32) / 0.7) ** 2)
-"""Weights of neighbouring windows along each axis, a normal's of 0.7 windows (24 development scenes: with 0.5
-and with 1 rho of F is 1.06 and 1.11 times as large; of every second window alone, 1.1 times)."""
 TEMPER = 0.5  # exponent of the peak's likelihood: neighbouring windows share two thirds of their pixels
 CEPSTRUM_RANGE_PX = 3.0, 40.0  # distances from the origin over which the deviation of a cepstrum is taken
 BATCH = 40  # windows at a time
-PEAK_PX = 0.25
-"""Standard deviation of the highest peaks about the truth, in an octave's pixels (24 development scenes)."""
+PEAK_PX = 0.25  # standard deviation of the highest peaks about the truth (24 development scenes)
 
 ERF = np.vectorize(math.erf, otypes=[np.float32])  # SciPy is slow to import
 

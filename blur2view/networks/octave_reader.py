@@ -31,19 +31,15 @@ from blur2view.smears.likelihood import (
 
 Floats = NDArray[np.float32]
 
-LEVELS = 4
-"""Sizes at most, the photograph's own included: a copy of half the size brings smears of twice the length
-within the network's reach of 2 to 38 px."""
+LEVELS = 4  # sizes at most, the photograph's own included, within the network's reach of 2 to 38 px
 SMALLEST_PX = 90  # copies with a side below this are not made: a window of the network has 96 px
 LEAST_PX = 64  # least side of the smallest octave: two cells, more than its mirrored border
+# Pixels up to which every window is read; larger photographs are halved for what moves by itself, and after
+# a larger octave a network gives its memory back.
 LARGE_PX = 2_500_000
-"""Pixels of a photograph, 1920x1080 among them, of which every window is read; those with more are halved for
-what moves by itself, and after an octave of more a network gives its memory back."""
 LONG_PX = 12.0  # length, in an octave's pixels, from which on a finer one says no more
 SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
-MAY_BE_SHORT = 0.1
-"""Probability of shorter smears, in the mean over all cells that can tell, from which on it is read all the
-same."""
+MAY_BE_SHORT = 0.1  # mean probability of shorter smears from which on it is read all the same
 ROWS = 4  # of cells, whose likelihoods are read at a time: a core's cache holds them
 LENGTHS = 32  # lengths whose shares are stated: those of the longest axis, of four octaves
 VALUES = 5 + len(KINDS) + DIRECTIONS + LENGTHS  # of a cell

@@ -11,8 +11,7 @@ from blur2view.smears.grid import SmearGrid
 class Detail(StrEnum):
     """What a photograph is read for."""
 
-    GEOMETRY = "geometry"
-    """The camera's motion and masks: of more than 2.5 megapixels some thousand windows spread over it."""
+    GEOMETRY = "geometry"  # motion and masks: of more than 2.5 megapixels some thousand windows
     RANKING = "ranking"  # the order of photographs by their blur: some fifty to two hundred windows
 
 

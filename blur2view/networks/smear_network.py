@@ -24,15 +24,12 @@ from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]
 
-LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}
-"""Cells at least of photographs of which not every window is read; they have less than four times as many."""
+LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}  # where not every window is read; four times at most
 FLAT_PX = 33  # where at most one grey level of 255 is seen within this many pixels nothing can be measured
-UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2
-"""Of the smears, of length 0, of such cells: constant pictures, burnt skies."""
+UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2  # of such cells: constant pictures, burnt skies
 STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as RGB floats
+# Which of a photograph's values says how bright it is, what it is brought to, and by how much at most.
 QUANTILE, BRIGHT, LARGEST_GAIN = 0.995, 0.9, 256.0
-"""Of a photograph's values, that which says how bright it is (lamps and reflections are brighter); what it is
-brought to, if it is darker; and by how much at most."""
 SAMPLES = 1_000_000  # values at least, where there are as many, that the quantile is taken of
 LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
 EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"

@@ -27,14 +27,12 @@ WINDOW, STEP = 96, 32  # side of a Hann window and the distance of windows, pixe
 NOISE_FLOOR = 0.02  # power below which a frequency says nothing: noise of half a grey level
 RELATIVE_FLOOR = 1e-3  # the floor of the second cepstrum, as a share of the window's mean power
 TREND = 8.0  # width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its zeros
-TAPERS = 0.28, 0.4
-"""Widths, of the window's side, of the tapers of both cepstra towards high frequencies, which are noise."""
+TAPERS = 0.28, 0.4  # of the window's side: both cepstra are tapered towards high frequencies, noise
 HANN = np.outer(np.hanning(WINDOW), np.hanning(WINDOW)).astype(np.float32)
 FREQUENCIES = 40  # frequencies that are kept along each axis, in bins of 1 / 96 px
+# Lags of both cepstra: 2 to 38 px, eight an octave where peaks are narrow, and 1 to 19 px with the trend.
 PEAK_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (np.arange(19) / 8)])
-"""Lags of the first cepstrum, 2 to 38 px: eight an octave from 8 px on, where peaks are narrower."""
 TREND_LAGS_PX = SHORTEST_PX / 2 * 2 ** (np.arange(18) / 4)
-"""Lags of the second cepstrum, 1 to 19 px, which keeps the spectrum's trend."""
 LEAST_FREQUENCY = 4  # least frequency, in bins, of those whose mean power is given beside the cepstra
 EIGHTH = DIRECTIONS // 4  # directions in 45 degrees
 LAGS = len(PEAK_LAGS_PX) + len(TREND_LAGS_PX)
