@@ -110,8 +110,7 @@ def write_links(
 ) -> Path | None:
     """Write planned views in one transaction, and return the backup that ``backup`` makes before.
 
-    DatabaseError if the database cannot be used, or an image changed since the plan: nothing is written
-    then.
+    DatabaseError, and nothing is written, if it cannot be used or an image changed since the plan.
     """
     if not links:
         return None

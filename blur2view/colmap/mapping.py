@@ -34,8 +34,7 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
     """Return pycolmap.IncrementalPipelineOptions for a database that ``blur2view to-colmap`` wrote.
 
     Of exposures alone, which do not determine the focal length; or, ``linked``, of views beside a project's
-    photographs. With ``keep_photographs`` the model that ``input_path`` names stays; ValueError if not
-    linked.
+    photographs. With ``keep_photographs``, of these alone, the model that ``input_path`` names stays.
     """
     import pycolmap
 

@@ -4,8 +4,7 @@
 write-ahead logging and stamps its version. The format is pycolmap 4.2's: numbers are little-endian;
 keypoints float32 (N, 2), (N, 4) or (N, 6), x and y first; matches uint32 (N, 2), from the image of the
 smaller id. If the table of frames has any row, every image needs a frame, or the mapper throws; if it has
-none (COLMAP 3.11 and older), the mapper makes them. A camera is sensor type 0 and belongs to exactly one
-rig.
+none (COLMAP 3.11 and older), the mapper makes them. A camera is sensor type 0, of exactly one rig.
 """
 
 import sqlite3

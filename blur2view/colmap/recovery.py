@@ -80,9 +80,8 @@ def recover_frames(
     """Return the model in a folder with those frames of a video, in another folder, that it lacks.
 
     ``names`` are all frames in order, as COLMAP calls them; where their numbers leave some out, none are
-    neighbours. With ``refine`` recovered poses and the points are adjusted together at the end. ``show`` is
-    called with how many frames are done, and of how many. DatabaseError if the model cannot be read or has
-    fewer than two of the frames.
+    neighbours. With ``refine`` recovered poses and points are adjusted together at the end. ``show`` gets
+    how many frames are done, of how many. DatabaseError if the model has fewer than two of the frames.
     """
     sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
     if len(sequence.images) < 2:

@@ -161,8 +161,7 @@ def exposures(
     """Return the changes (N, 2, 6) from mid exposure to both ends of exposures, by path and smears.
 
     Then the exposure over the frame interval, as given or that for which smears and path agree, NaN if no
-    frame shows it; and whether that is more than a guess: a camera that shakes faster than the frames shows
-    none.
+    frame shows it; and whether that is more than a guess, as of a camera that shakes faster than frames.
     """
     if fraction is not None:
         return _placed(_of_known_exposure(frames, path, fraction), path, fraction)[0], fraction, True

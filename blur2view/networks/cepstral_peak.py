@@ -50,8 +50,7 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
     """Return smears (h, w, 4), as of `read_smears`, with long and sure ones moved to their cepstral peaks.
 
     ``spectra`` are `power_spectra` (h, w, 96, 49) of the picture and its smaller copies, which halve it; of
-    windows as far apart in the picture as the cells, or 2, 4, ... times as far. Threads do not change the
-    result.
+    windows as far apart in the picture as the cells, or 2, 4, ... times as far.
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
     octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
