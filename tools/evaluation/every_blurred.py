@@ -1,0 +1,125 @@
+"""What ``blur2view recover --tracks`` gains where every frame is blurred, on frames whose poses are known.
+
+``python -m tools.evaluation.every_blurred SEQUENCE WORK --out tools/results/every_blurred.md`` blurs the
+frames of a sequence that has a ``model``. The page says how, and what its columns mean.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+
+from blur2view.cli import commands
+from blur2view.colmap.blur_matching import GAMMA
+from blur2view.colmap.mapping import blurred_options
+from blur2view.geometry.rotation import rotation_vector
+from blur2view.images.image import read_pixels
+from blur2view.networks.smear_network import SmearNetwork
+from tools.arguments import Existing, Target, run
+from tools.evaluation.placed import Poses, poses_of
+from tools.pages import publish, table
+
+SEEDS = (
+    0,
+    1,
+    2,
+)  # of COLMAP's mapper, which may begin with a wrong pair: of 11 frames of 36 px seed 0 joins 3
+WIDER = [1, 2, 3]  # frames averaged before and after
+LEAD = """\
+Every frame is the mean of 3, 5 or 7 consecutive ones of a sequence in linear light; no two share one. COLMAP
+maps them with its defaults and at its best (`blur2view.blurred_options()`), with exhaustive matching and
+known intrinsics. From the latter's model `blur2view recover --tracks` writes *matches of patches* beside
+those of SIFT, from which COLMAP maps anew; `blur2view recover` registers what that lacks. COLMAP maps with
+three seeds, as one may begin with a wrong pair; its model with the most frames counts. Cells are frames
+registered, and the error of the rotation from each of them to the next: degrees, median."""
+HEAD = "smears, px | frames | COLMAP's defaults | COLMAP at its best | matches of patches | and recovered"
+
+
+def averaged(source: Path, folder: Path, wider: int) -> Poses:
+    """Write means of 2 ``wider`` + 1 frames, and return the true poses."""
+    true = poses_of(pycolmap.Reconstruction(source / "model"))
+    names, found = sorted(true), Poses()
+    folder.mkdir(parents=True)
+    for k in range(wider, len(names) - wider, 2 * wider + 2):
+        pictures = [read_pixels(source / names[j]) for j in range(k - wider, k + wider + 1)]
+        light = np.mean([(one / 255.0) ** GAMMA for one in pictures], axis=0)
+        name = f"f_{len(found):03d}.png"
+        cv2.imwrite(str(folder / name), np.rint(255 * light ** (1 / GAMMA)).astype(np.uint8)[..., ::-1])
+        found[name] = true[names[k]]
+    return found
+
+
+def extracted(database: Path, frames: Path, camera: Any, features: Any, matching: Any) -> Path:
+    """Return a project of frames with COLMAP's features and matches."""
+    reader = pycolmap.ImageReaderOptions()
+    features.use_gpu, features.num_threads, matching.num_threads = False, 1, 1
+    reader.camera_model, reader.camera_params = camera.model.name, ",".join(map(str, camera.params))
+    single = pycolmap.CameraMode.SINGLE
+    pycolmap.extract_features(
+        database, frames, camera_mode=single, reader_options=reader, extraction_options=features
+    )
+    pycolmap.match_exhaustive(database, matching_options=matching)
+    return database
+
+
+def mapped(database: Path, frames: Path, folder: Path) -> Path:
+    """Return the folder of the model with most frames, then points, that COLMAP makes; its cameras stay."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.ba_refine_focal_length = options.ba_refine_extra_params = False
+    options.min_model_size, options.num_threads = 3, 1
+    sizes = {folder: (0, 0)}
+    for options.random_seed in SEEDS:
+        seed = folder / str(options.random_seed)
+        seed.mkdir(parents=True)
+        for number, model in pycolmap.incremental_mapping(database, frames, seed, options).items():
+            sizes[seed / str(number)] = (model.num_reg_images(), model.num_points3D())
+    return max(sizes, key=lambda path: sizes[path])
+
+
+def measured(folder: Path, true: Poses) -> str:
+    """Return how many frames a model has, if there is one, and by how many degrees their turns err."""
+    if not (folder / "images.bin").exists():
+        return "none"
+    poses = poses_of(pycolmap.Reconstruction(folder))
+    names = [name for name in true if name in poses]
+    turns = [[one[b][:, :3] @ one[a][:, :3].T for a, b in pairwise(names)] for one in (poses, true)]
+    off = [np.linalg.norm(rotation_vector(R @ known.T)) for R, known in zip(*turns, strict=True)]
+    return f"{len(names)}: {np.degrees(np.median(off)):.2f}"
+
+
+def recovered(model: Path, frames: Path, out: Path, *options: str | Path) -> Path:
+    """Return the folder that ``blur2view recover`` writes; SystemExit if it fails."""
+    if commands.main([str(word) for word in ("recover", model, frames, "-o", out, *options)]):
+        raise SystemExit(f"{model}: nothing is recovered")
+    return out
+
+
+def row(sequence: Path, work: Path, wider: int, network: SmearNetwork) -> tuple[Any, ...]:
+    """Return the row of a table, of frames that are each the mean of 2 ``wider`` + 1."""
+    frames = work / "frames"
+    true = averaged(sequence, frames, wider)
+    smears = [network.predict(read_pixels(frames / name)).smears().length_px for name in true]
+    camera = next(iter(pycolmap.Reconstruction(sequence / "model").cameras.values()))
+    options = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
+    defaults = extracted(work / "defaults.db", frames, camera, *options)
+    best = extracted(work / "best.db", frames, camera, *blurred_options())
+    models = [mapped(defaults, frames, work / "defaults"), mapped(best, frames, work / "best")]
+    tracks = recovered(models[-1], frames, work / "tracks", "--tracks", best) / "tracks.db"
+    models.append(mapped(tracks, frames, work / "anew"))
+    models.append(recovered(models[-1], frames, work / "recovered"))
+    smear_px = np.median([np.median(one) for one in smears])
+    return (f"{smear_px:.0f}", len(true), *(measured(one, true) for one in models))
+
+
+def main(sequence: Existing, work: Path, *, wider: list[int] = WIDER, out: Target | None = None) -> None:
+    """Measure a sequence whose model has all frames, in new folders of ``work``."""
+    network = SmearNetwork()
+    rows = [row(sequence, work / f"wider_{one}", one, network) for one in wider]
+    publish(out, "# Videos of which every frame is blurred", LEAD, table(HEAD, rows))
+
+
+if __name__ == "__main__":
+    run(main)
