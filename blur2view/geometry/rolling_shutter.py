@@ -23,14 +23,11 @@ AROUND = 16  # smears that decide the order of one: without parallax the order o
 
 @dataclass(frozen=True, kw_only=True)
 class RollingShutter:
-    """Time from the start of the first row's exposure to that of the last, and each row's exposure time.
+    """A shutter that exposes one row after the other; ValueError of times that no shutter has."""
 
-    Rows begin ``towards`` (0, 1), from top to bottom, (1, 0), from left to right, or against.
-    """
-
-    readout_s: float
-    exposure_s: float
-    towards: tuple[int, int] = (0, 1)
+    readout_s: float  # from the start of the first row's exposure to that of the last
+    exposure_s: float  # of each row
+    towards: tuple[int, int] = (0, 1)  # rows begin from top to bottom; (1, 0): from left to right; or against
 
     def __post_init__(self) -> None:
         if not 0 <= self.readout_s <= LONGEST_S:
