@@ -131,7 +131,7 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
             model.write(beside)
             (beside / "room").write_bytes(bytes(ROOM))  # pycolmap does not say that a disk is full
             (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
-            for file in (*FILES, PROJECT_FILE):
+            for file in (PROJECT_FILE, *FILES):  # first what says whose they are, if it is killed here
                 (beside / file).replace(folder / file)
         except (OSError, ValueError, RuntimeError) as error:
             why = getattr(error, "strerror", None) or " ".join(str(error).split())
