@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -24,6 +25,10 @@ from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel, of_kinds
 Floats = NDArray[np.floating[Any]]
 
 GRID, BLUR = "smear_grid", "blur_grid"
+
+DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
+          RuntimeError, MemoryError, BadZipFile)  # fmt: skip
+"""What the readers of ZIP and NPY raise of damaged bytes; RuntimeError of an archive with a password."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,6 +198,6 @@ def load_smears(path: str | Path) -> SmearGrid:
             return SmearGrid(cells=cells, blur=blur, stride=stride, shape=shape, window_px=window)
     except FileNotFoundError:
         raise OutputError(f"{path}: no such file; write it with blur2view estimate -o") from None
-    except Exception:  # whatever the readers of ZIP and NPY raise of damaged bytes
+    except DAMAGE:
         remedy = "write it again with blur2view estimate -o"
         raise OutputError(f"{path}: is no whole .smear.npz file of blur2view; {remedy}") from None
