@@ -25,7 +25,7 @@ arXiv 2605.01552.
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -66,7 +66,7 @@ class Variant(NamedTuple):
         return f"{self.representation}, {'with' if self.cross_check else 'without'} map"
 
 
-SIX = [Variant(*one) for one in product(("local", "restricted", "double"), (False, True))]  # type: ignore[arg-type]
+SIX = [Variant(*one) for one in product(get_args(Representation), (False, True))]
 VARIANTS = (*SIX, *(Variant(alpha=alpha) for alpha in (0.005, 0.02, 0.05)))
 
 
