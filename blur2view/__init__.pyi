@@ -48,7 +48,7 @@ from blur2view.smears.grid import load_smears as load_smears
 from blur2view.smears.matches import SelectOptions as SelectOptions
 from blur2view.smears.matches import SmearMatches as SmearMatches
 from blur2view.smears.matches import select_matches as select_matches
-from blur2view.two_view.consensus import EstimatorOptions as EstimatorOptions
+from blur2view.two_view.estimate import EstimatorOptions as EstimatorOptions
 from blur2view.two_view.estimate import estimate_two_view as estimate_two_view
 
 __version__: str

@@ -24,8 +24,7 @@ from blur2view.networks.threads import one_thread
 from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close, smeared_share
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
-from blur2view.two_view.consensus import EstimatorOptions
-from blur2view.two_view.estimate import estimate_two_view, without_motion
+from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, without_motion
 
 if TYPE_CHECKING:
     from PIL import Image

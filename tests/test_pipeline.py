@@ -12,7 +12,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
-from blur2view.geometry.rotation import rotation_vector
+from blur2view.geometry.pose import rotation_vector
 from blur2view.networks.smear_network import SmearNetwork, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph

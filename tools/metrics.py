@@ -5,8 +5,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import epipoles, homogeneous, sampson, serrmin
-from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
-from blur2view.geometry.rotation import rotation_vector
+from blur2view.geometry.pose import (
+    PoseCovariance,
+    RigidTransform,
+    before_both,
+    decompose_essential,
+    rotation_vector,
+)
 
 CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
 EVERY = slice(0, 5)

@@ -17,7 +17,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
 from blur2view.smears.matches import SelectOptions
-from blur2view.two_view.consensus import EstimatorOptions
+from blur2view.two_view.estimate import EstimatorOptions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from blur2view.networks.protocol import SmearReader
 from blur2view.networks.smear_network import SmearNetwork, photograph_of, rgb_of
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.matches import SelectOptions
-from blur2view.two_view.consensus import EstimatorOptions
+from blur2view.two_view.estimate import EstimatorOptions
 
 
 def in_time(estimated: Estimate, motions: Sequence[NeighbourMotion]) -> Estimate:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.rotation import rotation_flow, rotation_matrix, rotation_vector
+from blur2view.geometry.pose import rotation_flow, rotation_matrix, rotation_vector
 from blur2view.two_view.least_squares import reweighted_motion
 
 KNOTS = 4  # frames on each side through which the spline goes

@@ -15,7 +15,7 @@ from blur2view.pipeline import Estimate
 from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import TINY_SIGMA_PX
 from blur2view.smears.noise import across_px, sampson_px
-from blur2view.two_view.consensus import EstimatorOptions
+from blur2view.two_view.estimate import EstimatorOptions
 from blur2view.two_view.order import end_order, open_and_close
 
 OPEN, CLOSE = "#open", "#close"  # what is appended to a photograph's name

@@ -202,7 +202,7 @@ class Record:
             return None
         import numpy as np
 
-        from blur2view.geometry.rotation import rotation_vector
+        from blur2view.geometry.pose import rotation_vector
 
         vector = rotation_vector(np.array(self.cam2_from_cam1["rotation"])).tolist()
         return [angle / self.rated_s for angle in vector]

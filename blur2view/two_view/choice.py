@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from blur2view.geometry.two_view_geometry import Configuration, ModelRow, MotionModel
+from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
-from blur2view.two_view.consensus import within_errors
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import HomographyFit, find_plane, fit_homography
 from blur2view.two_view.likelihood import Likelihood
@@ -74,6 +74,16 @@ def choose(
         fields.append(Field(MotionModel.PARALLAX, False, None, plane.log_posterior + gain))
     probabilities = probabilities_of(fields, sample)
     return named(fields, probabilities, plane, fit, agreement)
+
+
+def within_errors(matches: SmearMatches) -> bool:
+    """Return whether the shorter smears are as short as errors alone make them, up to half outliers.
+
+    Of displacements that are errors of standard deviation sigma, the squared length over sigma^2 is
+    distributed exponentially with mean 1.
+    """
+    ratio = (matches.length_px / matches.sigma_px) ** 2
+    return bool(np.quantile(ratio, c.SHORT_QUANTILE) < -np.log(1 - c.SHORT_QUANTILE / c.SHORT_INLIERS))
 
 
 def fields_of(sample: Likelihood, plane: HomographyFit, rolling: bool) -> list[Field]:

@@ -63,7 +63,7 @@ SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: boun
 LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
-# Refusals and consensus: `two_view.consensus`.
+# Refusals and consensus: `two_view.estimate`.
 MIN_MATCHES = 20
 MIN_LENGTH_PX = 1.0  # median smear
 LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.geometry.epipolar import EndProducts, cross_matrix, homogeneous
-from blur2view.geometry.rotation import half_sphere, rotation_matrix
+from blur2view.geometry.epipolar import EndProducts, cross_matrix, homogeneous, unit_lines
+from blur2view.geometry.pose import half_sphere, rotation_flow, rotation_matrix
 from blur2view.two_view import constants as c
-from blur2view.two_view.directions import DirectionLikelihood
-from blur2view.two_view.least_squares import least_of, levenberg_marquardt
+from blur2view.two_view.least_squares import least_of, levenberg_marquardt, reweighted_motion
 from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
 from blur2view.two_view.models import UNROTATED, CameraF
 from blur2view.two_view.ransac import ransac, weighted_samples
 
+MIN_LENGTH = np.float32(1e-6)  # of a smear over the focal length: shorter ones have no direction
 ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])  # but for F^T
 
 
@@ -175,6 +175,58 @@ def _cross(a: Array, b: Array) -> Array:
     """Return cross products along the first axis."""
     x = a[1] * b[2] - a[2] * b[1]
     return np.stack([x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DirectionLikelihood:
+    """The likelihood of every direction of translation, on a grid over half a sphere.
+
+    Given a direction every smear's epipolar line and order follow (a point before the camera moves away from
+    the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly. Smears
+    of a turning camera leave it flat, which no covariance about one optimum shows. Coordinates are a camera's
+    (K = identity), and all correlation of the smears counts.
+    """
+
+    likelihood: Likelihood
+
+    def at(self, directions: Array) -> tuple[Array, Array, Array]:
+        """Return rotation vectors (G, 3) of directions (G, 3), their costs (G,), and orders of smears (G, N).
+
+        Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
+        """
+        some = self.likelihood.thinned(c.GRID_SMEARS)
+        middle, displacement = (one.astype(np.float32) for one in (some.middle, some.displacement))
+        length = np.maximum(np.hypot(*displacement.T), MIN_LENGTH)
+        unit, flow = displacement.T / length, rotation_flow(middle) / length
+        along, across = unit_lines(directions.astype(np.float32), middle)  # (G, 2, N)
+        rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
+        outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
+        wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
+        own = some.sigma_scale * some.matches.inlier_sigma_px[1] / (length * some.unit_px)
+        share = np.hypot(own, some.matches.shared.least).astype(np.float32)  # error across over length
+        rotations, missed = reweighted_motion(
+            rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: share
+        )
+        data = (c.FREEDOM + 1) * np.log1p((missed / share) ** 2 / c.FREEDOM).mean(axis=1, dtype=float)
+        prior = ((rotations / (c.GRID_ROTATION_SPREAD * float(np.median(length)))) ** 2).sum(axis=1)
+        return rotations.astype(float), self.likelihood.effective_count * data + prior, outwards
+
+    @cached_property
+    def grid(self) -> tuple[Array, Array, Array, Array]:
+        """Directions (G, 3), their rotations (G, 3), costs (G,) and orders of smears (G, N)."""
+        directions = half_sphere(c.GRID)
+        parts = [self.at(some) for some in np.array_split(directions, c.GRID_PARTS)]
+        rotations, costs, orders = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return directions, rotations, costs, orders
+
+    def likeliest(self, count: int) -> list[tuple[Array, Array]]:
+        """Return rotation vectors and translations (3,) of the greatest likelihood, no two close together."""
+        directions, rotations, costs, _ = self.grid
+        kept: list[int] = []
+        for one in np.argsort(costs):
+            if len(kept) < count and (np.abs(directions[kept] @ directions[one]) < c.GRID_APART).all():
+                kept.append(int(one))
+        return [(rotations[one], directions[one]) for one in kept]
 
 
 def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Likelihood, FundamentalFit]:

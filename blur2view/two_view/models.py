@@ -25,9 +25,9 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, unit_norm
-from blur2view.geometry.pose import essential_motions
-from blur2view.geometry.rotation import (
+from blur2view.geometry.pose import (
     GENERATORS,
+    essential_motions,
     plane_basis,
     rotation_matrix,
     rotation_vector,

@@ -1,8 +1,8 @@
 """The pose of a camera with known intrinsics: E, the rotation, and the translation where it is known.
 
 E has five parameters and is fitted as F is, started from the likeliest direction of translation. The region
-is the likelihood's spread over all directions (`directions`), with all correlation of neighbouring smears
-counted (`Likelihood.fully_correlated`).
+is the likelihood's spread over all directions (`DirectionLikelihood`), with all correlation of neighbouring
+smears counted (`Likelihood.fully_correlated`).
 """
 
 from __future__ import annotations
@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blur2view.arrays import Array
+from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import cross_matrix
-from blur2view.geometry.pose import PoseCovariance, RigidTransform
-from blur2view.geometry.rotation import plane_basis, rotation_matrix
+from blur2view.geometry.pose import PoseCovariance, RigidTransform, plane_basis, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
-from blur2view.two_view.directions import DirectionLikelihood
-from blur2view.two_view.fundamental import FundamentalFit, fit_best
+from blur2view.two_view.fundamental import DirectionLikelihood, FundamentalFit, fit_best
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, cayley
 from blur2view.two_view.order import pose_before_both
@@ -51,7 +49,7 @@ def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
         return rotation_alone(vector, spread, "the rotation that explains the smears alone")
     directions = DirectionLikelihood(likelihood=likelihood.fully_correlated)
     point, pose = fit_calibrated(likelihood, choice.fit.point, directions)
-    mean, region = directions.region(pose)
+    mean, region = region_of(directions, pose)
     covariance = covariance_of(likelihood.fully_correlated, point, pose, region)
     fitted = "; E was then fitted to the known intrinsics"
     proven = choice.config is Configuration.UNCALIBRATED
@@ -76,6 +74,23 @@ def fit_calibrated(
     residuals = likelihood.residuals(point.matrix())
     inliers = likelihood.order_weights(residuals).sum(axis=0)
     return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
+
+
+def region_of(likelihood: DirectionLikelihood, pose: RigidTransform) -> tuple[Array, PoseCovariance]:
+    """Return the mean rotation vector (3,) over all directions, and the covariance about a pose."""
+    directions, rotations, costs, orders = likelihood.grid
+    weight = np.exp(-0.5 * (costs - costs.min()))
+    weight /= weight.sum()
+    *_, (order,) = likelihood.at(pose.translation[None])
+    sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
+    tangents = plane_basis(pose.translation)
+    offset = sign * directions @ tangents.T
+    angle = np.arccos(np.clip(sign[:, 0] * (directions @ pose.translation), -1.0, 1.0))
+    offset *= (angle / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
+    both = np.concatenate([sign * rotations - pose.rotation_vector, offset], axis=1)
+    matrix = (both * weight[:, None]).T @ both
+    matrix[3:, 3:] += np.radians(c.GRID_STEP_DEG) ** 2 / 12 * np.eye(2)
+    return weight @ (sign * rotations), PoseCovariance(matrix=matrix, tangents=tangents)
 
 
 def covariance_of(

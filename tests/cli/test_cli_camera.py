@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blur2view.geometry.rotation import rotation_vector
+from blur2view.geometry.pose import rotation_vector
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import exif_of

@@ -9,7 +9,7 @@ from blur2view.geometry.epipolar import serrmin
 from blur2view.images.image import read_image
 from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import SelectOptions
-from blur2view.two_view.consensus import EstimatorOptions
+from blur2view.two_view.estimate import EstimatorOptions
 from tests.support.calls import Call, table
 from tests.support.colour_code import HEIGHT, WIDTH, forward_motion
 from tests.support.many_photographs import contents

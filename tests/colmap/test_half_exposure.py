@@ -5,8 +5,7 @@ import pytest
 
 from blur2view.colmap.link import half_fundamental, half_geometry, half_pose
 from blur2view.geometry.epipolar import fundamental_from_pose, sampson
-from blur2view.geometry.pose import RigidTransform
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import RigidTransform, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene
 from tools.datasets.synthetic_matches import project_smears

@@ -14,7 +14,7 @@ from blur2view.colmap.models import add_image
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
-from blur2view.geometry.rotation import rotation_vector
+from blur2view.geometry.pose import rotation_vector
 from tests.support.colmap_projects import some_views
 from tests.support.walks import Walk
 

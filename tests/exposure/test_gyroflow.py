@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.exposure.gyroflow import gyroflow_log
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 
 
 def parsed(text: str) -> tuple[dict[str, str], Array, Array]:

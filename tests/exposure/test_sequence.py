@@ -9,8 +9,8 @@ from blur2view.arrays import Array
 from blur2view.camera.camera import Camera
 from blur2view.exposure.sequence import estimate_frames, in_time
 from blur2view.exposure.time_direction import NeighbourMotion
+from blur2view.geometry.pose import rotation_flow
 from blur2view.geometry.rolling_shutter import RollingShutter
-from blur2view.geometry.rotation import rotation_flow
 from blur2view.images.video import read_frame, read_video
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate

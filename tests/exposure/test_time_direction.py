@@ -19,8 +19,7 @@ from blur2view.exposure.time_direction import (
 )
 from blur2view.exposure.views import ExposureViews, other_translation
 from blur2view.geometry.epipolar import fundamental_from_pose
-from blur2view.geometry.pose import RigidTransform
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import RigidTransform, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TimeDirection, TwoViewGeometry
 
 SIZE = (640, 480)

@@ -18,7 +18,7 @@ from blur2view.exposure.trajectory import (
     exposures,
     motions_between,
 )
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 
 PER_FRAME = np.array([0.01, -0.006, 0.004, 0.02, 0.03, -0.01])
 OPEN_FOR = 0.6

@@ -7,7 +7,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.geometry import epipolar
 from blur2view.geometry.epipolar import EndProducts
-from blur2view.geometry.rotation import rotation_flow, rotation_matrix
+from blur2view.geometry.pose import rotation_flow, rotation_matrix
 
 
 def random_matrices(seed: int, count: int) -> Array:

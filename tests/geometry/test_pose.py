@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blur2view.geometry.pose import PoseCovariance, RigidTransform, before_both, decompose_essential
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import (
+    PoseCovariance,
+    RigidTransform,
+    before_both,
+    decompose_essential,
+    rotation_matrix,
+)
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import Scene, disturb, make_scene, with_outliers

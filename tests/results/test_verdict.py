@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import use_of
 

@@ -9,7 +9,7 @@ from blur2view import Camera, SmearMatches
 from blur2view.arrays import Array
 from blur2view.camera.camera import from_colmap
 from blur2view.geometry.epipolar import fundamental_from_pose
-from blur2view.geometry.rotation import rotation_matrix as rotation
+from blur2view.geometry.pose import rotation_matrix as rotation
 from blur2view.smears.noise import NoiseModel
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import assumed_camera

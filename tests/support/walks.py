@@ -10,7 +10,7 @@ import pycolmap
 
 from blur2view.arrays import Array
 from blur2view.camera.camera import to_colmap
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 
 
 @dataclass(frozen=True, kw_only=True)

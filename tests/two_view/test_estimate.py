@@ -13,8 +13,7 @@ from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.consensus import EstimatorOptions
-from blur2view.two_view.estimate import estimate_two_view
+from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
 from tools.evaluation.baselines import two_parameter_fundamental
 from tools.metrics import epipole_angle_deg, rho

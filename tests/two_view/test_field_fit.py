@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blur2view.geometry.rotation import rotation_vector
+from blur2view.geometry.pose import rotation_vector
 from blur2view.smears.noise import INDEPENDENT, NoiseModel
 from blur2view.two_view.homography import SLOW, fit_homography
 from blur2view.two_view.likelihood import Likelihood

@@ -7,7 +7,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 from blur2view.two_view.fundamental import FundamentalFit
 from blur2view.two_view.homography import find_plane
 from blur2view.two_view.likelihood import Likelihood

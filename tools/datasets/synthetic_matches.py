@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose, homogeneous
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 from blur2view.smears.matches import SmearMatches
 
 IMAGE_SIZE = (640, 480)

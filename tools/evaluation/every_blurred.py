@@ -15,7 +15,7 @@ import pycolmap
 from blur2view.cli import commands
 from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.mapping import blurred_options
-from blur2view.geometry.rotation import rotation_vector
+from blur2view.geometry.pose import rotation_vector
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import Existing, Target, run

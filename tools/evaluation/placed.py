@@ -19,7 +19,7 @@ from scipy.interpolate import make_interp_spline
 from blur2view.arrays import Array
 from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
-from blur2view.geometry.rotation import rotation_matrix, rotation_vector
+from blur2view.geometry.pose import rotation_matrix, rotation_vector
 from tools.arguments import run
 from tools.pages import publish, table
 from tools.rendering.video import Shake, VideoOptions, write_video

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 from tools.datasets.testset import sharp_photograph
 from tools.rendering.canvas import paint
 from tools.rendering.exposure import Exposure

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.geometry.rotation import rotation_matrix
+from blur2view.geometry.pose import rotation_matrix
 from tools.evaluation import placed
 from tools.rendering.video import VideoOptions, sample_exposures
 
