@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any
 
 from blur2view import __version__
-from blur2view.cli.adapter import CommandParser, Layout, Parser
+from blur2view.cli.parser import CommandParser, Layout, Parser
 from blur2view.cli.terminal import EXIT_CODES, FAILED, INTERRUPTED, UNREAD, complain
 from blur2view.errors import Blur2ViewError
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Command, Folder, InTime
+from blur2view.cli.parser import group, rare_option
 from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.cli.work import Estimated, estimated, record_of
@@ -55,15 +55,13 @@ class EstimateOptions(Command):
     intrinsics the essential matrix and the pose. Where no F can be trusted the configuration and its reason
     say why. Prints two lines about one photograph, one line about each of several; with -o writes files
     beside each other.
-
-    Rarely:
-    --gyroflow FILE: write the rates of a video as a log for Gyroflow, called as the video but .gcsv, with
-        --focal or --camera: those of frames of which it is known which end of the exposure came first
     """
 
     folder: Folder = group(Folder)
     in_time: InTime = group(InTime)
-    gyroflow: Path | None = None
+    gyroflow: Path | None = rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow,
+        called as the video but .gcsv, with --focal or --camera: those of frames of which it is known which
+        end of the exposure came first""")
 
     examples = (
         "blur2view estimate models/sample.jpg -o out",

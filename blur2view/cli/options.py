@@ -10,8 +10,19 @@ from pathlib import Path
 from typing import Annotated
 
 from blur2view.camera.intrinsics import Intrinsics
-from blur2view.cli.adapter import group
-from blur2view.cli.values import dask_address, exposure_s, focal_px, frame_or_seconds, seconds, whole
+from blur2view.cli.parser import (
+    dask_address,
+    exposure_s,
+    flag,
+    focal_px,
+    frame_or_seconds,
+    group,
+    option,
+    rare_option,
+    required,
+    seconds,
+    whole,
+)
 from blur2view.colmap.cameras import stored_camera
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
@@ -22,38 +33,29 @@ from blur2view.two_view.estimate import EstimatorOptions
 
 @dataclass(frozen=True, kw_only=True)
 class Printing:
-    """printing.
-
-    -v, --verbose: print the reason of each result, too
-    -q, --quiet: print failures only
-    """
+    """Printing."""
 
     either = ("verbose", "quiet")
-    verbose: bool = False
-    quiet: bool = False
+    verbose: bool = flag("-v, --verbose: print the reason of each result, too")
+    quiet: bool = flag("-q, --quiet: print failures only")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """input.
+    """Input."""
 
-    INPUT: photographs, folders of photographs, videos, or lists of them as @LIST, or - from standard input;
-        JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8 or 16 bits, with the extras heic
-        and raw also HEIC and RAW. Frames of a video are named VIDEO/000120 by their number. A list names one
-        of these on each line, as seen from here or else from the list's folder (blank lines are passed over,
-        and those that begin with # and name no file). What is named twice is done once
-    --recursive: folders stand for their subfolders, too
-    --every N: of a video take one frame in N (default: all)
-    Rarely:
-    --from FRAME: the first frame of a video: a number from 0, or a time as 12.5s
-    --to FRAME: the last frame, included
-    """
-
-    images: list[str]
-    recursive: bool = False
-    every: int = 1
-    first: Annotated[float, frame_or_seconds] = 0
-    last: Annotated[float | None, frame_or_seconds] = None
+    images: list[str] = required("""INPUT: photographs, folders of photographs, videos, or lists of them as
+        @LIST, or - from standard input; JPEG, PNG, TIFF, WebP, AVIF, JPEG 2000, BMP, GIF, PPM and TGA, of 8
+        or 16 bits, with the extras heic and raw also HEIC and RAW. Frames of a video are named VIDEO/000120
+        by their number. A list names one of these on each line, as seen from here or else from the list's
+        folder (blank lines are passed over, and those that begin with # and name no file). What is named
+        twice is done once""")
+    recursive: bool = flag("--recursive: folders stand for their subfolders, too")
+    every: int = option("--every N: of a video take one frame in N (default: all)", 1)
+    first: Annotated[float, frame_or_seconds] = rare_option(
+        "--from FRAME: the first frame of a video: a number from 0, or a time as 12.5s", 0
+    )
+    last: Annotated[float | None, frame_or_seconds] = rare_option("--to FRAME: the last frame, included")
 
     def inputs(self) -> Inputs:
         """Return the photographs; ImageError of a list that cannot be read."""
@@ -64,20 +66,20 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """camera: Known intrinsics give the essential matrix E and the pose.
+    """Camera.
+
+    Known intrinsics give the essential matrix E and the pose.
 
     Without these options the focal length of EXIF, where there is one, is a hint, and nothing is called
     calibrated. What is stated here is believed.
-
-    --focal PX: focal length in pixels; the principal point is the photograph's centre
-    --camera CAMERA: instead of --focal: a camera as COLMAP writes it, "MODEL WIDTH HEIGHT PARAMS...", for
-        example "SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but EQUIRECTANGULAR, one of another size
-        is scaled), a COLMAP database as "project.db" (the camera of the image of this name) or
-        "project.db:ID", or "exif" to take the focal length of EXIF for true
     """
 
-    focal: Annotated[float | None, focal_px] = None
-    camera: str | None = None
+    focal: Annotated[float | None, focal_px] = option("""--focal PX: focal length in pixels; the principal
+        point is the photograph's centre""")
+    camera: str | None = option("""--camera CAMERA: instead of --focal: a camera as COLMAP writes it, "MODEL
+        WIDTH HEIGHT PARAMS...", for example "SIMPLE_RADIAL 640 480 525 320 240 0.05" (any model but
+        EQUIRECTANGULAR, one of another size is scaled), a COLMAP database as "project.db" (the camera of the
+        image of this name) or "project.db:ID", or "exif" to take the focal length of EXIF for true""")
 
     def __post_init__(self) -> None:
         self.intrinsics()
@@ -100,23 +102,19 @@ class Lens:
 
 @dataclass(frozen=True, kw_only=True)
 class InTime:
-    """time.
+    """Time."""
 
-    --exposure S: exposure time in seconds, as 0.04, 1/25 or 40ms, with --focal or --camera: the angular
-        velocity is the rotation over it (default: that of EXIF)
-    --sequence: the photographs are a video in this order: those before and after each one show which end of
-        its exposure came first, so that rates are one series; with --no-sequence not even the frames of a
-        video do (default: those of a video)
-    Rarely:
-    --readout S: of a rolling shutter, with --focal or --camera: seconds from the start of exposure of the
-        first row to that of the last one; rows are those of the file as stored. A point that moves with the
-        rows is seen for longer, so the motion differs with the order in time: one is given, of both that
-        which has less parallax, the other is backward in the JSON document
-    """
-
-    exposure: Annotated[float | None, exposure_s] = None
-    sequence: bool | None = None
-    readout: Annotated[float | None, seconds] = None
+    exposure: Annotated[float | None, exposure_s] = option("""--exposure S: exposure time in seconds, as 0.04,
+        1/25 or 40ms, with --focal or --camera: the angular velocity is the rotation over it (default: that of
+        EXIF)""")
+    sequence: bool | None = option("""--sequence: the photographs are a video in this order: those before and
+        after each one show which end of its exposure came first, so that rates are one series; with
+        --no-sequence not even the frames of a video do (default: those of a video)""")
+    readout: Annotated[float | None, seconds] = rare_option("""--readout S: of a rolling shutter, with --focal
+        or --camera: seconds from the start of exposure of the first row to that of the last one; rows are
+        those of the file as stored. A point that moves with the rows is seen for longer, so the motion
+        differs with the order in time: one is given, of both that which has less parallax, the other is
+        backward in the JSON document""")
 
     def check(self, lens: Lens) -> None:
         """Raise ValueError where rates are asked for without intrinsics, or no shutter is as slow."""
@@ -129,26 +127,33 @@ class InTime:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimating:
-    """estimation: A smear is the path of a scene point in the picture while the shutter was open.
+    """Estimation.
+
+    A smear is the path of a scene point in the picture while the shutter was open.
 
     Its two ends are a match whose order in time is unknown.
-
-    Rarely:
-    --beta SHARE: share, above 0 and at most 1, of the network's smears (one every 32 pixels) that may be
-        used, the most certain ones (default: %(default)s)
-    --max-error PX: largest Sampson distance, in the better order of the ends, of an inlier (default:
-        %(default).4g, the square root of the paper's 3 squared pixels)
-    --seed N: of the random samples, 0 or more; equal seeds give equal results (default: %(default)s)
-    --model ONNX: a smear network, written by tools/training/export.py (default: the shipped one)
-    --provider NAME: let ONNX Runtime run the network on cuda, coreml, openvino or what else its build has,
-        for example onnxruntime-gpu; results differ by rounding (default: the processor)
     """
 
-    beta: float = SelectOptions.beta
-    max_error: float = EstimatorOptions.max_error_px
-    seed: Annotated[int, whole(0)] = 0
-    model: str | None = None
-    provider: str | None = None
+    beta: float = rare_option(
+        """--beta SHARE: share, above 0 and at most 1, of the network's smears (one every 32 pixels) that
+        may be used, the most certain ones (default: %(default)s)""",
+        SelectOptions.beta,
+    )
+    max_error: float = rare_option(
+        """--max-error PX: largest Sampson distance, in the better order of the ends, of an inlier
+        (default: %(default).4g, the square root of the paper's 3 squared pixels)""",
+        EstimatorOptions.max_error_px,
+    )
+    seed: Annotated[int, whole(0)] = rare_option(
+        """--seed N: of the random samples, 0 or more; equal seeds give equal results (default:
+        %(default)s)""",
+        0,
+    )
+    model: str | None = rare_option("""--model ONNX: a smear network, written by tools/training/export.py
+        (default: the shipped one)""")
+    provider: str | None = rare_option("""--provider NAME: let ONNX Runtime run the network on cuda, coreml,
+        openvino or what else its build has, for example onnxruntime-gpu; results differ by rounding (default:
+        the processor)""")
 
     def __post_init__(self) -> None:
         self.select()
@@ -165,36 +170,27 @@ class Estimating:
 
 @dataclass(frozen=True, kw_only=True)
 class Many:
-    """many photographs.
-
-    --jobs N: processes, of one thread each; any number gives the same bytes (default: one per core)
-    Rarely:
-    --dask ADDRESS: let the workers of a Dask cluster do the work, as of: dask scheduler; dask worker
-        tcp://HOST:8786; --dask tcp://HOST:8786. Photographs are sent, files are written here; the workers
-        need this blur2view (pip install '.[dask]'). A scheduler is trusted like a shell: who reaches it can
-        run programs on the workers and here; blur2view itself listens nowhere. Not with a database's camera,
-        nor with --link
-    """
+    """Many photographs."""
 
     either = ("jobs", "dask")
-    jobs: int | None = None
-    dask: Annotated[str | None, dask_address] = None
+    jobs: int | None = option("""--jobs N: processes, of one thread each; any number gives the same bytes
+        (default: one per core)""")
+    dask: Annotated[str | None, dask_address] = rare_option("""--dask ADDRESS: let the workers of a Dask
+        cluster do the work, as of: dask scheduler; dask worker tcp://HOST:8786; --dask tcp://HOST:8786.
+        Photographs are sent, files are written here; the workers need this blur2view (pip install '.[dask]').
+        A scheduler is trusted like a shell: who reaches it can run programs on the workers and here;
+        blur2view itself listens nowhere. Not with a database's camera, nor with --link""")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Folder:
-    """output.
+    """Output."""
 
-    -o, --output DIR: write files of each photograph, see below, into DIR, in place of those of an earlier
-        call
-    --json: print one JSON document instead of the summaries, see below
-    --resume: with -o: skip photographs whose results in DIR are all there, and of the same content, options,
-        network and version; do the others
-    """
-
-    output: Path | None = None
-    json: bool = False
-    resume: bool = False
+    output: Path | None = option("""-o, --output DIR: write files of each photograph, see below, into DIR, in
+        place of those of an earlier call""")
+    json: bool = flag("--json: print one JSON document instead of the summaries, see below")
+    resume: bool = flag("""--resume: with -o: skip photographs whose results in DIR are all there, and of the
+        same content, options, network and version; do the others""")
 
     def __post_init__(self) -> None:
         if self.resume and self.output is None:
@@ -203,13 +199,11 @@ class Folder:
 
 @dataclass(frozen=True, kw_only=True)
 class Common:
-    """output.
-
-    --csv FILE: write a table with a row for each photograph; blur2view triage --help-all names its columns
-    """
+    """Output."""
 
     reading: Reading
-    csv: Path | None = None
+    csv: Path | None = option("""--csv FILE: write a table with a row for each photograph; blur2view triage
+        --help-all names its columns""")
     lens: Lens = group(Lens)
     estimating: Estimating = group(Estimating)
     many: Many = group(Many)

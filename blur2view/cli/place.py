@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
+from blur2view.cli.parser import group, rare_option, required, share
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.cli.values import share
 from blur2view.colmap.models import find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, ImageError
 from blur2view.images.inputs import list_photographs
@@ -28,22 +27,16 @@ class PlaceOptions:
     Put the views that blur2view to-colmap --link has written to a project, NAME#open and NAME#close, into
     COLMAP's model of the frames. The frames stay where they are; their poses are the camera's path, on which
     the smears say how long an exposure was.
-
-    DB: the project with the views
-    MODEL: folder of COLMAP's model of the frames, or of a mapper's models, of which the largest is taken
-    FRAMES: folder of the frames, all of one video: COLMAP's --image_path. Where their numbers leave some
-        out, no two are taken for neighbours
-    -o, --output DIR: where the model goes
-    Rarely:
-    --fraction F: exposure time over frame interval, at most 1, if it is known (default: measured from the
-        smears)
     """
 
-    database: Path
-    model: Path
-    photographs: Path
-    output: Path
-    fraction: Annotated[float | None, share] = None
+    database: Path = required("DB: the project with the views")
+    model: Path = required("""MODEL: folder of COLMAP's model of the frames, or of a mapper's models, of which
+        the largest is taken""")
+    photographs: Path = required("""FRAMES: folder of the frames, all of one video: COLMAP's --image_path.
+        Where their numbers leave some out, no two are taken for neighbours""")
+    output: Path = required("-o, --output DIR: where the model goes")
+    fraction: Annotated[float | None, share] = rare_option("""--fraction F: exposure time over frame interval,
+        at most 1, if it is known (default: measured from the smears)""")
     printing: Printing = group(Printing)
 
     examples = (

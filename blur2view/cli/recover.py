@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
+from blur2view.cli.parser import flag, group, option, required
 from blur2view.cli.place import frame_names, refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
@@ -29,21 +29,18 @@ class RecoverOptions:
     patch of a registered neighbour is blurred as this frame is, and this frame as the neighbour is: then both
     carry the same blur, and match. Frames of the model keep their poses; a frame that does not agree with its
     neighbours is refused.
-
-    MODEL: folder of COLMAP's model of some frames, or of a mapper's models, of which the largest is taken
-    FRAMES: folder of all frames, of one video: COLMAP's --image_path. Where their numbers leave some out, no
-        two are taken for neighbours
-    -o, --output DIR: where the model goes
-    --tracks DB: also write DIR/tracks.db, for videos without a sharp frame: a copy of the model's project
-        with keypoints and verified matches of blurred patches, more exact than those of SIFT, to map anew
-    --refine: adjust the recovered poses and the model's points together (bundle adjustment); other poses stay
     """
 
-    model: Path
-    photographs: Path
-    output: Path
-    tracks: Path | None = None
-    refine: bool = False
+    model: Path = required("""MODEL: folder of COLMAP's model of some frames, or of a mapper's models, of
+        which the largest is taken""")
+    photographs: Path = required("""FRAMES: folder of all frames, of one video: COLMAP's --image_path. Where
+        their numbers leave some out, no two are taken for neighbours""")
+    output: Path = required("-o, --output DIR: where the model goes")
+    tracks: Path | None = option("""--tracks DB: also write DIR/tracks.db, for videos without a sharp frame: a
+        copy of the model's project with keypoints and verified matches of blurred patches, more exact than
+        those of SIFT, to map anew""")
+    refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
+        adjustment); other poses stay""")
     printing: Printing = group(Printing)
 
     examples = ("blur2view recover with_views frames -o all_frames", "blur2view to-transforms all_frames")

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from blur2view import __version__
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Command, InTime
+from blur2view.cli.parser import group, option
 from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.cli.work import estimated, record_of
@@ -24,13 +24,14 @@ class ReportOptions(Command):
     Write one HTML file that holds everything and loads nothing: to look at, to send, to archive. An index of
     the photographs; of each the verdict, the picture with smears, epipolar lines, motion mask and uncertainty
     as layers, and its record, also as the JSON document of blur2view estimate to download.
-
-    -o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless all fail
-    --no-mask: without the motion mask: faster
     """
 
-    output: Path = Path("report.html")
-    mask: bool = True
+    output: Path = option(
+        """-o, --output HTML: the page (default: %(default)s); one of an earlier call is replaced, unless
+        all fail""",
+        Path("report.html"),
+    )
+    mask: bool = option("--no-mask: without the motion mask: faster", True)
     in_time: InTime = group(InTime)
 
     examples = (

@@ -9,11 +9,10 @@ from typing import Annotated
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Command, Folder
+from blur2view.cli.parser import group, one_of, option, probability
 from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import printable
-from blur2view.cli.values import one_of, probability
 from blur2view.cli.work import estimated, record_of
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
 from blur2view.movers.mask import segment
@@ -40,18 +39,18 @@ class SegmentOptions(Command):
     Segment what moves by itself from what the camera's motion explains. Two networks weigh what the
     photograph looks like, and how its blur departs from the camera's motion, one smooth field through the
     smears; outlines follow the photograph's edges.
-
-    --threshold P: probability that the highest place of a part must reach (default: %(default)s); a lower
-        one misses less of what moves, and marks more of what stands still
-    --masks NAME: also write masks for a program, colmap, nerfstudio or instant-ngp; may be repeated. They
-        lie below DIR/masks: colmap NAME.jpg.png and nerfstudio NAME.png, 0 where pixels are ignored,
-        instant-ngp dynamic_mask_NAME.png, 255 there (blur2view to-transforms --masks-from DIR puts them where
-        these trainers look)
     """
 
     folder: Folder = group(Folder)
-    threshold: Annotated[float, probability] = THRESHOLD
-    masks: Annotated[list[str] | None, one_of(*MaskFormat)] = None
+    threshold: Annotated[float, probability] = option(
+        """--threshold P: probability that the highest place of a part must reach (default: %(default)s);
+        a lower one misses less of what moves, and marks more of what stands still""",
+        THRESHOLD,
+    )
+    masks: Annotated[list[str] | None, one_of(*MaskFormat)] = option("""--masks NAME: also write masks for a
+        program, colmap, nerfstudio or instant-ngp; may be repeated. They lie below DIR/masks: colmap
+        NAME.jpg.png and nerfstudio NAME.png, 0 where pixels are ignored, instant-ngp dynamic_mask_NAME.png,
+        255 there (blur2view to-transforms --masks-from DIR puts them where these trainers look)""")
 
     examples = (
         "blur2view segment street.jpg -o masks",

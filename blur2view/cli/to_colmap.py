@@ -9,6 +9,7 @@ from typing import Any
 from blur2view.camera.camera import Camera
 from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
 from blur2view.cli.options import Command
+from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.run import Photographs
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.cli.work import estimated, record_of
@@ -76,21 +77,17 @@ class ToColmapOptions(Command):
     blur2view.mapper_options() has the mapper's options, as its defaults refuse such short baselines, and
     help("blur2view.colmap.mapping") the ways to map. With --link the views join a project of yours; blur2view
     place puts them into its model.
-
-    --db DB: the database: a new one, or with --link yours
-    --json: print one JSON document instead of the summaries, see below
-    --link: add to a database that holds the photographs and their features
-    --sequence: the photographs are a video in this order: those before and after each one show which view
-        came first; with --no-sequence not even the frames of a video do (default: those of a video)
-    Rarely:
-    --no-backup: with --link: do not copy the database to DB.<time>.bak first
     """
 
-    db: Path
-    json: bool = False
-    link: bool = False
-    sequence: bool | None = None
-    backup: bool = True
+    db: Path = required("--db DB: the database: a new one, or with --link yours")
+    json: bool = flag("--json: print one JSON document instead of the summaries, see below")
+    link: bool = flag("--link: add to a database that holds the photographs and their features")
+    sequence: bool | None = option("""--sequence: the photographs are a video in this order: those before and
+        after each one show which view came first; with --no-sequence not even the frames of a video do
+        (default: those of a video)""")
+    backup: bool = rare_option(
+        "--no-backup: with --link: do not copy the database to DB.<time>.bak first", True
+    )
 
     examples = (
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",

@@ -8,11 +8,10 @@ from pathlib import Path, PurePath
 from typing import Annotated, Any
 
 from blur2view import __version__
-from blur2view.cli.adapter import group
 from blur2view.cli.options import Printing
+from blur2view.cli.parser import exposure_s, group, one_of, option, radius, required
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable
-from blur2view.cli.values import exposure_s, one_of, radius
 from blur2view.colmap import DIALECTS, GSPLAT
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths
@@ -46,28 +45,29 @@ class ToTransformsOptions:
     and gsplat know no blur and take each frame as sharp at mid exposure; --max-smear leaves out what is not.
     The world is the model's, in its unit. help("blur2view.colmap.transforms") has all conventions with their
     sources.
-
-    MODEL: folder of a COLMAP model with views
-    --images DIR: folder of the photographs (default: the one that blur2view place, or COLMAP, noted in
-        MODEL/project.ini, or else images beside the file)
-    --exposure S: exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with the
-        velocities shows in a photograph (default: %(default)g, velocities per exposure)
-    --masks-from DIR: results of blur2view segment of these photographs, whose masks are put where the
-        trainer reads them
-    --max-smear PX: leave out photographs whose smear is longer, in pixels, or unknown (default: keep all); a
-        sharp one has none
-    -o, --output JSON: the file, for gsplat a folder (default: %(default)s); one of an earlier call is
-        replaced
-    --dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)
     """
 
-    model: Path
-    photographs: Path | None = None
-    exposure: Annotated[float, exposure_s] = 1.0
-    masks: Path | None = None
-    max_smear: Annotated[float | None, radius] = None
-    output: Path = Path("transforms.json")
-    dialect: Annotated[str, one_of(*DIALECTS, GSPLAT)] = DIALECTS[0]
+    model: Path = required("MODEL: folder of a COLMAP model with views")
+    photographs: Path | None = option("""--images DIR: folder of the photographs (default: the one that
+        blur2view place, or COLMAP, noted in MODEL/project.ini, or else images beside the file)""")
+    exposure: Annotated[float, exposure_s] = option(
+        """--exposure S: exposure time in seconds, as 0.02 or 1/50, for nerfstudio; only its product with
+        the velocities shows in a photograph (default: %(default)g, velocities per exposure)""",
+        1.0,
+    )
+    masks: Path | None = option("""--masks-from DIR: results of blur2view segment of these photographs, whose
+        masks are put where the trainer reads them""")
+    max_smear: Annotated[float | None, radius] = option("""--max-smear PX: leave out photographs whose smear
+        is longer, in pixels, or unknown (default: keep all); a sharp one has none""")
+    output: Path = option(
+        """-o, --output JSON: the file, for gsplat a folder (default: %(default)s); one of an earlier call
+        is replaced""",
+        Path("transforms.json"),
+    )
+    dialect: Annotated[str, one_of(*DIALECTS, GSPLAT)] = option(
+        "--dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)",
+        DIALECTS[0],
+    )
     printing: Printing = group(Printing)
 
     examples = (

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import cv2
 
-from blur2view.cli import values
 from blur2view.cli.options import Command
+from blur2view.cli.parser import flag, length, option, radius
 from blur2view.cli.run import Finished, Photographs
 from blur2view.cli.terminal import plural, printable
 from blur2view.cli.work import estimated, record_of
@@ -61,25 +61,26 @@ class TriageOptions(Command):
     of all, and a list, or a folder, of those to use. Each is sharp; blurred but of use, where geometry
     explains its smears; unusable, where nothing does; out of focus; or unclear, where it is too smooth or too
     dark to show blur, which the variance of the Laplacian would confuse.
-
-    --keep LIST: write the list of photographs to keep, see below
-    --extract DIR: write the photographs to keep into a folder, frames of videos as PNG, see below
-    --blurred: keep the blurred ones, too, that geometry can use
-    --best N: keep the N sharpest: those called sharp before others, then by the width of all of the blur
-    --every-best N: keep the sharpest of every N neighbours
-    --max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to which half
-        of its SIFT features are still matched)
-    --max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default: %(default)s)
     """
 
     either = ("blurred", "best", "every_best")
-    keep: Path | None = None
-    extract: Path | None = None
-    blurred: bool = False
-    best: int | None = None
-    every_best: int | None = None
-    max_smear: Annotated[float, values.length] = MAX_SMEAR_PX
-    max_defocus: Annotated[float, values.radius] = MAX_DEFOCUS_PX
+    keep: Path | None = option("--keep LIST: write the list of photographs to keep, see below")
+    extract: Path | None = option("""--extract DIR: write the photographs to keep into a folder, frames of
+        videos as PNG, see below""")
+    blurred: bool = flag("--blurred: keep the blurred ones, too, that geometry can use")
+    best: int | None = option("""--best N: keep the N sharpest: those called sharp before others, then by the
+        width of all of the blur""")
+    every_best: int | None = option("--every-best N: keep the sharpest of every N neighbours")
+    max_smear: Annotated[float, length] = option(
+        """--max-smear PX: the longest smear of a sharp photograph, in pixels (default: %(default)s, up to
+        which half of its SIFT features are still matched)""",
+        MAX_SMEAR_PX,
+    )
+    max_defocus: Annotated[float, radius] = option(
+        """--max-defocus PX: the largest radius out of focus of a sharp photograph, in pixels (default:
+        %(default)s)""",
+        MAX_DEFOCUS_PX,
+    )
 
     examples = (
         "blur2view triage clip.mp4 --every-best 6 --extract frames",

@@ -1,0 +1,280 @@
+"""Options: fields of dataclasses with their help, how words are read, and the parser of a command.
+
+A command is a frozen dataclass of options and of groups of options, which commands share. The first line of
+a group's docstring is its title, the rest what the help says above its options; of a command the rest is its
+description. Options that a class lists as ``either`` exclude each other.
+"""
+
+import argparse
+import inspect
+import math
+import re
+import shutil
+import sys
+from argparse import ArgumentTypeError, BooleanOptionalAction
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, field, fields, is_dataclass
+from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, NoReturn, get_args, get_origin
+
+from blur2view.cli.terminal import EXIT_CODES, printable
+from blur2view.errors import CameraError
+from blur2view.geometry.rolling_shutter import LONG_S
+
+SHORT = re.compile(r"; |\. |, see below| \(default")  # where the first words of an explanation end
+MIN_LIKENESS = 0.8  # of an option to the word that was written, to be proposed; difflib's ratio
+MIN_FOCAL_PX = 100.0  # a smaller focal length needs its unit: it may be millimetres
+MESSAGES = {
+    "^argument ": "",
+    "^the following arguments are required: INPUT": "name photographs, a folder or a video",
+    "^the following arguments are required: ": "name ",
+    "^unrecognized arguments: (.*)": r"\1 is too much; name one",
+    r"invalid \w+ value: ": "expected a number, got ",
+}
+"""What argparse says, and what is printed."""
+
+
+def option(text: str, default: Any = None, *, rare: bool = False) -> Any:
+    """Return the field of an option whose text is ``--every N: of a video take one frame in N``.
+
+    Without a dash, as ``INPUT: photographs``, it is an argument. What is ``rare`` is in --help-all alone. The
+    type says how a word is read: ``Annotated[float, function]`` by a function.
+    """
+    spec, _, explanation = " ".join(text.split()).partition(": ")
+    words = spec.replace(",", "").split()
+    names = [one for one in words if one.startswith("-")]
+    metavar = words[-1] if words[-1] not in names else None
+    return field(
+        default=default, metadata={"names": names, "metavar": metavar, "help": explanation, "rare": rare}
+    )
+
+
+rare_option = partial(option, rare=True)
+flag = partial(option, default=False)
+required = partial(option, default=MISSING)
+
+
+def group(kind: type) -> Any:
+    """Return the field of a group of options, all as they are by default."""
+    return field(default_factory=kind)
+
+
+def whole(minimum: int) -> Callable[[str], int]:
+    """Return a reader of whole numbers from ``minimum`` on."""
+
+    def number(text: str) -> int:
+        if not text.isdecimal() or int(text) < minimum:
+            raise ArgumentTypeError(f"must be a whole number, {minimum} or more, got {text}")
+        return int(text)
+
+    return number
+
+
+def measured(
+    text: str, expected: str, allowed: Callable[[float, str], object], *units: str
+) -> tuple[float, str]:
+    """Return a number of 0 or more, or a fraction as 1/25, and its unit, one of these or empty.
+
+    ArgumentTypeError, which names what is ``expected``, unless value and unit are ``allowed``.
+    """
+    unit = next((one for one in units if text.endswith(one)), "")
+    above, slash, below = text.removesuffix(unit).partition("/")
+    try:
+        value = float(above) / (float(below) if slash else 1.0)
+    except (ValueError, ZeroDivisionError):
+        value = math.nan
+    if not 0 <= value < math.inf or not allowed(value, unit):
+        raise ArgumentTypeError(f"expected {expected}, got {text}")
+    return value, unit
+
+
+def quantity(
+    expected: str, allowed: Callable[[float, str], object], **units: float
+) -> Callable[[str], float]:
+    """Return a reader of `measured` numbers; ``units`` says how many of each unit are 1."""
+
+    def number(text: str) -> float:
+        value, unit = measured(text, expected, allowed, *units)
+        return value / units.get(unit, 1)
+
+    return number
+
+
+SECONDS = "seconds as 0.04 or 1/25, more than 2 with their unit as 3s or 40ms"
+share = quantity("a share above 0 and at most 1", lambda value, _: 0 < value <= 1)
+probability = quantity("a probability above 0 and below 1", lambda value, _: 0 < value < 1)
+seconds = quantity(SECONDS, lambda value, unit: unit or value <= LONG_S, ms=1000, s=1)
+exposure_s = quantity(SECONDS, lambda value, unit: value > 1e-9 and (unit or value <= LONG_S), ms=1000, s=1)
+focal_px = quantity(
+    "pixels, as 800, or 80px for fewer than 100 (--camera exif reads millimetres from the photograph)",
+    lambda value, unit: unit or value >= MIN_FOCAL_PX,
+    px=1,
+)
+radius = quantity("pixels above 0, as 2", lambda value, _: value, px=1)
+length = quantity("pixels, as 3", lambda *_: True, px=1)
+
+
+def frame_or_seconds(text: str) -> int | float:
+    """Return the number of a frame, or a time in seconds as a float."""
+    expected = "a frame as 120 or a time as 12.5s"
+    value, unit = measured(text, expected, lambda value, unit: unit or value.is_integer(), "s")
+    return value if unit else int(value)
+
+
+def dask_address(text: str) -> str:
+    """Return the address of a scheduler that is reached by TCP, which alone is tried."""
+    if not re.fullmatch(r"tcp://(\[[\d:.a-fA-F]+\]|[^/:\[\]]+):\d{1,5}", text):
+        raise ArgumentTypeError(f"expected tcp://HOST:PORT, got {text}")
+    return text
+
+
+def one_of(*names: str) -> Callable[[str], str]:
+    """Return a reader of one of these names."""
+
+    def name(text: str) -> str:
+        if text not in names:
+            raise ArgumentTypeError(f"expected {', '.join(names[:-1])} or {names[-1]}, got {text}")
+        return text
+
+    return name
+
+
+READERS: dict[Any, Callable[[str], Any]] = {Path: Path, int: whole(1), float: float}
+"""What makes a value of a word, by the type of the field."""
+
+
+def words_of(kind: Any) -> tuple[str, str]:
+    """Return the first line of a class's docstring without its full stop, and the rest as one line."""
+    first, _, rest = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")
+    return first.removesuffix("."), " ".join(rest.split())
+
+
+class Layout(argparse.HelpFormatter):
+    """As argparse has it, no wider than is read with ease; a text of several lines keeps them."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, width=min(max(shutil.get_terminal_size().columns, 60), 110) - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that says so where its help cannot be printed, and of wrong usage one line."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        (file or sys.stderr).write(message)
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with one line, in which what a terminal would obey is written as escapes."""
+        for said, printed in MESSAGES.items():
+            message = re.sub(said, printed, message)
+        self.exit(2, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
+
+    def add_table(self, title: str, rows: str | Mapping[str, str]) -> None:
+        """Add a titled list to the help below the options; further lines of a row are indented."""
+        if isinstance(rows, str):
+            rows = dict(line.split(": ", 1) for line in re.sub(r"\n +", " ", rows).splitlines() if line)
+        section = self.add_argument_group(title)
+        for name, text in rows.items():
+            section._group_actions.append(argparse.Action([], "", metavar=name, help=text.replace("%", "%%")))
+
+
+class CommandParser(Parser):
+    """The parser of a command's dataclass.
+
+    Its help has the options that are not rare, in a few words each, and the examples; with ``everything`` all
+    of them, and the ``tables()`` of the command: titles with lines "name: explanation", or mappings of these.
+    """
+
+    def __init__(self, command: str, kind: Any, *, everything: bool = False) -> None:
+        super().__init__(prog=f"blur2view {command}", formatter_class=Layout, allow_abbrev=False)
+        self.command, self.kind, self.everything = command, kind, everything
+        self.description = words_of(kind)[1]
+        more = f"all options and files: {self.prog} --help-all"
+        self.epilog = "\n  ".join(["examples:", *kind.examples]) + f"\n\n{more}" * (not everything)
+        self.add_argument("--help-all", action="help", help="show all options and files, and exit")
+        self._sections: dict[str, Any] = {"options": self._optionals}
+        self._add(kind, "options")
+        actions = [one for one in self._actions if one.required]
+        needed = [(*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}") for one in actions]
+        self.usage = " ".join([self.prog, "[OPTIONS]", *(" ".join(one) for one in needed)])
+        if everything:
+            for title, rows in (kind.tables() | {"exit codes": EXIT_CODES}).items():
+                self.add_table(title, rows)
+
+    def _add(self, kind: Any, title: str, about: str = "") -> None:
+        """Add the options of a dataclass and of its groups; all their names differ."""
+        own, groups = (
+            [one for one in fields(kind) if is_dataclass(one.type) == wanted] for wanted in (False, True)
+        )
+        if own and title not in self._sections:
+            self._sections[title] = self.add_argument_group(title, about * self.everything or None)
+        either = None
+        for one in own:
+            section, said = self._sections[title], one.metadata
+            if one.name in getattr(kind, "either", ()):
+                section = either = either or section.add_mutually_exclusive_group()
+            action = section.add_argument(*(said["names"] or [one.name]), **_settings(one))
+            action.help = said["help"] if self.everything else SHORT.split(said["help"])[0]
+            action.metavar = said["metavar"]
+            if said["rare"] and not self.everything:
+                action.help = argparse.SUPPRESS
+        for one in groups:
+            title, about = words_of(one.type)
+            self._add(one.type, title.lower(), about)
+
+    def read(self, words: Sequence[str]) -> Any:
+        """Return the options that words state; wrong usage ends the program with one line."""
+        if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
+            self.error("an argument is empty; is it a variable that is not set?")  # or the current folder
+        for word in words[: words.index("--")] if "--" in words else words:
+            if re.match(r"-[^\d.]", word):
+                self._refuse_unknown(word.partition("=")[0])
+        if "--" in words:  # behind which argparse, as it mixes words and options, would read options
+            at = words.index("--")
+            files = (f"./{one}" if one[0] == "-" != one else one for one in words[at + 1 :])
+            words = [*words[:at], *files]
+        values = vars(self.parse_intermixed_args(words))
+        try:
+            return _made(self.kind, values)
+        except (ValueError, CameraError) as error:
+            self.error(str(error))
+
+    def _refuse_unknown(self, name: str) -> None:
+        """Refuse an option that is none, with the one that may be meant; -out is not -o ut."""
+        options = list(self._option_string_actions)
+        near = [one for one in options if len(name) > 2 and one.startswith((name, f"-{name}"))]
+        if name in options or (name[:2] in options and not near):
+            return
+        near += get_close_matches(name, options, 1, MIN_LIKENESS)
+        remedy = "".join(f"; did you mean {one}?" for one in near[:1])
+        self.error(f"{name} is no option of {self.command}{remedy}")
+
+
+def _settings(one: Field[Any]) -> dict[str, Any]:
+    """Return how argparse reads an option, or an argument."""
+    kind, reader = get_args(one.type) if get_origin(one.type) is Annotated else (one.type, None)
+    readers = [READERS[part] for part in get_args(kind) or (kind,) if part in READERS]
+    how: dict[str, Any] = {"type": reader or next(iter(readers), None)}
+    if kind is bool:
+        how = {"action": "store_false" if one.default else "store_true"}
+    elif kind == bool | None:
+        how = {"action": BooleanOptionalAction}
+    elif kind == list[str] | None:
+        how |= {"action": "append"}
+    if not one.metadata["names"]:
+        return how | ({"nargs": "+"} if kind == list[str] else {})
+    needed = one.default is MISSING
+    return how | {"dest": one.name} | ({"required": True} if needed else {"default": one.default})
+
+
+def _made(kind: Any, values: Mapping[str, Any]) -> Any:
+    """Return the dataclass of parsed values, with its groups; ValueError of what it refuses."""
+    made = {
+        one.name: _made(one.type, values) if is_dataclass(one.type) else values[one.name]
+        for one in fields(kind)
+    }
+    return kind(**made)
