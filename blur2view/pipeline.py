@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from blur2view.arrays import AnyArray, require
-from blur2view.camera.camera import Camera
-from blur2view.camera.intrinsics import Intrinsics, read_exif
+from blur2view.camera import Camera, read_exif
 from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
@@ -112,7 +111,7 @@ def estimate(
     if isinstance(image, str | os.PathLike):
         content = read_content(path := Path(image))
         image = read_pixels(path, content=content)
-        camera = camera or Intrinsics().of(path, image.shape[1::-1], read_exif(path, content))
+        camera = camera or read_exif(path, content).camera(image.shape[1::-1])
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
     if not callable(getattr(network, "predict", None)):

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from blur2view.arrays import AnyArray
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.pose import rotation_vector

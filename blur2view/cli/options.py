@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-from blur2view.camera.intrinsics import Intrinsics
+from blur2view.camera import Camera, ExifValues
 from blur2view.cli.parser import (
     dask_address,
     exposure_s,
@@ -23,7 +23,8 @@ from blur2view.cli.parser import (
     seconds,
     whole,
 )
-from blur2view.colmap.cameras import stored_camera
+from blur2view.colmap.cameras import camera_of_database, database_named
+from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs
 from blur2view.images.video import frame_numbers
@@ -74,6 +75,7 @@ class Lens:
     calibrated. What is stated here is believed.
     """
 
+    either = ("focal", "camera")
     focal: Annotated[float | None, focal_px] = option("""--focal PX: focal length in pixels; the principal
         point is the photograph's centre""")
     camera: str | None = option("""--camera CAMERA: instead of --focal: a camera as COLMAP writes it, "MODEL
@@ -82,22 +84,41 @@ class Lens:
         image of this name) or "project.db:ID", or "exif" to take the focal length of EXIF for true""")
 
     def __post_init__(self) -> None:
-        self.intrinsics()
+        if self.focal is not None:
+            Camera.from_focal(self.focal, (1, 1))  # which checks it
+        if self.camera is not None and self.camera != "exif" and self.database is None:
+            Camera.from_string(self.camera)
 
     @property
     def database(self) -> Path | None:
         """The COLMAP database that has the camera, if one does."""
-        stored = stored_camera(self.camera or "")
-        return None if stored is None else stored.database
+        stored = database_named(self.camera or "")
+        return None if stored is None else stored[0]
 
     @property
     def stated(self) -> bool:
         """Whether there are intrinsics."""
         return self.focal is not None or self.camera is not None
 
-    def intrinsics(self) -> Intrinsics:
-        """Return what is stated of the camera; ValueError or CameraError if it is not valid."""
-        return Intrinsics(focal_px=self.focal, camera=stored_camera(self.camera or "") or self.camera)
+    def camera_of(self, path: Path, image_size: tuple[int, int], exif: ExifValues) -> Camera | None:
+        """Return the camera of a photograph of this (width, height), upright, as far as it is stated.
+
+        CameraError if EXIF is asked for and has none, a database cannot be used, or the size does not fit.
+        """
+        if self.focal is not None:
+            return Camera.from_focal(self.focal, image_size)
+        if self.camera is None:
+            return exif.camera(image_size)
+        if self.camera == "exif":
+            if (camera := exif.camera(image_size, log_focal_sigma=0.0)) is None:
+                raise CameraError(f"{path}: EXIF names no focal length; give it with --focal PX")
+            return camera
+        stored = database_named(self.camera)
+        camera = Camera.from_string(self.camera) if stored is None else camera_of_database(*stored, str(path))
+        try:
+            return camera.for_image(image_size)
+        except CameraError as error:
+            raise CameraError(f"{path}: {error}") from None
 
 
 @dataclass(frozen=True, kw_only=True)

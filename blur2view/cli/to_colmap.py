@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from blur2view.camera.camera import Camera
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues
+from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
 from blur2view.cli.options import Command
 from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.run import Photographs
@@ -161,7 +160,7 @@ def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
     plan, lens = job.plan, options.common.lens
 
     def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
-        stated = lens.intrinsics().of(path, size, exif)
+        stated = lens.camera_of(path, size, exif)
         if plan is None:
             return stated
         return _project_camera(plan, options.db, path, size, stated, hint=not lens.stated)

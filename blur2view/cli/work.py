@@ -13,8 +13,7 @@ import numpy as np
 
 from blur2view import __version__
 from blur2view.arrays import AnyArray, Array
-from blur2view.camera.camera import Camera
-from blur2view.camera.intrinsics import ExifValues, read_exif
+from blur2view.camera import Camera, ExifValues, read_exif
 from blur2view.cli.options import Command
 from blur2view.errors import Blur2ViewError, CameraError
 from blur2view.exposure.features import Features, features_of, match_features
@@ -95,7 +94,7 @@ def estimated(
         select=options.common.estimating.select(),
         options=options.common.estimating.robust(),
         rng=np.random.default_rng(options.common.estimating.seed),
-        camera=(camera_of or options.common.lens.intrinsics().of)(path, image.shape[1::-1], exif),
+        camera=(camera_of or options.common.lens.camera_of)(path, image.shape[1::-1], exif),
         shutter=_shutter(job.source, timing.readout, exposure_s, exif),
         detail=detail,
     )

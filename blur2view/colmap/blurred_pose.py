@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.camera import to_colmap
+from blur2view.camera import to_colmap
 from blur2view.colmap.blur_matching import (
     HALF_PATCH,
     SAMPLE_STEP,

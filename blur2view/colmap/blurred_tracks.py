@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import normalised_points, to_colmap
+from blur2view.camera import normalised_points, to_colmap
 from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
 from blur2view.colmap.project import image_names, open_read_only
 from blur2view.colmap.recovery import FrameSequence

@@ -1,37 +1,27 @@
 """The cameras of a COLMAP database: what ``--camera project.db`` names."""
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from blur2view.camera.camera import Camera, colmap_camera
+from blur2view.camera import Camera, colmap_camera
 from blur2view.colmap.project import image_names, longest_suffix, open_read_only
 from blur2view.errors import CameraError, DatabaseError
 
-MOST_PARAMETERS = 32  # of a camera; no model has half as many
+MAX_PARAMETERS = 32  # of a camera; no model has half as many
 
 
-@dataclass(frozen=True, kw_only=True)
-class StoredCamera:
-    """A camera of a COLMAP database, looked up for every photograph."""
+def database_named(text: str) -> tuple[Path, int | None] | None:
+    """Return the database and the camera's id of "path.db" or "path.db:ID"; None of any other text.
 
-    database: Path
-    camera_id: int | None = None
-
-    def __call__(self, photograph: Path) -> Camera:
-        """Return the camera of a photograph, as `camera_of_database` does."""
-        return camera_of_database(self.database, self.camera_id, str(photograph))
-
-
-def stored_camera(text: str) -> StoredCamera | None:
-    """Return what "path.db" or "path.db:ID" names: a path that exists or looks like one; None otherwise."""
+    A path exists, or ends in .db.
+    """
     path, colon, number = text.rpartition(":")
     if colon and number.isdecimal():
-        return StoredCamera(database=Path(path), camera_id=int(number))
+        return Path(path), int(number)
     looks_like_one = text.endswith(".db") or os.path.isfile(text)
-    return StoredCamera(database=Path(text)) if looks_like_one else None
+    return (Path(text), None) if looks_like_one else None
 
 
 def camera_of_database(
@@ -65,7 +55,7 @@ def camera_of_database(
     model, width, height, params = cameras[camera_id]  # of any type
     try:
         kind = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
-        values = tuple(np.frombuffer(params, np.float64)[:MOST_PARAMETERS].tolist())
+        values = tuple(np.frombuffer(params, np.float64)[:MAX_PARAMETERS].tolist())
         camera = colmap_camera(kind, int(width), int(height), values)
         return Camera.from_colmap(camera, f"database, camera {camera_id}")
     except CameraError as error:

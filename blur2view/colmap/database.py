@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera.camera import Camera, colmap_camera, to_colmap
+from blur2view.camera import Camera, colmap_camera, to_colmap
 from blur2view.colmap.project import LOGS, MAX_IMAGES, PUT_VIEW, ensure_table, open_read_only, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews

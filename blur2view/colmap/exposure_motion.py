@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.camera import from_colmap
+from blur2view.camera import from_colmap
 from blur2view.colmap.blur_matching import same_sense
 from blur2view.exposure.trajectory import changed
 from blur2view.geometry.epipolar import cross_matrix

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera, from_colmap
+from blur2view.camera import Camera, from_colmap
 from blur2view.colmap.database import Pair, put_views, write_rows
 from blur2view.colmap.project import (
     CAMERA_SENSOR,

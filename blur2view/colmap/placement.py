@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import from_colmap, normalised_points
+from blur2view.camera import from_colmap, normalised_points
 from blur2view.colmap.models import add_image, observed, photographs_of, read_model
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints, read_matches
 from blur2view.errors import DatabaseError

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.camera import to_colmap
+from blur2view.camera import to_colmap
 from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose
 from blur2view.colmap.exposure_motion import Motion, projected

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from blur2view.arrays import AnyArray
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.exposure.features import NO_FEATURES, Features, features_of, match_features
 from blur2view.exposure.time_direction import NeighbourMotion, directed, neighbour_motion
 from blur2view.exposure.views import ExposureViews, views_of

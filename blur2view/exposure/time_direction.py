@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.exposure.views import ExposureViews, other_translation, share_in_front
 from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.two_view_geometry import TimeDirection

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.pose import RigidTransform, before_both
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import HALF_PIXEL
+from blur2view.camera import HALF_PIXEL
 from blur2view.geometry.epipolar import unit_norm
 from blur2view.geometry.pose import AngularVelocity, PoseCovariance, RigidTransform
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array, require
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.geometry.epipolar import serrmin
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.geometry.epipolar import EndProducts, denormalise
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.geometry.epipolar import fundamental_from_pose, sampson, transfer, unit_norm
 from blur2view.geometry.pose import RigidTransform, before_both, decompose_essential, rotation_flow
 from blur2view.geometry.two_view_geometry import TwoViewGeometry

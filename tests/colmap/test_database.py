@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.colmap.database import colmap_camera_of, holds_views_alone, write_database
 from blur2view.colmap.project import CAMERA_SENSOR, MAX_IMAGES, NEWEST_KNOWN, pair_id
 from blur2view.errors import DatabaseError

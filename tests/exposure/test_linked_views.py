@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blur2view import estimate_two_view
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.exposure.views import MAX_SIGMA_SHARE, STILL_PX, keypoint_views
 from blur2view.geometry.epipolar import sampson
 from blur2view.pipeline import Estimate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.exposure.sequence import estimate_frames, in_time
 from blur2view.exposure.time_direction import NeighbourMotion
 from blur2view.geometry.pose import rotation_flow

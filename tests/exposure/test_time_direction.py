@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera
+from blur2view.camera import Camera
 from blur2view.exposure.time_direction import (
     FAR_APART,
     NeighbourMotion,

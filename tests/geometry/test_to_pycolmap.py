@@ -6,7 +6,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.camera.camera import to_colmap
+from blur2view.camera import to_colmap
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
 from tests.support.scenes import IMAGE_SIZE, Scene, make_scene

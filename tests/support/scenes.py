@@ -7,7 +7,7 @@ import numpy as np
 
 from blur2view import Camera, SmearMatches
 from blur2view.arrays import Array
-from blur2view.camera.camera import from_colmap
+from blur2view.camera import from_colmap
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import rotation_matrix as rotation
 from blur2view.smears.noise import NoiseModel

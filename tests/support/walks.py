@@ -9,7 +9,7 @@ import numpy as np
 import pycolmap
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import to_colmap
+from blur2view.camera import to_colmap
 from blur2view.geometry.pose import rotation_matrix
 
 

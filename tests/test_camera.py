@@ -1,4 +1,4 @@
-"""Cameras: from a focal length, a COLMAP string or database, or EXIF; their rays, and what is refused."""
+"""Cameras of a focal length, a COLMAP string or database, OpenCV or EXIF: rays, and what is refused."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from blur2view.arrays import Array
-from blur2view.camera.camera import Camera, from_colmap, parse_camera, to_colmap
-from blur2view.camera.intrinsics import EXIF_LOG_FOCAL, ExifValues, Intrinsics, read_exif
-from blur2view.colmap.cameras import camera_of_database, stored_camera
+from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, read_exif, to_colmap
+from blur2view.cli.options import Lens
+from blur2view.colmap.cameras import camera_of_database
 from blur2view.errors import CameraError
 from tests.support.colmap_projects import run_sql
 from tests.support.many_photographs import exif_of
@@ -43,8 +43,8 @@ def database(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("text", CAMERAS)
 def test_rays_are_pycolmaps_half_a_pixel_on_also_of_a_resized_picture(text: str) -> None:
     camera = Camera.from_string(text)
-    model, width, height, params = parse_camera(text)
-    reference = pycolmap.Camera(model=model, width=width, height=height, params=params)
+    model, *values = text.replace(",", " ").split()
+    reference = pycolmap.Camera(model=model, width=640, height=480, params=list(map(float, values[2:])))
     rays = camera.rays(POINTS)
     np.testing.assert_allclose(rays, [reference.cam_from_img(p + 0.5) for p in POINTS], atol=1e-12)
     np.testing.assert_allclose(distorted_points(reference, rays), POINTS, atol=1e-6)
@@ -77,7 +77,7 @@ def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
 
 @pytest.mark.parametrize("focal", [0.0, -1.0, np.nan, 1e300])
 def test_a_focal_length_must_be_possible(focal: float) -> None:
-    for make in (lambda: Camera.from_focal(focal, SIZE), lambda: Intrinsics(focal_px=focal)):
+    for make in (lambda: Camera.from_focal(focal, SIZE), lambda: Lens(focal=focal)):
         with pytest.raises(ValueError, match="focal length must be"):
             make()
 
@@ -99,21 +99,23 @@ def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
     assert values.exposure_s == pytest.approx(0.04)
 
 
-def test_intrinsics_choose_the_camera(database: Path) -> None:
+def test_options_choose_the_camera_and_exif_is_a_hint_without_them(database: Path) -> None:
     path, exif = Path("walks/b.jpg"), ExifValues(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
-    assert Intrinsics().of(path, SIZE, ExifValues()) is None
-    hint = Intrinsics().of(path, SIZE, exif)
+    assert Lens().camera_of(path, SIZE, ExifValues()) is None
+    hint = Lens().camera_of(path, SIZE, exif)
     assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
-    for stated, focal_px, source in (
-        (Intrinsics(camera="exif"), 600, "exif (FocalLengthIn35mmFilm)"),
-        (Intrinsics(focal_px=525.0), 525, "focal"),
-        (Intrinsics(camera=stored_camera(str(database))), 525, "database, camera 2"),
-        (Intrinsics(camera=stored_camera(f"{database}:1")), 525, "database, camera 1"),
-        (Intrinsics(camera=RADIAL), 525, "camera string"),
+    for lens, focal_px, source in (
+        (Lens(camera="exif"), 600, "exif (FocalLengthIn35mmFilm)"),
+        (Lens(focal=525.0), 525, "focal"),
+        (Lens(camera=str(database)), 525, "database, camera 2"),
+        (Lens(camera=f"{database}:1"), 525, "database, camera 1"),
+        (Lens(camera=RADIAL), 525, "camera string"),
     ):
-        camera = stated.of(path, SIZE, exif)
+        camera = lens.camera_of(path, SIZE, exif)
         assert camera is not None and camera.known and camera.source == source
         assert camera.focal_px == pytest.approx(focal_px)
+    with pytest.raises(CameraError, match="EXIF names no focal length; give it"):
+        Lens(camera="exif").camera_of(path, SIZE, ExifValues())
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8])

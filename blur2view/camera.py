@@ -1,27 +1,37 @@
-"""A camera's intrinsics, the rays of pixels, and COLMAP's conventions.
+"""A camera's intrinsics, the rays of pixels, and what EXIF states of them; COLMAP's conventions.
 
-COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, we put (0, 0) there: pixels of cameras pass
-through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`. Camera models are those
-that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane.
+COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, blur2view puts (0, 0) there: pixels of cameras
+pass through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`. Camera models are
+those that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane.
 """
 
 from __future__ import annotations
 
+import os
+import warnings
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+from PIL import ExifTags
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import CameraError
+from blur2view.input_files import open_picture, read_regular
 
 HALF_PIXEL = 0.5
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
-FOCAL_PX = (0.1, 1e7)  # focal lengths of cameras; a telescope of 10 m before pixels of 2 um has 5e6
+FOCAL_PX = (0.1, 1e7)  # bounds of focal lengths; a telescope of 10 m before pixels of 2 um has 5e6
 FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
 OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
+# Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
+DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
+MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0}  # FocalPlaneResolutionUnit: inch, centimetre, millimetre
+EXIF_LOG_FOCAL = 0.1  # sd of log focal length from EXIF (bound): rounded millimetres, cropped pictures
+ROWS_TOWARDS = {3: (0, -1), 4: (0, -1), 5: (1, 0), 6: (-1, 0), 7: (-1, 0), 8: (1, 0)}  # by Orientation
+PNG_MARKS = (b"eXIf", b"Raw profile type", b"XML:com.adobe.xmp")  # a PNG with EXIF has one of them
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,14 +41,14 @@ class Camera:
     Parameters
     ----------
     K : ndarray of shape (3, 3)
-        Focal lengths and principal point in our pixels, (0, 0) at the centre of the top-left one; of a
-        distorted camera, those of its undistorted picture. No skew. ValueError if it is not so.
+        Focal lengths and principal point, pixels, (0, 0) at the centre of the top-left one; of a distorted
+        camera, those of its undistorted picture. No skew. ValueError if it is not so.
     width, height : int
-        Size in pixels of the pictures it is for.
+        Size in pixels of the camera's pictures.
     model, params : str, tuple of float
         COLMAP's name of the camera model, its parameters in COLMAP's pixels; by default a pinhole's, by K.
     source : str
-        "focal", "opencv", "camera string", "database" or "exif", and what was done since.
+        "focal", "opencv", "camera string", "database" or "exif", and any scaling since.
     log_focal_sigma : float
         Standard deviation of the natural log of the focal length. 0: known, the geometry is calibrated.
         More: a hint, the prior of an ordinary camera's focal length; nothing is called calibrated with it.
@@ -69,7 +79,8 @@ class Camera:
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
         """Return a camera of square pixels, no distortion, its principal point at the centre of the image.
 
-        ``image_size`` is width and height, ``source`` where the focal length, in pixels, is from.
+        ``image_size`` is (width, height), ``source`` names the origin of the focal length, which is in
+        pixels. ValueError if the focal length is not 0.1 to 1e7.
         """
         if not np.issubdtype(type(focal_px), np.number) or not possible_focal(focal_px):
             raise ValueError(f"focal length must be {FOCAL_RANGE}, got {focal_px!r}")
@@ -80,11 +91,10 @@ class Camera:
 
     @classmethod
     def from_opencv(cls, K: AnyArray, dist: AnyArray | None, size: tuple[int, int]) -> Camera:
-        """Return the camera of ``cv2.calibrateCamera`` and its like, for pictures of this width and height.
+        """Return the camera of ``cv2.calibrateCamera``, for pictures of this (width, height).
 
-        ``K`` (3, 3) has (0, 0) at the centre of the top-left pixel, as here; ``dist`` are 0, 4, 5 or 8
-        coefficients k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape, or None. ValueError or CameraError if
-        the values are not so.
+        ``K`` (3, 3) has (0, 0) at the centre of the top-left pixel; ``dist`` are 0, 4, 5 or 8 coefficients
+        k1, k2, p1, p2[, k3[, k4, k5, k6]] of any shape, or None. ValueError or CameraError of other values.
         """
         given = [] if dist is None else np.asarray(dist, float).ravel().tolist()
         if len(given) not in (0, 4, 5, 8, 12, 14) or any(given[8:]):
@@ -97,11 +107,17 @@ class Camera:
 
     @classmethod
     def from_string(cls, text: str) -> Camera:
-        """Return the camera of a COLMAP string, blanks or commas between: "PINHOLE 640 480 525 525 320 240".
+        """Return the camera of a COLMAP string: "PINHOLE 640 480 525 525 320 240", blanks or commas between.
 
-        CameraError if it names no camera.
+        CameraError if it is not "MODEL WIDTH HEIGHT PARAMS..." or names no possible camera.
         """
-        return cls.from_colmap(colmap_camera(*parse_camera(text)), "camera string")
+        try:
+            model, wide, high, *values = text.replace(",", " ").split()
+            width, height, params = int(wide), int(high), tuple(map(float, values))
+        except ValueError:
+            form = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
+            raise CameraError(f"camera {text!r}: is neither a database nor of the form {form}") from None
+        return cls.from_colmap(colmap_camera(model.upper(), width, height, params), "camera string")
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:
@@ -114,41 +130,42 @@ class Camera:
 
     @property
     def known(self) -> bool:
-        """Whether the geometry is calibrated with it."""
+        """Whether the focal length is known, so that the geometry is calibrated."""
         return self.log_focal_sigma == 0
 
     @property
     def distorted(self) -> bool:
-        """Whether its model is not a pinhole's."""
+        """Whether the camera model has a distortion."""
         return self.model not in PINHOLES
 
     @property
     def focal_px(self) -> float:
-        """Geometric mean of both focal lengths."""
+        """Geometric mean of both focal lengths, pixels."""
         return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
 
     @cached_property
     def _colmap(self) -> Any:
-        """The same as a pycolmap.Camera."""
+        """The same camera as a pycolmap.Camera."""
         return colmap_camera(self.model, self.width, self.height, self.params)
 
     def rays(self, points: Array) -> Array:
-        """Return coordinates x/z, y/z (..., 2) of the rays of pixels (..., 2); NaN where there is no ray."""
+        """Return the rays x/z, y/z (..., 2) of pixels (..., 2); NaN where the model has no ray."""
         points = np.asarray(points, float)
         if self.distorted:
             return normalised_points(self._colmap, points.reshape(-1, 2)).reshape(points.shape)
         return (points - self.K[:2, 2]) / np.diag(self.K)[:2]
 
     def undistorted(self, points: Array) -> Array:
-        """Return pixels (..., 2) as the pinhole camera K would see them; F and E hold for these."""
+        """Return pixels (..., 2) as the pinhole camera K sees them; F and E hold for these."""
         if not self.distorted:
             return np.asarray(points, float)
         return self.rays(points) * np.diag(self.K)[:2] + self.K[:2, 2]
 
     def for_image(self, image_size: tuple[int, int]) -> Camera:
-        """Return the camera for a picture that was resized: of any size but, to a pixel, the same shape.
+        """Return the camera of a picture that was resized to (width, height), scaled with it.
 
-        CameraError if the shapes differ: a cropped or rotated picture has another, unknown principal point.
+        CameraError if the aspect ratios differ by more than a pixel: a cropped or rotated picture has
+        another, unknown principal point.
         """
         width, height = image_size
         if (width, height) == (self.width, self.height):
@@ -166,7 +183,7 @@ class Camera:
 
 
 def _sides(image_size: tuple[int, int]) -> tuple[int, int]:
-    """Return width and height; ValueError of what is no pair, as the shape of an array."""
+    """Return width and height; ValueError of anything but a pair, such as the shape of an array."""
     if np.shape(image_size) != (2,):
         raise ValueError(f"the size must be (width, height), as image.shape[1::-1], got {image_size!r:.99}")
     return image_size
@@ -183,25 +200,12 @@ def from_colmap(points: Array) -> Array:
 
 
 def possible_focal(focal_px: float) -> bool:
-    """Return whether a camera may have this focal length; others over- or underflow in products."""
+    """Return whether a focal length is within `FOCAL_PX`; products with others over- or underflow."""
     return FOCAL_PX[0] <= focal_px <= FOCAL_PX[1]
 
 
-def parse_camera(text: str) -> tuple[str, int, int, tuple[float, ...]]:
-    """Return the parts of a COLMAP camera string, "MODEL WIDTH HEIGHT PARAMS...", blanks or commas between.
-
-    As written: `colmap_camera` checks them. CameraError if the string is not of that form.
-    """
-    try:
-        model, width, height, *params = text.replace(",", " ").split()
-        return model.upper(), int(width), int(height), tuple(map(float, params))
-    except ValueError:
-        form = "MODEL WIDTH HEIGHT PARAMS..., for example SIMPLE_RADIAL 640 480 525 320 240 0.05"
-        raise CameraError(f"camera {text!r}: is neither a database nor of the form {form}") from None
-
-
 def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]) -> Any:
-    """Return the pycolmap.Camera; CameraError if the model is unknown or a parameter cannot be."""
+    """Return a pycolmap.Camera; CameraError if the model is unknown or a value is impossible."""
     import pycolmap  # 0.7 s, so only where a camera has more than a focal length
 
     known = [
@@ -226,6 +230,82 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
 
 
 def normalised_points(camera: Any, points: Array) -> Array:
-    """Return rays (N, 2) = (x/z, y/z) of our pixels (N, 2); NaN where the model cannot be inverted."""
+    """Return rays x/z, y/z (N, 2) of pixels (N, 2), (0, 0) at the first centre; NaN where there is none."""
     # a point list comes back with NaN where a single point gives None
     return np.asarray(camera.cam_from_img(to_colmap(points)), float).reshape(-1, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExifValues:
+    """Values of EXIF; None where there is no usable one."""
+
+    focal_px: float | None = None  # of the photograph as it is stored, good to a few per cent
+    focal_tags: str = ""  # the tags that it follows from
+    exposure_s: float | None = None
+    # direction in the upright picture in which the sensor's rows follow each other, by its orientation
+    rows_towards: tuple[int, int] = (0, 1)
+
+    def camera(
+        self, image_size: tuple[int, int], *, log_focal_sigma: float = EXIF_LOG_FOCAL
+    ) -> Camera | None:
+        """Return the camera of this focal length for an upright picture, None without a focal length.
+
+        ``image_size`` is (width, height); by default the camera is a hint, with a ``log_focal_sigma`` of 0
+        it is taken for true.
+        """
+        if self.focal_px is None:
+            return None
+        camera = Camera.from_focal(self.focal_px, image_size, f"exif ({self.focal_tags})")
+        return replace(camera, log_focal_sigma=log_focal_sigma)
+
+
+def read_exif(path: str | os.PathLike[str], content: bytes | None = None) -> ExifValues:
+    """Return focal length, exposure time and orientation, as far as the EXIF of a photograph states them.
+
+    The focal length is FocalLengthIn35mmFilm times the picture's diagonal over 43.27 mm, or FocalLength times
+    FocalPlaneXResolution, scaled if the picture was resized since (CIPA DC-008, EXIF 2.32). ``content`` are
+    the bytes of the file, where they have been read already.
+    """
+    try:
+        content = read_regular(path) if content is None else content
+        with warnings.catch_warnings(), open_picture(content) as photo:
+            warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks
+            if photo.format == "PNG" and not any(mark in content for mark in PNG_MARKS):
+                return ExifValues()  # Pillow would decode the picture to look for EXIF behind it
+            size = photo.size
+            exif = photo.getexif()
+            tags = dict(exif.get_ifd(ExifTags.IFD.Exif))
+            # pillow_heif turns pictures upright and keeps what the tag said
+            orientation = photo.info.get("original_orientation") or exif.get(ExifTags.Base.Orientation)
+    except Exception:  # Pillow raises errors of any type here; reading the picture itself names what is wrong
+        return ExifValues()
+    focal_px, focal_tags = _focal(tags, size)
+    return ExifValues(
+        focal_px=focal_px,
+        focal_tags=focal_tags,
+        exposure_s=_positive(tags, "ExposureTime"),
+        rows_towards=ROWS_TOWARDS.get(orientation or 1, (0, 1)),
+    )
+
+
+def _focal(tags: dict[int, Any], size: tuple[int, int]) -> tuple[float | None, str]:
+    """Return the focal length, pixels, and its tags; None and no tags without a possible one."""
+    lens_mm, resolution = _positive(tags, "FocalLength"), _positive(tags, "FocalPlaneXResolution")
+    unit_mm = MM_PER_UNIT.get(int(_positive(tags, "FocalPlaneResolutionUnit") or 2))
+    focal_px, names = 0.0, ""
+    if (film_mm := _positive(tags, "FocalLengthIn35mmFilm")) is not None:
+        focal_px, names = film_mm * float(np.hypot(*size)) / DIAGONAL_35MM, "FocalLengthIn35mmFilm"
+    elif lens_mm is not None and resolution is not None and unit_mm is not None:
+        taken = max(_positive(tags, "ExifImageWidth") or 0, _positive(tags, "ExifImageHeight") or 0)
+        focal_px = lens_mm * resolution / unit_mm * (max(size) / taken if taken else 1.0)
+        names = "FocalLength, FocalPlaneXResolution"
+    return (focal_px, names) if possible_focal(focal_px) else (None, "")
+
+
+def _positive(tags: dict[int, Any], name: str) -> float | None:
+    """Return the positive, finite value of a tag; None of any other."""
+    try:
+        value = float(tags[ExifTags.Base[name].value])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    return value if 0 < value < np.inf else None

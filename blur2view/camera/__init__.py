@@ -1,1 +1,0 @@
-"""Cameras: intrinsics, lenses, pixel conventions, what EXIF says of them."""
