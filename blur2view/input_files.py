@@ -53,7 +53,7 @@ def read_regular(path: str | os.PathLike[str], most: int = MAX_BYTES) -> bytes:
         return file.read()
 
 
-def read_stream(stream: BinaryIO, most: int) -> bytes:
+def read_stream(stream: BinaryIO, most: int = MAX_BYTES) -> bytes:
     """Return what is left of a stream, which may never end; OSError if that is more bytes than allowed."""
     content = stream.read(most + 1)
     _allow(len(content), most)

@@ -12,8 +12,7 @@ from blur2view.camera import Camera, read_exif
 from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
-from blur2view.images.image import read_pixels
-from blur2view.images.source import read_content
+from blur2view.images.image import read_content, read_pixels
 from blur2view.movers.mask import mask_of
 from blur2view.movers.moving import Moving, moving_in
 from blur2view.networks.model_file import Execution

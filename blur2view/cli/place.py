@@ -80,8 +80,8 @@ def frame_names(folder: Path) -> list[str]:
     if not folder.is_dir():
         raise ImageError(f"{folder}: no such folder; name that of the frames")
     inputs = list_photographs([str(folder)], recursive=True)
-    for reason in inputs.refused.values():
-        raise ImageError(reason)
+    if refusals := [one.refusal for one in inputs.sources if one.refusal]:
+        raise ImageError(refusals[0])
     return inputs.names()
 
 

@@ -15,7 +15,7 @@ from blur2view.cli.options import Command
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
 from blur2view.cli.work import digest_of, network_of
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
-from blur2view.images.source import Source
+from blur2view.images.inputs import Source
 from blur2view.networks.model_file import usable_cores
 from blur2view.output_files import check_file, real_paths, writable_folders, write_file
 from blur2view.results.photograph import Photograph, table_text
@@ -79,8 +79,8 @@ class Photographs:
         for beside_it, (source, name, stem) in zip(near, named, strict=True):
             files: tuple[Path, ...] = ()
             refusal: Blur2ViewError | None = None
-            if source in inputs.refused:
-                refusal = ImageError(inputs.refused[source])
+            if source.refusal:
+                refusal = ImageError(source.refusal)
             elif self.folder.output is not None:
                 own = (Path(f"{stem}{ending}") for ending in endings)
                 files = tuple(self.folder.output / path for path in (*beside(Path(name)), *own))

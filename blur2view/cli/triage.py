@@ -16,7 +16,7 @@ from blur2view.cli.run import Finished, Photographs
 from blur2view.cli.terminal import plural, printable
 from blur2view.cli.work import estimated, record_of
 from blur2view.errors import OutputError
-from blur2view.images.source import Source, read_content
+from blur2view.images.inputs import Source
 from blur2view.images.video import read_frame
 from blur2view.networks.protocol import Detail
 from blur2view.output_files import write_file
@@ -183,7 +183,7 @@ def extract(folder: Path, names: Mapping[Source, str]) -> None:
     several = len({one.path for one in names if one.frame is not None}) > 1
     for one, name in names.items():
         if one.frame is None:
-            write_file(folder / name, read_content(one))
+            write_file(folder / name, one.read())
         else:
             below = folder / Path(name).parent if several else folder
             content = bytes(cv2.imencode(".png", read_frame(one.path, one.frame))[1])

@@ -21,7 +21,7 @@ from blur2view.exposure.sequence import in_time
 from blur2view.exposure.time_direction import neighbour_motion
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.image import read_image, read_pixels
-from blur2view.images.source import Source, timestamp_of
+from blur2view.images.inputs import Source, timestamp_of
 from blur2view.images.video import rows_towards
 from blur2view.networks.model_file import model_path, usable_cores
 from blur2view.networks.protocol import Detail

@@ -11,24 +11,24 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageOps, TiffImagePlugin, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
-from blur2view.images.source import read_content
-from blur2view.input_files import MAX_PIXELS, open_picture
+from blur2view.images.video import frame_numbers, is_video
+from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-# Anything smaller shows no smear.
-MIN_SIDE_PX = 16
+MIN_SIDE_PX = 16  # bound: anything smaller shows no smear
 # Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
 HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
 RAW_SUFFIXES = frozenset(
     [".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw"]
     + [".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"]
 )
+PLANES, BITS = ExifTags.Base.PlanarConfiguration, ExifTags.Base.BitsPerSample
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
-# By which photographs in a folder are known; named by themselves they may be of any.
+# Files of a folder that are photographs; a file that is named by itself may have any suffix.
 PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
 PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
@@ -45,8 +45,8 @@ def read_image(
     ignored, 16-bit colour with an EXIF rotation is read with 8 bits. RAW and HEIC need their extras.
 
     ``as_stored`` leaves the picture as its pixels lie, as COLMAP does, instead of rotating it by EXIF;
-    ``content`` is that of the file, where it has been read already. ImageError, one line that names the path
-    and the remedy, if the file is missing, damaged, not an image, or of a size that cannot be used.
+    ``content`` are the bytes of the file, where they have been read already. ImageError, one line that names
+    the path and the remedy, if the file is missing, damaged, not an image, or of a size that cannot be used.
     """
     pixels = read_pixels(path, as_stored=as_stored, content=content)
     with within_memory(Path(path)):
@@ -56,9 +56,9 @@ def read_image(
 def read_pixels(
     path: str | os.PathLike[str], *, as_stored: bool = False, content: bytes | None = None
 ) -> AnyArray:
-    """Return a photograph as `read_image` does, (H, W, 3), with the 8 or 16 bits of its file.
+    """Return a photograph as `read_image` does, (H, W, 3), uint8 or uint16 as in its file.
 
-    Floats in [0, 1] only of alpha, which is composited.
+    Floats in [0, 1] where alpha was composited.
     """
     path = Path(path)
     encoded = read_content(path) if content is None else content
@@ -67,18 +67,34 @@ def read_pixels(
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored))
-        if values.shape[2] in (2, 4):
+        if values.shape[2] == 4:
             values = over_backdrop(_scaled(values))
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
+def read_content(path: Path) -> bytes:
+    """Return the content of a photograph's file; ImageError if it cannot be read, or is a video."""
+    if is_video(path):
+        frame_numbers(path)  # raises where the video is unusable
+        raise ImageError(f"{path}: is a video; read its frames with blur2view.read_video")
+    try:
+        return read_regular(path)
+    except FileNotFoundError:
+        raise ImageError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise ImageError(f"{path}: is a folder; name a photograph in it") from None
+    except OSError as error:
+        reason = error.strerror
+        raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
+
+
 def _scaled(pixels: AnyArray) -> NDArray[np.float32]:
-    """Return pixels of 8 or 16 bits in [0, 1]."""
+    """Return pixels of 8 or 16 bits as floats in [0, 1]."""
     return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
-    """Return pixels (H, W) or (H, W, C), upright unless wanted as stored."""
+    """Return pixels (H, W), (H, W, 3) or, with alpha, (H, W, 4), upright unless ``as_stored``."""
     try:
         if path.suffix.lower() in RAW_SUFFIXES:
             return _develop(path, encoded, as_stored)
@@ -86,12 +102,14 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
             _extra(path, "HEIC", "pillow_heif").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size)
-            _refuse_rare(path, photo)
+            tags, colour = getattr(photo, "tag_v2", {}), len(photo.getbands()) > 1
+            if colour and tags.get(PLANES) == 2 and max(tags[BITS]) > 8:  # which neither decoder reads right
+                raise ImageError(f"{path}: is a TIFF of 16 bits in planes; save it as PNG")
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
-            deep = len(photo.getbands()) > 1 and any(";16" in str(tile[3]) for tile in photo.tile)
+            deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
-            if deep and (orientation == 1 or as_stored):
+            if deep and (as_stored or orientation == 1):
                 return _decode_deep(encoded, alpha=photo.has_transparency_data)
             return _pixels_of(path, photo if as_stored else ImageOps.exif_transpose(photo))
     except Image.DecompressionBombError:
@@ -106,22 +124,9 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
-def _refuse_rare(path: Path, photo: Image.Image) -> None:
-    """Refuse TIFF that neither decoder reads right: 12 bits, signed, 16 bits inverted or in planes."""
-    tags = getattr(photo, "tag_v2", {})
-    apart = len(photo.getbands()) > 1 and tags.get(TiffImagePlugin.PLANAR_CONFIGURATION) == 2
-    inverted = tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION) == 0
-    bits, signed = (
-        max(tags.get(TiffImagePlugin.BITSPERSAMPLE, (8,))),
-        tags.get(TiffImagePlugin.SAMPLEFORMAT, ()),
-    )
-    if bits == 12 or (bits == 8 and 2 in signed) or (bits > 8 and (apart or inverted)):
-        raise ImageError(f"{path}: is a rare TIFF; save it as PNG")
-
-
 def _pixels_of(path: Path, photo: Image.Image) -> Pixels:
-    """Return pixels as grey, RGB or RGBA."""
-    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders; I for PNG in some versions
+    """Return pixels as 16-bit grey (H, W), RGB (H, W, 3) or RGBA (H, W, 4)."""
+    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders, of PGM I
         grey = np.asarray(photo)
         if 0 <= grey.min() <= grey.max() <= 65535:
             return grey.astype(np.uint16)
@@ -132,7 +137,7 @@ def _pixels_of(path: Path, photo: Image.Image) -> Pixels:
 
 
 def _decode_deep(encoded: bytes, *, alpha: bool) -> Pixels:
-    """Return 16-bit colour, decoded, (H, W, 3) or with ``alpha`` (H, W, 4), RGB order; others drop a band."""
+    """Return 16-bit RGB (H, W, 3) or, with ``alpha``, RGBA (H, W, 4), decoded by OpenCV."""
     pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
@@ -140,7 +145,7 @@ def _decode_deep(encoded: bytes, *, alpha: bool) -> Pixels:
 
 
 def _extra(path: Path, kind: str, module: str) -> Any:
-    """Return the module that reads such files; ImageError if it is not installed."""
+    """Import the optional module that reads a kind of files; ImageError if it is not installed."""
     try:
         return import_module(module)
     except ImportError:
@@ -164,7 +169,7 @@ def _develop(path: Path, encoded: bytes, as_stored: bool) -> NDArray[np.uint16]:
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
-    """Refuse sizes that cannot hold a smear or do not fit in memory."""
+    """Raise ImageError for a size that shows no smear or does not fit in memory."""
     size = f"{path}: is {width}x{height} pixels"
     if min(width, height) < MIN_SIDE_PX:
         raise ImageError(f"{size}; use the original photograph, at least {MIN_SIDE_PX}x{MIN_SIDE_PX}")

@@ -1,68 +1,111 @@
-"""What a user names, as photographs in order: files, folders, lists, videos; and what they are called."""
+"""The photographs that a user names, in order: files, folders, lists, videos; their names and their times."""
 
 import codecs
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Self
+
+import cv2
 
 from blur2view.errors import ImageError
-from blur2view.images.image import PHOTOGRAPH_SUFFIXES
-from blur2view.images.source import Source, frame_named
-from blur2view.images.video import frame_numbers, is_video
+from blur2view.images.image import PHOTOGRAPH_SUFFIXES, read_content
+from blur2view.images.video import frame_numbers, is_video, read_frame
 from blur2view.input_files import read_regular, read_stream
 from blur2view.output_files import is_ours, real_paths
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
-MAX_LIST_BYTES = 1 << 25
+DIGITS, MAX_DIGITS = 6, 18  # of a frame's number: as it is written, and bound of what is read
+UNIT_S = {10: 1.0, 13: 1e-3, 16: 1e-6, 19: 1e-9}
+"""Seconds of one unit, by the digits of a whole number: s, ms, us and ns since 1970."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A photograph to read: a file as the user named it, or a frame of a video."""
+
+    path: Path  # of the photograph, or of its video
+    frame: int | None = None  # its number in the video, from 0
+    time_s: float | None = field(default=None, compare=False)  # when it was taken, where that is known
+    root: Path | None = field(default=None, compare=False)  # the folder that stands for it
+    refusal: str = field(default="", compare=False)  # why it cannot be used, one line
+
+    def __str__(self) -> str:
+        return str(self.path) if self.frame is None else f"{self.path}/{self.name}"
+
+    @property
+    def name(self) -> str:
+        """Its name in its folder or video."""
+        return self.path.name if self.frame is None else f"{self.frame:0{DIGITS}d}"
+
+    @property
+    def folder(self) -> Path:
+        """The folder or video that holds it."""
+        return self.path.parent if self.frame is None else self.path
+
+    def beside(self, steps: int) -> Self | None:
+        """Return the frame this number of steps later in the video; None before the first, and of a file."""
+        if self.frame is None or self.frame + steps < 0:
+            return None
+        return replace(self, frame=self.frame + steps, time_s=None)
+
+    def read(self) -> bytes:
+        """Return the content of the file, of a frame that of a bitmap with its pixels.
+
+        ImageError if it cannot be read, EndOfVideo if the video announces more frames than it has.
+        """
+        if self.frame is None:
+            return read_content(self.path)
+        return bytes(cv2.imencode(".bmp", read_frame(self.path, self.frame))[1])
+
+
+def frame_named(word: str) -> Source | None:
+    """Return the frame that VIDEO/000120 names by its number; None of any other word."""
+    path = Path(word)
+    if path.name.isdecimal() and len(path.name) <= MAX_DIGITS and is_video(path.parent):
+        return Source(path=path.parent, frame=int(path.name))
+    return None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Inputs:
-    """The photographs of a call, in order, each once.
-
-    Folders and videos that cannot be used are among them.
-    """
+    """The photographs of a call, in order, each once; folders and videos that are refused are among them."""
 
     sources: list[Source] = field(default_factory=list)
-    roots: dict[Source, Path] = field(default_factory=dict)
-    """The folder that was given, of photographs that were found in one."""
-    refused: dict[Source, str] = field(default_factory=dict)
-    """Why these sources cannot be used, a line each."""
     lists: list[Path] = field(default_factory=list)
     """The files that named some."""
 
     @property
     def one_video(self) -> bool:
-        """Whether all that can be used, if anything can, are frames of one video."""
-        there = [one for one in self.sources if one not in self.refused and os.path.isfile(one.path)]
+        """Whether all sources that can be used are frames of one video; also if there is none."""
+        there = [one for one in self.sources if not one.refusal and os.path.isfile(one.path)]
         return all(one.frame is not None for one in there) and len({one.path for one in there}) <= 1
 
     @property
     def read(self) -> set[str]:
-        """The files that are read, where their paths lead."""
+        """The real paths of the files that are read."""
         return real_paths([*(source.path for source in self.sources), *self.lists])
 
     def names(self) -> list[str]:
-        """Return every photograph's path below the one folder that was given, or else that all share.
+        """Return the name of every photograph for COLMAP: its path below the folder that all share.
 
-        So COLMAP names it; a frame of a video ``clip.mp4/000120``. One that is not there changes no other's.
+        That is the one folder that was named, or else the deepest one above all files that exist. A frame of
+        a video is ``clip.mp4/000120``.
         """
         there = [one for one in self.sources if os.path.isfile(one.path)] or self.sources
-        roots = {os.path.abspath(self.roots.get(one, one.path.parent)) for one in there}
+        roots = {os.path.abspath(one.root or one.path.parent) for one in there}
         root = os.path.commonpath(roots) if roots else ""
-        return [_below(one, root) for one in self.sources]
+        return [Path(os.path.relpath(os.path.abspath(str(one)), root)).as_posix() for one in self.sources]
 
     def result_names(self) -> list[Path]:
-        """Return what the results of each photograph are called below a folder.
+        """Return the name of every photograph's results below a folder.
 
-        By `names`, without the suffix unless two would be one.
+        They are those of `names`, without the suffix unless two would be equal.
         """
         names = [Path(*(part for part in Path(name).parts if part != "..")) for name in self.names()]
         short = [_without_suffix(name) for name in names]
@@ -70,14 +113,8 @@ class Inputs:
         return [one if count[one] == 1 else name for one, name in zip(short, names, strict=True)]
 
 
-def _below(source: Source, root: str | Path) -> str:
-    """Return the path of a photograph as seen from a folder, with slashes."""
-    path = Path(os.path.relpath(os.path.abspath(source.path), os.path.abspath(root))).as_posix()
-    return path if source.frame is None else f"{path}/{source.name}"
-
-
 def _without_suffix(path: Path) -> Path:
-    """Return a name without the suffix of its file, or of the video that it lies in; that of ..jpg whole."""
+    """Return a name without the suffix of its file or video; one of dots and a suffix, as ..jpg, whole."""
     if path.name.isdecimal() and not path.suffix and path.parent.name:
         return _without_suffix(path.parent) / path.name
     return path.with_name(path.stem) if path.stem.strip(".") else path
@@ -95,49 +132,43 @@ def list_photographs(
     Words are files; folders, which stand for the photographs in them (with ``recursive`` for all below),
     without results of blur2view; videos, of which ``frames`` returns the numbers of the frames that are
     taken; ``VIDEO/000120``, a frame by its number; ``@LIST``, a file with one such word per line, ``-``, the
-    same from standard input. What a list names and is not there is looked for in the list's folder.
-    ImageError if a list cannot be read, names nothing, or is larger than one of photographs can be.
+    same from standard input. A name in a list that does not exist is looked for in the list's folder.
+    ImageError if a list cannot be read or names nothing.
     """
-    found = Inputs(lists=[Path(word[1:]) for word in words if word.startswith(LIST)])
     once: dict[tuple[str, int | None], Source] = {}
     for word in _without_lists(words, stdin):
-        for source in _sources(found, word, recursive, frames):
+        for source in _sources(word, recursive, frames):
             place = os.path.join(os.path.realpath(source.path.parent), source.path.name)
             once.setdefault((place, source.frame), source)
-    found.sources.extend(once.values())
-    return found
+    lists = [Path(word[1:]) for word in words if word.startswith(LIST)]
+    return Inputs(sources=list(once.values()), lists=lists)
 
 
-def _sources(found: Inputs, word: str, recursive: bool, frames: Callable[[Path], range]) -> Iterator[Source]:
-    """Yield the photographs of one word; what cannot be used is among those refused, with its reason."""
+def _sources(word: str, recursive: bool, frames: Callable[[Path], range]) -> Iterator[Source]:
+    """Yield the photographs of one word; folders and videos that cannot be used are refused with a reason."""
     path = Path(word)
     try:
         if is_video(path):
             yield from [Source(path=path, frame=number) for number in frames(path)]
         elif path.is_dir():
-            photographs, unread = _photographs(path, recursive)
-            found.roots.update((source, path) for source in photographs)
-            yield from photographs
-            for error in unread:
-                yield _refuse(found, Path(error.filename), error)
+            yield from _photographs(path, recursive)
         else:
             yield frame_named(word) or Source(path=path)
     except (ImageError, OSError) as error:
-        yield _refuse(found, path, error)
+        yield _refused(path, error)
 
 
-def _refuse(found: Inputs, path: Path, error: ImageError | OSError) -> Source:
+def _refused(path: Path, error: ImageError | OSError) -> Source:
     """Return a path as a source that is refused, with the reason."""
     line = f"{path}: cannot be read ({getattr(error, 'strerror', '')}); check the path and its permissions"
-    found.refused[Source(path=path)] = str(error) if isinstance(error, ImageError) else line
-    return Source(path=path)
+    return Source(path=path, refusal=str(error) if isinstance(error, ImageError) else line)
 
 
-def _photographs(folder: Path, recursive: bool) -> tuple[list[Source], list[OSError]]:
-    """Return a folder's photographs, frame_2 before frame_10, and the errors of folders that cannot be read.
+def _photographs(folder: Path, recursive: bool) -> list[Source]:
+    """Return a folder's photographs, frame_2 before frame_10, then the folders below that cannot be read.
 
-    So are links that lead nowhere, whose failure is named later, but not results of blur2view. ImageError if
-    there are none.
+    Results of blur2view are left out; links that lead nowhere are not, so that their failure is named.
+    ImageError if there are none.
     """
     unread: list[OSError] = []
     walked = islice(os.walk(folder, onerror=unread.append), None if recursive else 1)
@@ -147,34 +178,34 @@ def _photographs(folder: Path, recursive: bool) -> tuple[list[Source], list[OSEr
     if not found and not unread:
         more = "name another folder" if recursive else "add --recursive for its subfolders"
         raise ImageError(f"{folder}: holds no photograph; {more}")
-    return [Source(path=path) for path in sorted(found, key=_in_order)], unread
+    photographs = [Source(path=path, root=folder) for path in sorted(found, key=_in_order)]
+    return photographs + [_refused(Path(error.filename), error) for error in unread]
 
 
 def _in_order(path: Path) -> list[tuple[str, int, str]]:
-    """Return what sorts names as a person does: frame_2 before frame_10."""
+    """Return the key that sorts names by their numbers: frame_2 before frame_10."""
     parts = re.findall(r"(\D*)(\d*)", str(path))
     return [(text, int(number or 0), number) for text, number in parts]
 
 
 def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str]:
-    """Yield words, those of lists in place of the lists."""
+    """Yield the words, in place of a list those that it holds."""
     for word in words:
-        if word == STANDARD_INPUT:
-            yield from _lines("standard input", partial(read_stream, stdin or BytesIO(), MAX_LIST_BYTES))
-        elif word.startswith(LIST):
-            path = Path(word[1:])
-            for name in _lines(str(path), partial(read_regular, path, MAX_LIST_BYTES)):
-                beside = path.parent / name
-                there = os.path.lexists(beside) or frame_named(str(beside)) is not None
-                yield str(beside) if there and not os.path.lexists(name) else name
-        else:
+        if word != STANDARD_INPUT and not word.startswith(LIST):
             yield word
+            continue
+        path = None if word == STANDARD_INPUT else Path(word[1:])
+        for name in _names(path, stdin):
+            beside = name if path is None else str(path.parent / name)
+            there = os.path.lexists(beside) or frame_named(beside) is not None
+            yield beside if there and not os.path.lexists(name) else name
 
 
-def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
-    """Return the names of a list, one on a line but for blank ones and comments."""
+def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
+    """Return the names in a list, or in standard input, one on a line, without blank lines and comments."""
+    source = "standard input" if path is None else str(path)
     try:
-        content = read()
+        content = read_stream(stdin or BytesIO()) if path is None else read_regular(path)
         if b"\0" in content:
             raise ValueError("it is no text; a photograph itself is named by its file")
     except (OSError, ValueError) as error:
@@ -186,3 +217,26 @@ def _lines(source: str, read: Callable[[], bytes]) -> list[str]:
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
+
+
+def timestamp_of(name: str | os.PathLike[str]) -> float | None:
+    """Return the time in seconds that a file's name states, None if it is no time.
+
+    A decimal fraction is seconds, as in TUM's recordings (``1305031102.175304.png``), a whole number of 10,
+    13, 16 or 19 digits seconds, milli-, micro- or nanoseconds since 1970, as in EuRoC's and of ROS
+    (``1403636579763555584.png``); any other name, such as the number of a frame, is no time.
+    """
+    text = Path(name).stem
+    if re.fullmatch(r"\d{1,19}\.\d+", text):  # more digits would be no time, or infinite
+        return float(text)
+    return int(text) * UNIT_S[len(text)] if re.fullmatch(r"\d+", text) and len(text) in UNIT_S else None
+
+
+def timestamps_of(paths: Iterable[str | os.PathLike[str]]) -> list[float]:
+    """Return the seconds of photographs in order, as `timestamp_of`; ImageError if a name is no time."""
+    found = []
+    for path in paths:
+        if (time := timestamp_of(path)) is None:
+            raise ImageError(f"{path}: its name is no time; name it by one, as 1403636579.763.png")
+        found.append(time)
+    return found

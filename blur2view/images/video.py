@@ -13,21 +13,19 @@ from numpy.typing import NDArray
 
 from blur2view.errors import ImageError
 
-# Of what OpenCV's FFmpeg reads.
+# Videos that OpenCV's FFmpeg reads.
 SUFFIXES = frozenset([".3gp", ".avi", ".m2ts", ".m4v", ".mkv", ".mov", ".mp4", ".mpeg", ".mpg", ".mts"])
 SUFFIXES |= {".ogv", ".webm", ".wmv"}
 FRAMES_KEPT = 3  # frames: one and both beside it
-# Containers round the number of frames: what is missing of the last second, or of the last quarter of less
-# than four, was never there.
+# Containers round the number of frames: up to a second, or a quarter of the frames, that lacks at the end was
+# never recorded (bound).
 TAIL_S, TAIL_SHARE = 1.0, 0.25
-# No playlist of files makes FFmpeg open the network.
-FILES_ONLY = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file"
-# By the degrees clockwise by which OpenCV turns frames upright.
-ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}
+FILES_ONLY = "OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file"  # no playlist opens the network
+ROWS_TOWARDS = {90: (-1, 0), 180: (0, -1), 270: (1, 0)}  # by the degrees clockwise that OpenCV turns frames
 
 
 class EndOfVideo(ImageError):
-    """A frame is announced by its video, and not in it: ``whole`` says that none of that number ever was."""
+    """A video announces a frame that it does not have; ``whole`` says that no later frame was recorded."""
 
     whole = True
 
@@ -49,12 +47,11 @@ def frame_numbers(
     """Return the numbers of frames, one of ``every``, from the first to the last, which is included.
 
     An integer names a frame by number, a float by seconds. ImageError if the video cannot be opened or has no
-    such frames; ValueError of a negative one, and unless ``every`` is 1 or more.
+    frames there; ValueError for a negative frame, and unless ``every`` is 1 or more.
     """
     if every < 1 or first < 0 or (last is not None and last < 0):
         raise ValueError(f"expected every >= 1 and no negative frame, got {every}, {first} and {last}")
-    capture = _opened(video)
-    count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
+    count, rate = _count_and_rate(_opened(video))
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
     if not 0 < rate < math.inf and any(isinstance(number, float) for number in (first, last)):
@@ -70,9 +67,9 @@ def frame_numbers(
 
 
 def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
-    """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are asked for in order.
+    """Return a frame (H, W, 3), BGR, upright; fast where the frames of a video are read in order.
 
-    ImageError if the video cannot be opened or announces no such frame, EndOfVideo if it ends before.
+    ImageError if the video cannot be opened or does not announce the frame, EndOfVideo if it ends before.
     """
     return _reader(video).read(number)
 
@@ -80,11 +77,11 @@ def read_frame(video: Path, number: int) -> NDArray[np.uint8]:
 def read_video(
     path: str | os.PathLike[str], *, every: int = 1, first: int | float = 0, last: int | float | None = None
 ) -> Iterator[NDArray[np.float32]]:
-    """Return an iterator over the frames of a video as `read_image` returns photographs.
+    """Return an iterator over frames of a video, (H, W, 3), float32 RGB in [0, 1], upright.
 
-    They are (H, W, 3), float32 RGB in [0, 1], upright, one at a time in memory; ``every``, ``first`` and
-    ``last`` are as of `frame_numbers`. ImageError if the video cannot be read, ends too early or has no such
-    frames.
+    One frame at a time is in memory. ``every`` takes one frame in so many, from the ``first`` to the
+    ``last``, which is included: an integer is the number of a frame, a float seconds. ImageError if the video
+    cannot be read, ends too early or has no frames there.
     """
     video = Path(path)
     numbers, reader = frame_numbers(video, every=every, first=first, last=last), _Reader(video)
@@ -101,27 +98,27 @@ def read_video(
 
 
 def frame_time(video: Path, number: int) -> float | None:
-    """Return the time of a frame in its video, seconds, None where that has none; raises as `read_frame`."""
+    """Return the time of a frame, seconds, None where the video states none; raises as `read_frame`."""
     _reader(video).read(number)
     return _reader(video).recent[number][1]
 
 
 class _Reader:
-    """A video, read forwards, as seeking is not exact with every codec; the last frames are kept."""
+    """A video that is read forwards, as seeking is not exact with every codec; the last frames are kept."""
 
     def __init__(self, video: Path) -> None:
         self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
 
     def read(self, number: int) -> NDArray[np.uint8]:
-        """Return a frame."""
+        """Return a frame (H, W, 3), BGR."""
         if number in self.recent:
             return self.recent[number][0]
         if number < self.position:
             self.capture, self.position, self.ended = _opened(self.video), 0, False
         while self.position <= number:
             if self.ended or not self.capture.grab():
-                self.ended = True  # behind damage there may be more frames, but of which number?
+                self.ended = True  # frames behind damage have no known number
                 self._end(number)
             self.position += 1
         read, pixels = self.capture.retrieve()
@@ -133,15 +130,15 @@ class _Reader:
         return self.recent[number][0]
 
     def _time_s(self, number: int) -> float | None:
-        """Return the time of the frame at hand, by its stamp or else by the frames a second."""
-        stamp_s, rate = self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000, self.capture.get(cv2.CAP_PROP_FPS)
+        """Return the time of the current frame by its stamp, or else by the frames a second."""
+        stamp_s, (_, rate) = self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000, _count_and_rate(self.capture)
         if number == 0 or stamp_s > 0:
             return float(max(stamp_s, 0.0))
         return number / rate if 0 < rate < math.inf else None
 
     def _end(self, number: int) -> None:
-        """Raise why there is no next frame, where one of this number is asked for."""
-        count, rate = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT)), self.capture.get(cv2.CAP_PROP_FPS)
+        """Raise the reason why there is no frame of this number."""
+        count, rate = _count_and_rate(self.capture)
         if number >= count:
             raise ImageError(f"{self.video}: has {count} frames, none of number {number}; name another")
         end = EndOfVideo(f"{self.video}: ends after {self.position} of {count} frames; copy the video again")
@@ -155,8 +152,13 @@ def _reader(video: Path) -> _Reader:
     return _Reader(video)
 
 
+def _count_and_rate(capture: Any) -> tuple[int, float]:
+    """Return the announced number of frames, and the frames a second."""
+    return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
+
+
 def _opened(video: Path) -> Any:
-    """Return a video that is open, or raise ImageError."""
+    """Open a video; ImageError if it is missing or damaged."""
     if not video.exists():
         raise ImageError(f"{video}: no such file; check the path")
     try:

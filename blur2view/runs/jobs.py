@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from blur2view.errors import Blur2ViewError, ImageError, OutputError, within_memory
-from blur2view.images.source import Source, read_content
+from blur2view.images.inputs import Source
 from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.output_files import file_digest, unwritable, write_files
 from blur2view.results.photograph import Photograph
@@ -100,7 +100,7 @@ def _read(job: Job) -> Job:
     contents, source = {}, job.source
     for _, one in sorted([(0, source), *job.neighbours], key=lambda pair: pair[0]):
         try:
-            contents[one] = read_content(one)
+            contents[one] = one.read()
         except ImageError:
             if one == source:
                 raise

@@ -7,7 +7,7 @@ import pytest
 
 from blur2view import Camera, SmearNetwork, estimate_frames
 from blur2view.arrays import AnyArray
-from blur2view.images.source import timestamp_of
+from blur2view.images.inputs import timestamp_of
 from tests.support.colour_code import colour_code, forward_motion
 
 PICTURE = colour_code(forward_motion(), 1.0)

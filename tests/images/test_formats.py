@@ -18,7 +18,7 @@ from PIL import Image
 from blur2view.errors import ImageError
 from blur2view.images import video
 from blur2view.images.image import read_image
-from blur2view.images.source import Source, frame_named, read_content
+from blur2view.images.inputs import Source, frame_named
 from blur2view.images.video import EndOfVideo, read_frame, rows_towards
 from tests.images.test_image import tiff
 from tests.support.many_photographs import write_video
@@ -78,7 +78,7 @@ def test_frame_is_read_by_its_number_in_any_order(tmp_path: Path) -> None:
     for number in (30, 2, 31, 39):
         source = frame_named(f"{clip}/{number:06d}")
         assert source == Source(path=clip, frame=number) and str(source) == f"{clip}/{number:06d}"
-        picture = read_image(clip, content=read_content(source))
+        picture = read_image(clip, content=source.read())
         np.testing.assert_allclose(picture.mean(), (20 + 2 * number) / 255, atol=0.02)
     assert read_frame(clip, 0).shape == (64, 80, 3)
     with pytest.raises(ImageError, match="is a video; read its frames"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from blur2view.errors import ImageError
-from blur2view.images.source import Source
+from blur2view.images.inputs import Source
 from blur2view.results.photograph import Photograph
 from blur2view.runs.executors import in_processes
 from blur2view.runs.jobs import Job, Outcome, neighbours_of
