@@ -1,7 +1,7 @@
 """``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +13,8 @@ from blur2view.cli.run import FAILURES, Photographs, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.cli.work import Estimated, estimated, record_of
 from blur2view.errors import OutputError
-from blur2view.exposure.gyroflow import gyroflow_log
 from blur2view.output_files import write_file
+from blur2view.results.gyroflow import gyroflow_log
 from blur2view.results.overlay import draw_overlay, png
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import fit_line
@@ -99,22 +99,9 @@ class EstimateOptions(Command):
             photographs.close(finished, "estimates")
             done = [(job.source, one.photograph) for job, one in finished.outcomes if not one.error]
             if log is not None and done and not finished.ended_early:
-                text = gyroflow_of([record for _, record in done], done[0][0].path.name)
+                text = gyroflow_log([record for _, record in done], done[0][0].path.name)
                 write_file(log, text.encode())
         return finished.exit_code
-
-
-def gyroflow_of(records: Sequence[Photograph], video: str) -> str:
-    """Return Gyroflow's log of frames whose rates and direction of time are known; OutputError if none."""
-    known = [one for one in records if one.time_known and one.exposure_s and one.timestamp_s is not None]
-    rates = {one.timestamp_s or 0.0: (one.wx, one.wy, one.wz) for one in known if one.wx is not None}
-    if not rates:
-        raise OutputError(
-            "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"
-        )
-    times = sorted(rates)  # frames may be named in any order
-    # a gyroscope shows the negative of the scene's rates
-    return gyroflow_log(times, -np.array([rates[time] for time in times], float), video)
 
 
 def estimate_one(options: EstimateOptions, job: Job) -> Outcome:

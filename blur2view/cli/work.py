@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 
 from blur2view import __version__
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues, read_exif
 from blur2view.cli.options import Command
 from blur2view.errors import Blur2ViewError, CameraError
-from blur2view.exposure.features import Features, features_of, match_features
-from blur2view.exposure.sequence import in_time
-from blur2view.exposure.time_direction import neighbour_motion
+from blur2view.exposure.sequence import Features, Matches, features_of, in_time, match_features
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.image import read_image, read_pixels
 from blur2view.images.inputs import Source, timestamp_of
@@ -115,16 +113,16 @@ def _shutter(
 
 def _in_time(found: Estimate, job: Job, as_stored: bool) -> Estimate:
     """Return an estimate in the order that the photographs before and after it decide."""
-    motions, here = [], (job.source, job.content)
+    matches, here = dict[int, Matches](), (job.source, job.content)
     for steps, near in job.neighbours:
         if near not in job.contents:  # it cannot be read, and has a line of its own
             continue
         with suppress(Blur2ViewError):  # likewise
             there = near, job.contents[near]
             pair = (there, here) if steps < 0 else (here, there)
-            own, other = _matched(*pair, as_stored)[::steps]
-            motions.append(neighbour_motion(own, other, steps, found.camera))
-    return in_time(found, motions) if job.neighbours else found
+            earlier, later = _matched(*pair, as_stored)
+            matches[steps] = (later, earlier) if steps < 0 else (earlier, later)
+    return in_time(found, matches) if job.neighbours else found
 
 
 def record_of(options: Command, one: Estimated, job: Job, **stated: Any) -> Photograph:
@@ -146,7 +144,7 @@ def record_of(options: Command, one: Estimated, job: Job, **stated: Any) -> Phot
 
 
 @lru_cache(maxsize=2)
-def _matched(earlier: Content, later: Content, as_stored: bool) -> tuple[Array, Array]:
+def _matched(earlier: Content, later: Content, as_stored: bool) -> Matches:
     """Return matched pixels of two photographs, which each of them asks for."""
     return match_features(_features(*earlier, as_stored), _features(*later, as_stored))
 

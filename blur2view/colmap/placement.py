@@ -18,7 +18,7 @@ from blur2view.camera import from_colmap, normalised_points
 from blur2view.colmap.models import add_image, observed, photographs_of, read_model
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
-from blur2view.exposure.time_direction import frame_times, place_of
+from blur2view.exposure.sequence import frame_times, place_of
 from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, changed, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 

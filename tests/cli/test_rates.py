@@ -15,7 +15,7 @@ from blur2view.arrays import Array
 from blur2view.cli import commands as cli
 from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.pose import rotation_flow, rotation_matrix, rotation_vector
-from tests.exposure.test_gyroflow import parsed
+from tests.results.test_gyroflow import parsed
 from tests.support.calls import Call, table
 from tests.support.many_photographs import write_photographs
 

@@ -1,22 +1,24 @@
-"""A frame's estimate in the order in time that its neighbours show, also with a rolling shutter."""
+"""Frames of a video: the order in time that neighbours show, also with a rolling shutter; times, no lag."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.camera import Camera
-from blur2view.exposure.sequence import estimate_frames, in_time
-from blur2view.exposure.time_direction import NeighbourMotion
+from blur2view.exposure.sequence import Matches, estimate_frames, in_time
 from blur2view.geometry.pose import rotation_flow
 from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.inputs import timestamp_of
 from blur2view.images.video import read_frame, read_video
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
+from tests.support.colour_code import colour_code, forward_motion
 from tests.support.grids import grid_of
 from tests.support.many_photographs import write_video
 
@@ -46,11 +48,11 @@ def estimate_of(shutter: RollingShutter | None) -> Estimate:
     )
 
 
-def seen(sign: float) -> list[NeighbourMotion]:
-    """Return what a neighbour shows of the turn, or of its reverse."""
+def seen(sign: float) -> dict[int, Matches]:
+    """Return matches with the next frame, of the turn or of its reverse."""
     pixels = np.random.default_rng(1).uniform(0.05, 0.95, (200, 2)) * SIZE
     flow = np.tensordot(sign * TURN, rotation_flow(CAMERA.rays(pixels)), (0, 1)).T * CAMERA.focal_px
-    return [NeighbourMotion(points=pixels, velocity=1.2 * flow, rotation=1.2 * sign * TURN)]
+    return {1: (pixels, pixels + 1.2 * flow)}
 
 
 @pytest.mark.parametrize("shutter", [None, ROLLING], ids=["global", "rolling"])
@@ -88,3 +90,33 @@ def test_a_video_is_read_in_order_and_what_is_none_is_refused_at_once(
     series = estimate_frames([frames[0], frames[1][:48]], network=network)
     with pytest.raises(ValueError, match=r"frame 1 has \(80, 48\) pixels, those before \(80, 64\)"):
         list(series)
+    with pytest.raises(ValueError, match="fewer timestamps than frames"):
+        list(estimate_frames(frames, timestamps_s=[0.0], network=network))
+
+
+def test_each_estimate_comes_with_its_time_when_the_next_frame_is_there(tiny_model: Path) -> None:
+    asked: list[int] = []
+    picture = colour_code(forward_motion(), 1.0)
+
+    def frames() -> Iterator[AnyArray]:
+        for number in range(3):
+            asked.append(number)
+            yield picture
+
+    network, camera = SmearNetwork(tiny_model), Camera.from_focal(300.0, picture.shape[1::-1])
+    found = estimate_frames(frames(), timestamps_s=iter([10.0, 10.5, 11.0]), network=network, camera=camera)
+    assert next(found).timestamp_s == 10.0 and len(asked) == 2
+    assert [one.timestamp_s for one in found] == [10.5, 11.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [
+        ("1305031102.175304.png", 1305031102.175304),
+        ("1403636579763555584.png", 1403636579.763555584),
+        ("1403636579.jpg", 1403636579.0),
+        *((name, None) for name in ("000120.png", "frame_1403636579.png", "20240511.jpg", "a.b.png")),
+    ],
+)
+def test_names_that_are_times_say_when(name: str, seconds: float | None) -> None:
+    assert timestamp_of(name) == (None if seconds is None else pytest.approx(seconds, abs=1e-6))

@@ -1,20 +1,23 @@
-"""The time direction: exact videos of smears, and what must stay open."""
+"""The time direction: exact videos of smears, matches of pictures, and what must stay open."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 
+import cv2
 import numpy as np
 import pytest
 
 from blur2view.arrays import Array
 from blur2view.camera import Camera
-from blur2view.exposure.time_direction import (
-    FAR_APART,
+from blur2view.exposure.sequence import (
+    GAP_FRAMES,
     NeighbourMotion,
     directed,
+    features_of,
     frame_times,
+    match_features,
     neighbour_motion,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
@@ -151,6 +154,41 @@ def test_frames_that_are_left_out_leave_a_gap() -> None:
         (["b.jpg", "a.jpg", "f_1.jpg"], [3]),
     ):
         times = frame_times(names)
-        assert [len(list(part)) for _, part in groupby(times, lambda time: (time + 50) // FAR_APART)] == parts
-        assert all(later - time in (1, FAR_APART) for time, later in pairwise(times))
+        assert [
+            len(list(part)) for _, part in groupby(times, lambda time: (time + 50) // GAP_FRAMES)
+        ] == parts
+        assert all(later - time in (1, GAP_FRAMES) for time, later in pairwise(times))
     assert frame_times([]) == []
+
+
+def texture(size: tuple[int, int], seed: int = 0) -> np.ndarray:
+    """Give spots of all sizes, (H, W) uint8."""
+    rng = np.random.default_rng(seed)
+    layers = [cv2.GaussianBlur(rng.normal(size=size[::-1]), (0, 0), s) * s for s in (1.5, 3, 6, 12)]
+    noise = np.sum(layers, axis=0)
+    return np.asarray(255 * (noise - noise.min()) / np.ptp(noise), np.uint8)
+
+
+def detect(grey: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Return the features of a grey picture (H, W) uint8."""
+    return features_of(np.repeat(grey[..., None] / np.float32(255), 3, axis=2))
+
+
+def test_matches_of_a_shifted_picture_are_its_shift() -> None:
+    picture, shift = texture((320, 240)), np.array([12.0, -5.0])
+    moved = cv2.warpAffine(
+        picture, np.column_stack([np.eye(2), shift]), (320, 240), borderMode=cv2.BORDER_REFLECT
+    )
+    points1, points2 = match_features(detect(picture), detect(np.asarray(moved)))
+    assert len(points1) > 50
+    np.testing.assert_allclose(np.median(points2 - points1, axis=0), shift, atol=0.1)
+    assert (np.linalg.norm(points2 - points1 - shift, axis=1) < 2).mean() > 0.95
+
+
+def test_blank_and_unrelated_pictures_have_no_matches() -> None:
+    blank = detect(np.full((240, 320), 90, np.uint8))
+    one, other = (detect(texture((320, 240), seed)) for seed in (0, 1))
+    assert blank[0].shape == (0, 2) and blank[1].shape == (0, 128)  # SIFT's
+    for pair in ((blank, one), (one, blank), (one, other)):
+        points1, points2 = match_features(*pair)
+        assert points1.shape == points2.shape == (0, 2)

@@ -6,8 +6,9 @@ import io
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.exposure.gyroflow import gyroflow_log
 from blur2view.geometry.pose import rotation_matrix
+from blur2view.results.gyroflow import gyroflow_log
+from blur2view.results.photograph import Photograph
 
 
 def parsed(text: str) -> tuple[dict[str, str], Array, Array]:
@@ -30,7 +31,12 @@ def parsed(text: str) -> tuple[dict[str, str], Array, Array]:
 def test_gyroflow_turns_the_camera_as_it_turned() -> None:
     rng = np.random.default_rng(0)
     times, seen = 0.01 + np.arange(30) / 30, rng.normal(0, 1, (30, 3))
-    header, seconds, g = parsed(gyroflow_log(times.tolist(), seen, "hall, 2.mp4"))
+    records = []
+    for time, rate in zip(times.tolist(), seen, strict=True):  # the scene turns the other way
+        pose = {"rotation": rotation_matrix(-0.02 * rate).tolist(), "translation": [0.0, 0.0, 0.0]}
+        record = Photograph(name="", timestamp_s=time, exposure_s=0.02, cam2_from_cam1=pose, time_known=True)
+        records.append(record)
+    header, seconds, g = parsed(gyroflow_log(records, "hall, 2.mp4"))
     assert header["version"] == "1.3" and header["videofilename"] == "hall, 2.mp4"
     np.testing.assert_allclose(seconds, times, atol=1e-6)
     ours = theirs = np.eye(3)  # world from camera: x right, y down; and x right, y up, as Gyroflow has it

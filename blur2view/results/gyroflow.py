@@ -9,32 +9,35 @@ therefore (-y, -x, -z), which it calls "yxz" (``gyro_source/imu_transforms.rs``)
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable
 
-import numpy as np
-
-from blur2view.arrays import Array
+from blur2view.errors import OutputError
 from blur2view.output_files import SIGNED_BY
+from blur2view.results.photograph import Photograph
 
 TICK_S = 1e-6  # of the column of times
-MOST_NAME = 200  # characters of the video's name, so that the header ends within 500 bytes
+MAX_NAME = 200  # characters of the video's name, so that the header ends within 500 bytes
 
 
-def gyroflow_log(times_s: Sequence[float], rates: Array, video: str) -> str:
+def gyroflow_log(records: Iterable[Photograph], video: str) -> str:
     """Return the text of a ``.gcsv`` file, to be called as the video but for its ending.
 
-    Of rates (N, 3), rad/s, as a gyroscope along the camera's axes x (right), y (down) and z (forwards) shows
-    them, at times (N,), seconds. ValueError if these do not ascend.
+    It holds what a gyroscope along the camera's axes shows, the negative of the scene's rates, rad/s, of the
+    frames with a known direction of time. OutputError if there are none.
     """
-    if not (np.diff(times_s) > 0).all():
-        raise ValueError("times must ascend")
+    known = [one for one in records if one.time_known and one.exposure_s and one.timestamp_s is not None]
+    rates = {one.timestamp_s or 0.0: (one.wx, one.wy, one.wz) for one in known if one.wx is not None}
+    if not rates:
+        raise OutputError(
+            "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"
+        )
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["GYROFLOW IMU LOG"])
     rows.writerows([("version", "1.3"), ("id", SIGNED_BY), ("orientation", "yxz")])
-    rows.writerow(("videofilename", " ".join(video.split())[:MOST_NAME]))
+    rows.writerow(("videofilename", " ".join(video.split())[:MAX_NAME]))
     rows.writerows([("tscale", f"{TICK_S:f}"), ("gscale", "1.0")])
     rows.writerow(("t", "gx", "gy", "gz"))
-    for time, rate in zip(times_s, rates, strict=True):
-        rows.writerow((round(time / TICK_S), *(f"{value:z.6f}" for value in rate)))
+    for time, rate in sorted(rates.items()):  # frames may be named in any order
+        rows.writerow((round(time / TICK_S), *(f"{-value:z.6f}" for value in rate)))
     return text.getvalue()
