@@ -52,10 +52,9 @@ class RecoverOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
-        from blur2view.colmap.blurred_tracks import track_frames  # and SciPy with it, which no help needs
-        from blur2view.colmap.recovery import recover_frames
-
         with waiting("recovering frames") as show:
+            from blur2view.colmap.recovery import recover_frames  # and SciPy with it, which no help needs
+
             names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
             refuse_other_model(self.output)
             if self.tracks is not None:
@@ -64,23 +63,26 @@ class RecoverOptions:
                 with open_read_only(self.tracks) as project:  # before hours of work
                     check_schema(project)
             found = recover_frames(model, self.photographs, names, refine=self.refine, show=show)
-            if found.refused and not found.recovered and self.tracks is None:
-                name, why = next(iter(found.refused.items()))
-                lacking = plural(len(found.refused), "frame")
+            recovered, refused = found.recovered, found.refused
+            if refused and not recovered and self.tracks is None:
+                name, why = next(iter(refused.items()))
+                lacking = plural(len(refused), "frame")
                 raise DatabaseError(
                     f"{model}: none of the {lacking} that it lacks is recovered; {name}: {why}"
                 )
             write_model(found.model, self.output, self.photographs, noted(model, DATABASE))
         if self.tracks is not None:
+            from blur2view.colmap.blurred_tracks import track_frames
+
             with waiting("matching blurred patches") as show:
-                track_frames(found.sequence, self.tracks, tracks, show)
+                track_frames(found, self.tracks, tracks, show)
         if not self.printing.quiet:
-            for line in refused_lines(found.refused, "recovered", self.printing):
+            for line in refused_lines(refused, "recovered", self.printing):
                 print(line)
-            for name, frame in found.recovered.items() if self.printing.verbose else ():
+            for name, frame in recovered.items() if self.printing.verbose else ():
                 points = plural(len(frame.points), "point")
                 print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
-            counts = f"{len(found.recovered)} recovered, {len(found.refused)} refused"
-            registered = f"of {plural(len(names), 'frame')} {len(found.sequence.images)} registered"
+            counts = f"{len(recovered)} recovered, {len(refused)} refused"
+            registered = f"of {plural(len(names), 'frame')} {len(found.images)} registered"
             print(f"{printable(str(self.output))}: {printable(str(model))} and more: {registered}, {counts}")
         return 0

@@ -1,11 +1,11 @@
-"""Patches of two photographs found in each other, each blurred by the other's smear.
+"""Patches of two photographs, each blurred by the other's smear, found in each other.
 
-Blurs commute: S * k blurred by l is S * l blurred by k. Then ordinary registration (pyramidal Lucas-Kanade,
-Bouguet 2001) works to a fraction of a pixel, where features of SIFT are not found again. It is done in
-linear light: in the file's gamma residuals along the smears of RedKitchen are twice as large.
+Blurs commute: S * k blurred by l is S * l blurred by k. So ordinary registration (pyramidal Lucas-Kanade,
+Bouguet 2001) finds patches to a fraction of a pixel where SIFT's features do not match. It works in linear
+light: in the file's gamma residuals along the smears of RedKitchen are twice as large.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,14 +15,15 @@ from blur2view.arrays import TINY, Array
 
 GAMMA = 2.2  # of stored pixels
 HALF_PATCH = 14  # pixels; patches of 29 px
-SAMPLE_STEP = 2  # pixels from one sample of a patch to the next where two are compared
-SAMPLE_PX, MOST_SAMPLES = 1.5, 24  # of a smear's length to each sample of it; and at most so many
-LEAST_PX = 0.5  # of a smear that blurs
-LONGEST_SHARE = 0.97  # of a picture's smears; what is longer is shortened to that
+SAMPLE_STEP = 2  # pixels between samples of a patch where two are compared
+SAMPLE_PX, MAX_SAMPLES = 1.5, 24  # of a smear's length between samples of the blur, and their number
+MIN_BLUR_PX = 0.5  # shorter smears are not applied
+LENGTH_QUANTILE = 0.97  # of a picture's smears, to which longer ones are shortened
 CONTRAST_WINDOW = 61  # pixels over which brightness and contrast are made equal
-CONTRAST, GREY, NOISE = 40.0, 128.0, 2.0  # of 8 bits, after which LK of OpenCV asks; levels of noise
-MOST_BACK_PX = 0.5  # from where a patch started to where it is found again
-UNFOUND = 1e4  # pixels
+CONTRAST, GREY, NOISE = 40.0, 128.0, 2.0  # deviation and mean after that, of 8 bits; noise before it
+MAX_ROUND_TRIP_PX = 0.5  # forward-backward error of a patch that is tracked there and back
+MIN_CORRELATION = 0.8  # of two patches
+LOST_PX = 1e4  # motion of a patch that is not found
 
 
 def linear_light(image: Any) -> Any:
@@ -41,16 +42,16 @@ def resampled(image: Any, place: Any, how: int = cv2.INTER_LINEAR) -> Any:
 
 
 def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False) -> list[Any]:
-    """Return an image (H, W, ...) blurred along path t + bend t^2, (H, W, 2), t from -1/2 to 1/2.
+    """Return an image (H, W, ...) blurred along path t + bend t^2, (H, W, 2), with t from -1/2 to 1/2.
 
-    A list of this image and, with ``moments``, of those whose samples are weighed by t and t^2.
+    The list holds this image and, with ``moments``, those whose samples are weighted by t and t^2.
     """
     height, width = image.shape[:2]
     place = np.dstack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)))
     length = np.hypot(path[..., 0], path[..., 1])
-    longest = float(np.quantile(length[::8, ::8], LONGEST_SHARE))
+    longest = float(np.quantile(length[::8, ::8], LENGTH_QUANTILE))
     path = path * np.minimum(1, np.float32(longest) / np.maximum(length, np.float32(TINY)))[..., None]
-    count = int(np.clip(np.ceil(longest / SAMPLE_PX), 2, MOST_SAMPLES)) if longest > LEAST_PX else 1
+    count = int(np.clip(np.ceil(longest / SAMPLE_PX), 2, MAX_SAMPLES)) if longest > MIN_BLUR_PX else 1
     sums = [np.zeros_like(image, np.float32) for _ in range(3 if moments else 1)]
     seen = np.empty_like(place)
     for t in (np.arange(count, dtype=np.float32) + 0.5) / np.float32(count) - np.float32(0.5):
@@ -64,26 +65,26 @@ def blurred_along(image: Any, path: Any, bend: Any = None, moments: bool = False
 
 
 def equalised(image: Any) -> Any:
-    """Return an image, float32, with the same mean and contrast everywhere, uint8, for OpenCV's tracker."""
+    """Return a float32 image with equal mean and contrast everywhere, uint8, as OpenCV's tracker reads."""
     window = (CONTRAST_WINDOW, CONTRAST_WINDOW)
     mean = cv2.blur(image, window)
     spread = np.sqrt(np.maximum(cv2.blur(image * image, window) - mean * mean, 0) + NOISE**2)
     return np.clip((image - mean) / spread * CONTRAST + GREY, 0, 255).astype(np.uint8)
 
 
-def tracked(first: Any, second: Any, points: Array, moved: Array, levels: int) -> Array:
-    """Return how far patches at (N, 2) moved between uint8 images, (N, 2), about ``moved``, or `UNFOUND`."""
+def tracked(first: Any, second: Any, points: Array, guess: Array, levels: int) -> Array:
+    """Return motions (N, 2) of patches at (N, 2) between uint8 images, near a guess (N, 2), or `LOST_PX`."""
     if not len(points):
         return np.zeros((0, 2))
     start = np.array(points, np.float32).reshape(-1, 1, 2)
-    guess = np.array(points + moved, np.float32).reshape(-1, 1, 2)
+    end = np.array(points + guess, np.float32).reshape(-1, 1, 2)
     side = 2 * HALF_PATCH + 1
     found, good, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, start, guess, winSize=(side, side), maxLevel=levels,
+        first, second, start, end, winSize=(side, side), maxLevel=levels,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-5,
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.005),
     )  # fmt: skip
-    return np.where(good == 1, (found - start)[:, 0].astype(float), UNFOUND)
+    return np.where(good == 1, (found - start)[:, 0].astype(float), LOST_PX)
 
 
 def patches(image: Any, points: Array) -> Any:
@@ -99,22 +100,19 @@ def gradients(image: Any) -> Any:
     return np.dstack([cv2.Sobel(image, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1))])
 
 
-class PatchMatches(NamedTuple):
-    """Patches of one image at the points found in another."""
+def match_patches(
+    first: Any, second: Any, points: Array, levels: int
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Find the patches of a float32 image at points (N, 2) in another that is about aligned with it.
 
-    moved: Array  # (N, 2) from the point in the first image to its place in the second, pixels
-    correlation: Array  # (N,) normalised, -1 to 1
-    covariance: Array  # (N, 2, 2) of ``moved``, pixels^2: long along an edge or a smear
-    found: NDArray[np.bool_]  # (N,) found again from the other image, `MOST_BACK_PX` from the point
-
-
-def match_patches(first: Any, second: Any, points: Array, levels: int) -> PatchMatches:
-    """Return where patches of one float32 image at points (N, 2) lie in another that is about aligned."""
+    Returned are their motions (N, 2) in pixels, the covariances (N, 2, 2) of these, long along an edge or a
+    smear, and which patches are found (N,): tracked there and back, and correlated.
+    """
     one, other = equalised(first), equalised(second)
     moved = tracked(one, other, points, np.zeros_like(points), levels)
     back = tracked(other, one, points + moved, -moved, 0)
-    found = np.linalg.norm(moved + back, axis=1) < MOST_BACK_PX
-    moved = np.where(found[:, None], moved, 0.0)
+    back_again = np.linalg.norm(moved + back, axis=1) < MAX_ROUND_TRIP_PX
+    moved = np.where(back_again[:, None], moved, 0.0)
     one, other = one.astype(np.float32), other.astype(np.float32)
     here, there = patches(one, points), patches(other, points + moved)
     energy, other_energy = (here * here).sum(axis=1), (there * there).sum(axis=1)
@@ -122,11 +120,6 @@ def match_patches(first: Any, second: Any, points: Array, levels: int) -> PatchM
     variance = np.maximum(energy * (1 - correlation**2) / here.shape[1], 1.0)
     slope = patches(gradients(one), points)
     information = np.einsum("npi,npj->nij", slope, slope) * SAMPLE_STEP**2 + 1e-3 * np.eye(2)
-    # what differs is smooth over about half a patch, so that its pixels do not err independently
+    # differences are smooth over about half a patch, so that its pixels do not err independently
     covariance = np.linalg.inv(information) * (variance * HALF_PATCH)[:, None, None]
-    return PatchMatches(moved, correlation, covariance, found)
-
-
-def same_sense(vectors: Array, like: Array) -> Array:
-    """Return vectors (N, 2) with their signs such that none runs against those of another array (N, 2)."""
-    return np.asarray(vectors * np.where((vectors * like).sum(axis=1) < 0, -1.0, 1.0)[:, None])
+    return moved, covariance, back_again & (correlation > MIN_CORRELATION)

@@ -1,10 +1,14 @@
-"""The pose of one blurred photograph, from registered neighbours and the model's points that they see.
+"""The pose of one blurred photograph, by registered neighbours and the points of the model that they see.
 
-A neighbour is warped to where the photograph is expected to be, by the inverse depth of the model's points,
-and each of the two is blurred as the other one is (`blur_matching`): by a rigid motion during its exposure,
-fit to its smears, and a change of the rotation's rate. What differs between two pictures of equal blur
-corrects both (`Kernel`): so the pose is that of mid exposure, from which the blur's centroid is 0.15 degrees
-away in frames of RedKitchen with smears of 52 px.
+A neighbour is warped to the expected pose by the inverse depth of the model's points, and each of the two
+pictures is blurred as the other one is (`blur_matching`): by a rigid motion during the exposure, fit to the
+smears, and a change of its rotation rate. The differences that remain correct this motion, so that the pose
+is that of mid exposure: from there to the blur's centroid it is 0.15 degrees in frames of RedKitchen with
+smears of 52 px.
+
+A *motion* (9,) is a rotation vector (3,) and a translation (3,) of points times t, and a rotation vector
+(3,), the bend, times t^2, with t from -1/2 at shutter-open to 1/2. Cameras are pycolmap's, of any model:
+derivatives of projections are differences.
 """
 
 from collections.abc import Sequence
@@ -18,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array
-from blur2view.camera import to_colmap
+from blur2view.camera import from_colmap, normalised_points
 from blur2view.colmap.blur_matching import (
     HALF_PATCH,
     SAMPLE_STEP,
@@ -27,23 +31,23 @@ from blur2view.colmap.blur_matching import (
     match_patches,
     patches,
     resampled,
-    same_sense,
 )
-from blur2view.colmap.exposure_motion import Motion, doubt_of, fit_pose, fit_smears, image_flow, projected
+from blur2view.exposure.trajectory import changed
+from blur2view.geometry.epipolar import cross_matrix
 from blur2view.smears.grid import SmearGrid
 
 Mask = NDArray[np.bool_]
 
-CELL = 8  # pixels from one place to the next at which the warp and the blur are computed
-NEAREST, SMOOTH_PX = 8, 8.0  # points whose inverse depth is averaged at a place, and how near is near
-BORDER_PX = 3.0  # a point must be as far within the picture
-LEAST_CORRELATION = 0.8
-MOST_WARP_PX = 6.0  # from where a point is in a neighbour to where the smooth depth puts it
-ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # part of the working size, and levels of the tracker's pyramid
-FLOOR_PX = 0.3  # standard deviation of a place beside what the patch itself says
-KERNEL_PATCHES = 600  # of a neighbour, from which the blur is corrected
-KERNEL_DOUBT = 0.3  # standard deviation of a correction of the blur, of its rotation
-FEWEST = 6  # points of which a pose is made
+CELL = 8  # pixels of the lattice on which the warp and the blur are computed
+NEAREST, SMOOTH_PX = 8, 8.0  # points whose inverse depths are averaged; weights are 1 / (distance + this)^2
+BORDER_PX = 3.0  # points nearer to the border are not used
+MAX_WARP_PX = 6.0  # between the projection of a point into a neighbour and the warp by the smooth depth
+ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # share of the working size, and pyramid levels of the tracker
+MIN_SIGMA_PX = 0.3  # of smears, and of places beside what the patch itself says
+KERNEL_PATCHES = 600  # of a neighbour, from which the motion is corrected
+KERNEL_SIGMA = 0.3  # of a correction of the motion, relative to its rotation
+MIN_POINTS = 6  # of a pose
+FIT_STEPS, POSE_STEPS = 12, 20  # of reweighting
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,15 +55,15 @@ class View:
     """A photograph at the size at which it is worked on."""
 
     image: Any  # (H, W) float32, grey, linear light
-    grid: SmearGrid  # of the photograph in its own size
+    grid: SmearGrid  # smears of the photograph in its own size
     camera: Any  # pycolmap.Camera of the working size
-    pose: Array  # (3, 4) cam_from_world; of a photograph to be recovered where it is expected
+    pose: Array  # (3, 4) cam_from_world, known or expected
 
     def smears(self, points: Array) -> tuple[Array, Array]:
         """Return displacements (N, 2) and standard deviations (N,) at pixels (N, 2), of the working size."""
         scale = self.camera.width / self.grid.size[0]
         smears = self.grid.at((points + 0.5) / scale - 0.5)
-        return smears.displacement * scale, np.maximum(smears.sigma_px * scale, FLOOR_PX)
+        return smears.displacement * scale, np.maximum(smears.sigma_px * scale, MIN_SIGMA_PX)
 
     def scaled(self, scale: float) -> "View":
         """Return the view in another size."""
@@ -76,50 +80,131 @@ class View:
         return np.asarray(world @ self.pose[:, :3].T + self.pose[:, 3])
 
     def project(self, world: Array) -> Array:
-        """Return the pixels (N, 2) of points (N, 3) of the world, NaN of what lies behind."""
+        """Return the pixels (N, 2) of points (N, 3) of the world, NaN behind the camera."""
         return projected(self.camera, self.points(world))
 
 
 class BlurredPose(NamedTuple):
-    """What neighbours say of a photograph's pose, in pixels of the working size."""
+    """The pose of a photograph by its neighbours, with pixels of the working size."""
 
     pose: Array  # (3, 4) cam_from_world at mid exposure
-    information: Array  # (6, 6) of a rotation and translation of points in it, as of independent matches
-    motion: Motion
+    information: Array  # (6, 6) of a rotation and translation of points, if all matches were independent
+    motion: Array  # (9,)
     smear_motion: Array  # (6,) the rigid motion by the smears alone
-    numbers: NDArray[np.int_]  # (M,) points that were found, each once
-    places: Array  # (M, 2) where
-    residual_px: float  # median distance of the places from the projections
-    tried: int  # points that were looked for
+    numbers: NDArray[np.int_]  # (M,) indices of the points that were found, each once
+    places: Array  # (M, 2) their pixels
+    residual_px: float  # median distance of the pixels from the projections
+    tried: int  # how many points lie in the picture
 
 
-class Lattice:
-    """Places every `CELL` pixels of a camera's picture, between which smooth fields are interpolated."""
+def find_pose(
+    view: View, neighbours: Sequence[View], world: Array, seen: Sequence[Mask], expected: Array
+) -> BlurredPose | None:
+    """Return the pose of a photograph that is about where its view is; None if too few points are found.
 
-    def __init__(self, camera: Any) -> None:
-        width, height = camera.width, camera.height
-        x, y = (np.arange(0, side + CELL, CELL, dtype=float) for side in (width, height))
-        self.shape = len(y), len(x)
-        self.points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        rays = np.asarray(camera.cam_from_img(to_colmap(self.points)), float)
-        self.rays = np.nan_to_num(np.column_stack([rays, np.ones(len(rays))]))
-        columns, rows = (np.arange(side, dtype=np.float32) / CELL for side in (width, height))
-        self.place = np.dstack(np.meshgrid(columns, rows))
+    Neighbours see some (N,) of the points (N, 3) of the world. ``expected`` (6,) is the change of pose per
+    frame interval.
+    """
+    pixels = view.project(world)
+    inside = _inside(view.camera, pixels)
+    if inside.sum() < MIN_POINTS:
+        return None
+    flow, pose = image_flow(view.camera, view.points(world)[inside]), view.pose
+    smear_motion = fit_smears(flow, *view.smears(pixels[inside]), expected)
+    motion = np.append(smear_motion, np.zeros(3))
+    for scale, levels in ROUNDS:
+        here, there = replace(view.scaled(scale), pose=pose), [one.scaled(scale) for one in neighbours]
+        matches = _find_matches(here, there, world, seen, motion, levels)
+        if matches is None:
+            return None
+        index, places, covariance, equations = matches
+        pose, information = fit_pose(here.camera, pose, world[index], places, covariance)
+        if levels:
+            motion = _corrected(motion, equations, expected)
+    index, places = _means(index, places, covariance)
+    residual = np.linalg.norm(places - replace(view, pose=pose).project(world[index]), axis=1)
+    missed, tried = float(np.median(residual)), int(inside.sum())
+    return BlurredPose(pose, information, motion, smear_motion, index, places, missed, tried)
 
-    def everywhere(self, field: Array) -> Any:
-        """Return a field (N, C) of the places at all pixels, (H, W, C), float32."""
-        return resampled(field.reshape(*self.shape, -1).astype(np.float32), self.place)
 
-    def jacobian(self, field: Array) -> Array:
-        """Return the derivatives (N, 2, 2) of a field (N, 2) by x and y."""
-        values = field.reshape(*self.shape, 2)
-        return np.stack([np.gradient(values, CELL, axis=axis) for axis in (1, 0)], axis=-1).reshape(-1, 2, 2)
+def projected(camera: Any, points: Array) -> Array:
+    """Return the pixels (N, 2) of points (N, 3) of a pycolmap.Camera; NaN behind it."""
+    pixels = from_colmap(np.asarray(camera.img_from_cam(points), float).reshape(-1, 2))
+    return np.where(points[:, 2:] > 0, pixels, np.nan)
 
 
-def within(camera: Any, pixels: Array) -> Mask:
-    """Return which pixels (N, 2) are `BORDER_PX` or more within a camera's picture."""
-    last = np.array([camera.width, camera.height]) - 1
-    return np.asarray(np.all((pixels > BORDER_PX) & (pixels < last - BORDER_PX), axis=1))
+def image_flow(camera: Any, points: Array) -> Array:
+    """Return the derivatives (N, 2, 6) of pixels of points (N, 3) by their rotation and translation."""
+    step = 1e-4 * points[:, 2:]
+    slopes = [
+        (projected(camera, points + step * axis) - projected(camera, points - step * axis)) / (2 * step)
+        for axis in np.eye(3)
+    ]
+    slope = np.stack(slopes, axis=-1)
+    return np.concatenate([-slope @ cross_matrix(points), slope], axis=-1)
+
+
+def pose_at(t: float, pose: Array, motion: Array) -> Array:
+    """Return cam_from_world (3, 4) at a time t of an exposure, by its motion (9,) from mid exposure."""
+    return changed(pose, np.append(motion[:3] * t + motion[6:] * t * t, motion[3:6] * t))
+
+
+def fit_smears(flow: Array, smears: Array, sigma: Array, expected: Array) -> Array:
+    """Return the rigid motion (6,) of smears (N, 2) of either sign, in the sense of an expected one (6,)."""
+    length = float(np.median(np.linalg.norm(smears, axis=1)))
+    reach = np.linalg.norm(flow[:, :, :3], axis=1).mean(axis=0) + TINY  # (3,) pixels per radian
+    share = length / max(float(np.median(np.linalg.norm(flow @ expected, axis=1))), TINY)
+    start = expected * min(share, 1.0)
+    starts = [start]
+    for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 2), (0.7, 0.7, 0), (0.7, -0.7, 0)):
+        starts.append(np.append(np.array(axis) * length / reach, start[3:]))
+    found = [_fit_from(one, flow, smears, sigma, _translation_sigma(expected)) for one in starts]
+    motion = min(found, key=lambda one: one[0])[1]
+    return -motion if motion[:3] @ expected[:3] < 0 else motion
+
+
+def _translation_sigma(expected: Array) -> float:
+    """Return the standard deviation of each component of an expected motion's translation."""
+    return float(np.linalg.norm(expected[3:])) + TINY
+
+
+def _fit_from(start: Array, flow: Array, smears: Array, sigma: Array, prior: float) -> tuple[float, Array]:
+    """Return cost and motion (6,) of `fit_smears` from one start, whose translation errs by ``prior``."""
+    motion, precision = start, np.append(np.zeros(3), np.full(3, prior**-2))
+    for _ in range(FIT_STEPS):
+        target = same_sense(smears, flow @ motion)
+        missed = target - flow @ motion
+        weighted = flow / (sigma**2 + (missed**2).sum(axis=1))[:, None, None]
+        normal = np.tensordot(weighted, flow, ((0, 1), (0, 1))) + np.diag(precision)
+        right = np.tensordot(weighted, target, ((0, 1), (0, 1))) + precision * start
+        motion = np.linalg.lstsq(normal, right, rcond=None)[0]
+    return float(np.log1p((missed**2).sum(axis=1) / sigma**2).sum()), motion
+
+
+def same_sense(vectors: Array, like: Array) -> Array:
+    """Return vectors (N, 2), turned round where they run against those of another array (N, 2)."""
+    return np.asarray(vectors * np.where((vectors * like).sum(axis=1) < 0, -1.0, 1.0)[:, None])
+
+
+def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: Array) -> tuple[Array, Array]:
+    """Return the pose (3, 4) of points (N, 3) at pixels (N, 2), by Cauchy's weights, and its information.
+
+    The pixels err by covariances (N, 2, 2), long along smears, which pycolmap's and OpenCV's refinements do
+    not take.
+    """
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+    for _ in range(POSE_STEPS):
+        points = world @ pose[:, :3].T + pose[:, 3]
+        points[:, 2] = np.maximum(points[:, 2], TINY)
+        missed = (whiten @ (places - projected(camera, points))[..., None])[..., 0]
+        rows = whiten @ image_flow(camera, points)
+        weighted = rows / (1 + (missed**2).sum(axis=1))[:, None, None]
+        normal = np.tensordot(weighted, rows, ((0, 1), (0, 1)))
+        step = np.linalg.lstsq(normal, np.tensordot(weighted, missed, ((0, 1), (0, 1))), rcond=None)[0]
+        pose = changed(pose, step)
+        if np.abs(step[:3]).max() < 1e-7:
+            break
+    return pose, normal
 
 
 def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
@@ -130,139 +215,118 @@ def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
     return np.asarray((weight / depth[index]).sum(axis=1) / weight.sum(axis=1))
 
 
-class Kernel:
-    """Normal equations of corrections (9,) to a motion and its bend, from what differs between patches.
-
-    To first order a blurred picture changes by the blurred gradients, weighted by t and t^2, times the
-    change of path and bend. Of each patch gain and displacement are free; they are projected out.
-    """
-
-    def __init__(self) -> None:
-        self.normal, self.right = np.zeros((9, 9)), np.zeros(9)
-
-    def add(self, blurred: Sequence[Any], other: Any, points: Array, moved: Array, flow: Array) -> None:
-        """Add patches about points (N, 2) of images weighted by 1, t, t^2; the motion's flow is (N, 2, 6)."""
-        here, there = patches(blurred[0], points), patches(other, points + moved)
-        slope, by_path, by_bend = (patches(gradients(np.ascontiguousarray(one)), points) for one in blurred)
-        change = -np.concatenate([by_path @ flow, by_bend @ flow[:, :, :3]], axis=-1)
-        free = np.concatenate([here[..., None], slope], axis=-1)
-        free /= np.linalg.norm(free, axis=1, keepdims=True) + 1e-6
-        basis, _ = np.linalg.qr(free)
-        across = np.swapaxes(basis, 1, 2)
-        change = change - basis @ (across @ change)
-        missed = there - (basis @ (across @ there[..., None]))[..., 0]
-        variance = (0.1 * here.std(axis=1)) ** 2 + (missed**2).mean(axis=1) + 1e-6
-        weighted = change / (variance * HALF_PATCH / SAMPLE_STEP)[:, None, None]
-        self.normal += np.tensordot(weighted, change, ((0, 1), (0, 1)))
-        self.right += np.tensordot(weighted, missed, ((0, 1), (0, 1)))
-
-    def corrected(self, motion: Motion, expected: Array) -> Motion:
-        """Return a motion after the correction, near itself, with a bend that is small."""
-        turned = KERNEL_DOUBT * np.linalg.norm(motion.rigid[:3]) + TINY
-        precision = np.repeat([turned, KERNEL_DOUBT * doubt_of(expected), turned], 3) ** -2.0
-        right = self.right - precision * np.concatenate([np.zeros(6), motion.bend])
-        step = np.linalg.solve(self.normal + np.diag(precision), right)
-        return Motion(rigid=motion.rigid + step[:6], bend=motion.bend + step[6:])
-
-
-def find_pose(
-    view: View, neighbours: Sequence[View], world: Array, seen: Sequence[Mask], expected: Array
-) -> BlurredPose | None:
-    """Return the pose of a photograph that is about where its view is; None where too little is found in it.
-
-    From points (N, 3) of the world, of which each neighbour sees some (N,); ``expected`` (6,) is the change
-    of a frame about it.
-    """
-    pixels = view.project(world)
-    inside = within(view.camera, pixels)
+def _find_matches(
+    view: View, neighbours: Sequence[View], world: Array, seen: Sequence[Mask], motion: Array, levels: int
+) -> tuple[NDArray[np.int_], Array, Array, Array] | None:
+    """Return indices (M,) of points found, their pixels (M, 2), covariances (M, 2, 2), and `_equations`."""
+    camera, points = view.camera, view.points(world)
+    pixels = projected(camera, points)
+    inside = _inside(camera, pixels)
     if not inside.any():
         return None
-    flow, pose = image_flow(view.camera, view.points(world)[inside]), view.pose
-    smear_motion = fit_smears(flow, *view.smears(pixels[inside]), expected)
-    motion = Motion(rigid=smear_motion, bend=np.zeros(3))
-    for scale, levels in ROUNDS:
-        here, there = view.scaled(scale), [one.scaled(scale) for one in neighbours]
-        search = Search(replace(here, pose=pose), world)
-        if search.inside.sum() < NEAREST:
-            return None
-        kernel = Kernel() if levels else None  # not in the last round
-        index, places, covariance = search.matches(there, seen, motion, levels, kernel)
-        if len(np.unique(index)) < FEWEST:
-            return None
-        pose, information = fit_pose(here.camera, pose, world[index], places, covariance)
-        if kernel is not None:
-            motion = kernel.corrected(motion, expected)
-    index, places = _means(index, places, covariance)
-    residual = np.linalg.norm(places - replace(view, pose=pose).project(world[index]), axis=1)
-    missed, tried = float(np.median(residual)), int(inside.sum())
-    return BlurredPose(pose, information, motion, smear_motion, index, places, missed, tried)
+    lattice = _lattice(camera)
+    depth = 1 / inverse_depth_at(lattice, pixels[inside], points[inside, 2])
+    rays = np.column_stack([normalised_points(camera, lattice), np.ones(len(lattice))])
+    surface = np.nan_to_num(rays) * depth[:, None]
+    flow = image_flow(camera, surface)
+    path, bend = flow @ motion[:6], flow[:, :, :3] @ motion[6:]
+    warps = [_warp(one, view, surface, path) for one in neighbours]
+    scene = np.dstack([picture for picture, _, _ in warps])
+    fields = _everywhere(camera, path), _everywhere(camera, bend) if bend.any() else None
+    blurred = blurred_along(scene, *fields, moments=levels > 0)
+    found, equations = [], np.zeros((9, 10))
+    for number, (neighbour, (_, where, smears)) in enumerate(zip(neighbours, warps, strict=True)):
+        index = np.flatnonzero(inside & seen[number])
+        at = pixels[index]
+        there = neighbour.project(world[index]) - resampled(where, np.asarray(at, np.float32)[:, None])[:, 0]
+        pictures = [np.ascontiguousarray(one[..., number]) for one in blurred]
+        other = blurred_along(view.image, smears)[0]
+        moved, covariance, matched = match_patches(pictures[0], other, at, levels)
+        good = matched & (np.linalg.norm(there, axis=1) < MAX_WARP_PX)  # False of NaN
+        found.append((index[good], (at + moved + there)[good], covariance[good]))
+        if levels and good.any():
+            best = np.flatnonzero(good)
+            best = best[:: 1 + len(best) // KERNEL_PATCHES]
+            moves = image_flow(camera, points[index[best]])
+            equations += _equations(pictures, other, at[best], moved[best], moves)
+    index, places, covariance = (np.concatenate(one) for one in zip(*found, strict=True))
+    if len(np.unique(index)) < MIN_POINTS:
+        return None
+    return index, places, covariance + MIN_SIGMA_PX**2 * np.eye(2), equations
+
+
+def _inside(camera: Any, pixels: Array) -> Mask:
+    """Return which pixels (N, 2) lie in a camera's picture, `BORDER_PX` or more from its border."""
+    last = np.array([camera.width, camera.height]) - 1
+    return np.asarray(np.all((pixels > BORDER_PX) & (pixels < last - BORDER_PX), axis=1))
+
+
+def _lattice(camera: Any) -> Array:
+    """Return pixels (h w, 2) in rows, every `CELL` pixels, that cover a camera's picture."""
+    x, y = (np.arange(0, side + CELL, CELL, dtype=float) for side in (camera.width, camera.height))
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _in_rows(camera: Any, field: Array) -> Array:
+    """Return a field (h w, C) on the lattice as (h, w, C)."""
+    return field.reshape(-(-camera.height // CELL) + 1, -(-camera.width // CELL) + 1, -1)
+
+
+def _everywhere(camera: Any, field: Array) -> Any:
+    """Return a field (h w, C) on the lattice at all pixels, (H, W, C), float32."""
+    columns, rows = (np.arange(side, dtype=np.float32) / CELL for side in (camera.width, camera.height))
+    return resampled(_in_rows(camera, field).astype(np.float32), np.dstack(np.meshgrid(columns, rows)))
+
+
+def _warp(neighbour: View, view: View, surface: Array, path: Array) -> tuple[Any, Any, Any]:
+    """Return a neighbour's picture, the pixels in it and its smears, all at the pixels of a view (H, W)."""
+    R = neighbour.pose[:, :3] @ view.pose[:, :3].T
+    t = neighbour.pose[:, 3] - R @ view.pose[:, 3]
+    where = np.nan_to_num(projected(neighbour.camera, surface @ R.T + t), nan=-1e3)
+    rows = _in_rows(view.camera, where)
+    jacobian = np.stack([np.gradient(rows, CELL, axis=axis) for axis in (1, 0)], axis=-1).reshape(-1, 2, 2)
+    own = neighbour.smears(where)[0][..., None]
+    smears = np.asarray(np.linalg.solve(jacobian + 1e-6 * np.eye(2), own)[..., 0], float)
+    pixels = _everywhere(view.camera, where)
+    picture = resampled(neighbour.image, pixels, cv2.INTER_CUBIC)
+    return picture, pixels, _everywhere(view.camera, same_sense(smears, path))
+
+
+def _equations(blurred: Sequence[Any], other: Any, points: Array, moved: Array, flow: Array) -> Array:
+    """Return normal equations (9, 10) of a motion's correction, from differences of patches at (N, 2).
+
+    To first order a blurred picture changes by the blurred gradients, weighted by t and t^2, times the change
+    of path and bend: ``blurred`` are weighted by 1, t, t^2, ``flow`` (N, 2, 6) is that of the points. Gain
+    and displacement of each patch are free, and projected out.
+    """
+    here, there = patches(blurred[0], points), patches(other, points + moved)
+    slope, by_path, by_bend = (patches(gradients(np.ascontiguousarray(one)), points) for one in blurred)
+    change = -np.concatenate([by_path @ flow, by_bend @ flow[:, :, :3]], axis=-1)
+    free = np.concatenate([here[..., None], slope], axis=-1)
+    free /= np.linalg.norm(free, axis=1, keepdims=True) + 1e-6
+    basis, _ = np.linalg.qr(free)
+    across = np.swapaxes(basis, 1, 2)
+    change = change - basis @ (across @ change)
+    missed = there - (basis @ (across @ there[..., None]))[..., 0]
+    variance = (0.1 * here.std(axis=1)) ** 2 + (missed**2).mean(axis=1) + 1e-6
+    weighted = change / (variance * HALF_PATCH / SAMPLE_STEP)[:, None, None]
+    normal = np.tensordot(weighted, change, ((0, 1), (0, 1)))
+    return np.column_stack([normal, np.tensordot(weighted, missed, ((0, 1), (0, 1)))])
+
+
+def _corrected(motion: Array, equations: Array, expected: Array) -> Array:
+    """Return a motion (9,) after its correction by `_equations`, which is small, as is the bend."""
+    turned = KERNEL_SIGMA * np.linalg.norm(motion[:3]) + TINY
+    sigma = np.repeat([turned, KERNEL_SIGMA * _translation_sigma(expected), turned], 3)
+    right = equations[:, 9] - sigma**-2.0 * np.append(np.zeros(6), motion[6:])
+    return np.asarray(motion + np.linalg.solve(equations[:, :9] + np.diag(sigma**-2.0), right))
 
 
 def _means(index: NDArray[np.int_], places: Array, covariance: Array) -> tuple[NDArray[np.int_], Array]:
-    """Return each point once, and the mean of its places (M, 2) by their covariances (M, 2, 2)."""
+    """Return each point once, and the mean of its pixels (M, 2) by their covariances (M, 2, 2)."""
     index, where = np.unique(index, return_inverse=True)
     precision = np.linalg.inv(covariance)
     total, right = np.zeros((len(index), 2, 2)), np.zeros((len(index), 2))
     np.add.at(total, where, precision)
     np.add.at(right, where, (precision @ places[..., None])[..., 0])
     return index, np.asarray(np.linalg.solve(total, right[..., None])[..., 0], float)
-
-
-class Search:
-    """Where points (N, 3) of the model, of which some are ``inside``, are looked for in a photograph."""
-
-    def __init__(self, view: View, world: Array) -> None:
-        self.view, self.world, self.lattice = view, world, Lattice(view.camera)
-        self.points = view.points(world)
-        self.pixels = projected(view.camera, self.points)
-        self.inside = within(view.camera, self.pixels)
-
-    def matches(
-        self,
-        neighbours: Sequence[View],
-        seen: Sequence[Mask],
-        motion: Motion,
-        levels: int,
-        kernel: Kernel | None,
-    ) -> tuple[NDArray[np.int_], Array, Array]:
-        """Return points found (M,), places (M, 2), covariances (M, 2, 2); add what patches differ by."""
-        seen_pixels, seen_depth = self.pixels[self.inside], self.points[self.inside, 2]
-        depth = 1 / inverse_depth_at(self.lattice.points, seen_pixels, seen_depth)
-        surface = self.lattice.rays * depth[:, None]  # (L, 3), smooth, in the camera
-        flow = image_flow(self.view.camera, surface)
-        path, bend = flow @ motion.rigid, flow[:, :, :3] @ motion.bend
-        warps = [self._warp(one, surface, path) for one in neighbours]
-        scene = np.dstack([one[0] for one in warps])
-        fields = self.lattice.everywhere(path), self.lattice.everywhere(bend) if motion.bend.any() else None
-        blurred = blurred_along(scene, *fields, moments=kernel is not None)
-        found = []
-        for number, (neighbour, (_, where, smears)) in enumerate(zip(neighbours, warps, strict=True)):
-            index = np.flatnonzero(self.inside & seen[number])
-            pixels = self.pixels[index]
-            warped = resampled(where, np.asarray(pixels, np.float32)[:, None])[:, 0]
-            there = neighbour.project(self.world[index]) - warped
-            pictures = [np.ascontiguousarray(one[..., number]) for one in blurred]
-            other = blurred_along(self.view.image, smears)[0]
-            match = match_patches(pictures[0], other, pixels, levels)
-            near: Mask = np.linalg.norm(there, axis=1) < MOST_WARP_PX  # False of NaN
-            good = match.found & near & (match.correlation > LEAST_CORRELATION)
-            found.append((index[good], (pixels + match.moved + there)[good], match.covariance[good]))
-            if kernel is not None and good.any():
-                best = np.flatnonzero(good)
-                best = best[:: 1 + len(best) // KERNEL_PATCHES]
-                moves = image_flow(self.view.camera, self.view.points(self.world[index[best]]))
-                kernel.add(pictures, other, pixels[best], match.moved[best], moves)
-        index, places, covariance = (np.concatenate(one) for one in zip(*found, strict=True))
-        return index, places, covariance + FLOOR_PX**2 * np.eye(2)
-
-    def _warp(self, neighbour: View, surface: Array, path: Array) -> tuple[Any, Any, Any]:
-        """Return a neighbour's picture where this one's is, where that is in it, and its smears here."""
-        there, here = neighbour.pose, self.view.pose
-        R = there[:, :3] @ here[:, :3].T
-        t = there[:, 3] - R @ here[:, 3]
-        where = np.nan_to_num(projected(neighbour.camera, surface @ R.T + t), nan=-1e3)
-        jacobian = self.lattice.jacobian(where) + 1e-6 * np.eye(2)
-        smears = np.asarray(np.linalg.solve(jacobian, neighbour.smears(where)[0][..., None])[..., 0], float)
-        field = self.lattice.everywhere(same_sense(smears, path))
-        pixels = self.lattice.everywhere(where)
-        return resampled(neighbour.image, pixels, cv2.INTER_CUBIC), pixels, field

@@ -1,148 +1,107 @@
-"""Frames that a COLMAP model lacks, as they are too blurred for it, put into it.
+"""Frames that are too blurred for COLMAP, registered in its model of the others.
 
-Where a frame is expected a spline through the poses of the frames before and after it says, and frames that
-are known say how far off such a spline is. From there blur-matched patches of registered neighbours give its
-pose (`blurred_pose`). Both are averaged by their covariances. A frame that does not agree with its
-neighbours, or in which too little is found, is refused with the reason: ``python -m
-tools.evaluation.recovered`` measures what comes of it.
+A spline through the poses of the frames before and after predicts where a frame is, and known frames show how
+far off such a spline is. From there blur-matched patches of registered neighbours give the pose
+(`blurred_pose`); both are averaged by their covariances. A frame that contradicts its neighbours, or in which
+too few points are found, is refused with the reason. Measured by ``python -m tools.evaluation.recovered``.
 """
 
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera import to_colmap
 from blur2view.colmap.blur_matching import linear_light
-from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose
-from blur2view.colmap.exposure_motion import Motion, projected
+from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at, projected
 from blur2view.colmap.models import add_image, observed, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.exposure.time_direction import frame_times
+from blur2view.exposure.sequence import frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.image import read_pixels
 from blur2view.networks.protocol import SmearReader
 from blur2view.networks.smear_network import SmearNetwork
 
-WORK_SIDE = 960  # pixels: larger photographs are worked on in this size
+WORK_SIDE = 960  # pixels: larger photographs are reduced to this side
 PICTURES_KEPT = 16  # pictures in memory
-NEIGHBOURS = 4  # registered frames, the nearest, in which patches are taken
-NEAR_FRAMES = 12  # frames to the nearest registered one
-LEAST_POINTS = 30  # that a frame must see
-LEAST_FOUND = 0.1  # share of those looked for
-MOST_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
-MOST_DEPARTURE = 6.0  # standard deviations of the spline
-MOST_CHANGE = 0.7  # of the smears' rotation, by which the neighbours correct it
-SURE_SHARE = 0.5  # of the points looked for: where more are found smears may be wrong
+NEIGHBOURS = 4  # registered frames, the nearest, whose patches are matched
+NEAR_FRAMES = 12  # frames from a frame to those that predict it
+MIN_POINTS = 30  # that are found in a frame
+MIN_FOUND = 0.1  # share of the points in the picture that are found
+MAX_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
+MAX_DEPARTURE = 6.0  # standard deviations of the spline
+MAX_CORRECTION = 0.7  # of the smears' rotation, relative, where fewer points are found than
+SURE_FOUND = 0.5  # share of the points in the picture
 # The next four are of 69 rendered frames, runs of 3 of tools.evaluation.recovered with shakes of 10, 30 and
 # 60 px, by likelihood and coverage: 90 % hold at 90 %
-INDEPENDENT = 0.01  # of the matches: a point is found in several neighbours, and patches overlap
-KERNEL_ERROR = 0.01  # standard deviation that the blur leaves, of rotation and translation of the exposure
-BEND_ERROR = 0.04  # the same of an uneven motion, of its bend
-LEAST_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
+INDEPENDENT = 0.01  # share of the matches: a point is found in several neighbours, and patches overlap
+KERNEL_ERROR = 0.01  # standard deviation, relative to the motion, that the blur leaves in a pose
+BEND_ERROR = 0.04  # the same, relative to the bend
+MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
 
 
 class RecoveredFrame(NamedTuple):
-    """A frame with its pose."""
+    """A frame that the model lacked, with its pose."""
 
     pose: Array  # (3, 4) cam_from_world at mid exposure
     covariance: Array  # (6, 6) of a small rotation (radians) and translation of points in the camera
-    motion: Motion  # during the exposure, in the sense of time of the frames
-    points: Array  # (M,) ids of the model's points that were found
-    places: Array  # (M, 2) where, pixels of the frame's own size
-    residual_px: float  # median distance of the places from the points' projections
-
-
-class Recovery(NamedTuple):
-    """A model with frames that it lacked, by name, why others are refused, and all that is known of them."""
-
-    model: Any  # with views NAME#open and NAME#close of recovered frames, which observe its points
-    recovered: Mapping[str, RecoveredFrame]
-    refused: Mapping[str, str]
-    sequence: "FrameSequence"
-
-
-def recover_frames(
-    model: str | os.PathLike[str],
-    frames: str | os.PathLike[str],
-    names: Sequence[str],
-    *,
-    refine: bool = False,
-    network: SmearReader | None = None,
-    show: Callable[[int, int], None] = lambda done, count: None,
-) -> Recovery:
-    """Return the model in a folder with those frames of a video, in another folder, that it lacks.
-
-    ``names`` are all frames in order, as COLMAP calls them; where their numbers leave some out, none are
-    neighbours. With ``refine`` recovered poses and points are adjusted together at the end. ``show`` gets
-    how many frames are done, of how many. DatabaseError if the model has fewer than two of the frames.
-    """
-    sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
-    if len(sequence.images) < 2:
-        count = f"has {len(sequence.images)} of the {len(names)} frames in {frames}"
-        raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
-    found = sequence.recover([name for name in names if name not in sequence.images], show)
-    recovered = {name: one for name in names if isinstance(one := found.get(name), RecoveredFrame)}
-    refused = {name: one for name in names if isinstance(one := found.get(name), str)}
-    for name, frame in recovered.items():
-        _add_frame(sequence, name, frame)
-    if refine and recovered:
-        _refine(sequence.model, recovered.keys())
-    for name, frame in recovered.items():
-        _add_views(sequence.model, name, frame)
-    return Recovery(sequence.model, recovered, refused, sequence)
+    motion: Array  # (9,) during the exposure, as in `blurred_pose`, in the frames' sense of time
+    points: NDArray[np.int_]  # (M,) ids of the model's points that were found
+    places: Array  # (M, 2) their pixels in the frame's own size
+    residual_px: float  # median distance of the pixels from the points' projections
 
 
 class FrameSequence:
-    """The frames of a video, some in a model: ``poses`` of those registered and recovered."""
+    """The frames of a video in order, those that a model has, and those that are ``recovered`` or not."""
 
     def __init__(self, model: Any, folder: Path, names: Sequence[str], network: SmearReader) -> None:
         self.model, self.folder, self.network = model, folder, network
         self.times = dict(zip(names, frame_times(names), strict=True))
         self.images = {name: one for name, one in photographs_of(model).items() if name in self.times}
         self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
+        self.recovered = dict[str, RecoveredFrame]()  # in order of time
+        self.refused = dict[str, str]()  # the reason, in order of time
         self._read = lru_cache(PICTURES_KEPT)(self._read_frame)
 
-    def recover(
-        self, names: Sequence[str], show: Callable[[int, int], None]
-    ) -> dict[str, RecoveredFrame | str]:
-        """Return frames that can be recovered, or why one cannot; those next to registered ones first."""
-        found = dict[str, RecoveredFrame | str]()
-        for name in sorted(names, key=lambda name: (self._away(name, self.near(name)[0]), self.times[name])):
-            show(len(found), len(names))
+    def recover(self, show: Callable[[int, int], None]) -> None:
+        """Recover frames or refuse them, those next to registered ones first; ``poses`` grow."""
+        missing = [name for name in self.times if name not in self.images]
+        gaps = {name: min(self._frames_between(name, one) for one in self.images) for name in missing}
+        for done, name in enumerate(sorted(missing, key=lambda name: gaps[name])):
+            show(done, len(missing))
             try:
-                one = found[name] = self._recover_one(name)
+                self.recovered[name] = self._recover_one(name)
+                self.poses[name] = self.recovered[name].pose
             except ImageError as error:
-                one = found[name] = str(error)
-            if isinstance(one, RecoveredFrame):
-                self.poses[name] = one.pose
-        return found
+                self.refused[name] = str(error)
+        self.recovered = {name: self.recovered[name] for name in missing if name in self.recovered}
+        self.refused = {name: self.refused[name] for name in missing if name in self.refused}
 
     def near(self, name: str) -> list[str]:
-        """Return registered frames, the nearest in time first: itself, if it is one."""
-        return sorted(self.images, key=lambda other: (self._away(name, other), self.times[other]))
+        """Return the registered frames, the nearest in time first: itself, if it is one."""
+        return sorted(self.images, key=lambda one: (self._frames_between(name, one), self.times[one]))
 
-    def _away(self, name: str, other: str) -> int:
-        """Return how many frames lie between two."""
+    def _frames_between(self, name: str, other: str) -> int:
         return abs(self.times[name] - self.times[other])
 
     def expected(self, name: str) -> Expected | None:
-        """Return where the other frames' path expects a frame; None where fewer than two are near."""
+        """Predict a frame by the path of the others; None where fewer than two are near."""
         times = np.array([self.times[one] for one in self.poses], float)
         return CameraPath(times, np.stack(list(self.poses.values())), NEAR_FRAMES).expected(self.times[name])
 
-    def view(self, name: str, pose: Array) -> View:
-        """Return a frame at a pose, in the working size."""
-        return replace(self._read(name), pose=pose)
+    def view(self, name: str, pose: Array | None = None) -> View:
+        """Return a frame in the working size at a pose (3, 4), by default its own."""
+        return replace(self._read(name), pose=self.poses[name] if pose is None else pose)
 
     def _read_frame(self, name: str) -> View:
-        """Return a frame in the working size, with the nearest frame's camera."""
+        """Read a frame, with the camera of the nearest registered one."""
         pixels = read_pixels(self.folder / name, as_stored=True)
         height, width = pixels.shape[:2]
         camera = self.model.cameras[self.images[self.near(name)[0]].camera_id]
@@ -155,37 +114,92 @@ class FrameSequence:
         view = View(image=light, grid=self.network.predict(pixels), camera=camera, pose=np.eye(3, 4))
         return view.scaled(min(1.0, WORK_SIDE / max(width, height)))
 
-    def _recover_one(self, name: str) -> RecoveredFrame | str:
-        """Return a frame with its pose, or why there is none."""
+    def _recover_one(self, name: str) -> RecoveredFrame:
+        """Return a frame with its pose; ImageError with the reason if there is none."""
         expected, near = self.expected(name), self.near(name)[:NEIGHBOURS]
         if expected is None:
-            return f"fewer than two registered frames are within {NEAR_FRAMES} frames"
+            raise ImageError(f"fewer than two registered frames are within {NEAR_FRAMES} frames")
         view = self.view(name, expected.pose)
-        neighbours = [self.view(one, self.poses[one]) for one in near]
+        neighbours = [self.view(one) for one in near]
         seen = [self.points_of(one) for one in near]
         ids = np.array(sorted(set().union(*seen)))
         masks = [np.isin(ids, list(one)) for one in seen]
         found = find_pose(view, neighbours, self.world(ids), masks, expected.motion)
-        reason = refusal(found, expected)
-        if found is None or reason:
-            return reason
+        if found is None or (reason := refusal(found, expected)):
+            raise ImageError(TOO_FEW if found is None else reason)
+        pose, covariance = weighted_mean(found, expected)
         scale = view.grid.size[0] / view.camera.width
         places, residual = (found.places + 0.5) * scale - 0.5, found.residual_px * scale
-        return RecoveredFrame(*weighed(found, expected), found.motion, ids[found.numbers], places, residual)
+        return RecoveredFrame(pose, covariance, found.motion, ids[found.numbers], places, residual)
 
     def points_of(self, name: str) -> set[int]:
-        """Return the ids of the points that a registered frame sees, or the one next to it."""
+        """Return the ids of the points that a registered frame sees, or the nearest one to a frame."""
         return set(observed(self.model, self.images[self.near(name)[0]]).values())
 
     def world(self, ids: Iterable[int]) -> Array:
         """Return points (N, 3) by their ids."""
-        return np.array([self.model.points3D[number].xyz for number in ids]).reshape(-1, 3)
+        return np.array([self.model.points3D[int(number)].xyz for number in ids]).reshape(-1, 3)
 
 
-def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
-    """Return the weighted mean of poses found and expected, and its covariance (6, 6), `BEND_ERROR` added."""
-    matches = np.linalg.pinv(found.information * INDEPENDENT, hermitian=True)
-    own, even = (matches + _shared_error(found, bend) for bend in (BEND_ERROR, 0.0))
+def recover_frames(
+    model: str | os.PathLike[str],
+    frames: str | os.PathLike[str],
+    names: Sequence[str],
+    *,
+    refine: bool = False,
+    network: SmearReader | None = None,
+    show: Callable[[int, int], None] = lambda done, count: None,
+) -> FrameSequence:
+    """Return a video's frames, with the model of a folder to which those that it lacks are added.
+
+    ``frames`` is their folder; ``names`` are all of them in order, as COLMAP calls them. No two are taken for
+    neighbours where their numbers leave some out. Recovered frames observe points of the model; their views
+    are NAME#open and NAME#close. With ``refine`` recovered poses and points are adjusted together.
+    ``show`` gets how many frames are done, of how many. DatabaseError if the model has fewer than two frames.
+    """
+    sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
+    if len(sequence.images) < 2:
+        count = f"has {len(sequence.images)} of the {len(names)} frames in {frames}"
+        raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
+    sequence.recover(show)
+    for name in sequence.recovered:
+        _add_frame(sequence, name)
+    if refine and sequence.recovered:
+        adjust(sequence.model, sequence.recovered)
+    for name in sequence.recovered:
+        _add_views(sequence, name)
+    return sequence
+
+
+TOO_FEW = "too few points of its neighbours are found in it"
+
+
+def refusal(found: BlurredPose, expected: Expected) -> str:
+    """Return why a pose is not believed, empty if it is."""
+    if len(found.numbers) < max(MIN_POINTS, MIN_FOUND * found.tried):
+        return TOO_FEW
+    if found.residual_px > MAX_RESIDUAL_PX:
+        return "its points are not where the pose has them"
+    change = change_of(found.pose, expected.pose)
+    turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
+    moved = float(np.linalg.norm(change[3:])) / expected.position
+    if max(turned, moved) > MAX_DEPARTURE * MEDIAN_OF_THREE:
+        return "its pose is too far off its neighbours' path"
+    smears = found.smear_motion[:3]
+    corrected = float(np.linalg.norm(found.motion[:3] - smears) / (np.linalg.norm(smears) + TINY))
+    unsure = len(found.numbers) < SURE_FOUND * found.tried
+    if unsure and corrected > MAX_CORRECTION and np.linalg.norm(smears) > expected.rotation_rad:
+        return "its smears differ from the blur that its neighbours show"
+    return ""
+
+
+def weighted_mean(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
+    """Return the mean of the poses found and expected, weighted without the bend, and its covariance."""
+    matches = np.asarray(np.linalg.pinv(found.information * INDEPENDENT, hermitian=True), float)
+    turned, moved, bent = (np.linalg.norm(one) for one in np.split(found.motion, 3))
+    shares = [np.hypot(KERNEL_ERROR, error * bent / (turned + TINY)) for error in (BEND_ERROR, 0.0)]
+    shared = [np.repeat([np.hypot(one * turned, MIN_ERROR_RAD), one * moved], 3) ** 2 for one in shares]
+    own, even = (matches + np.diag(one) for one in shared)
     if not np.isfinite([expected.rotation_rad, expected.position]).all():
         return found.pose, own
     prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) ** 2)
@@ -194,55 +208,29 @@ def weighed(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
     return pose, kept @ own @ kept.T + gain @ prior @ gain.T
 
 
-def _shared_error(found: BlurredPose, bend: float) -> Array:
-    """Return the covariance (6, 6) of what all matches have in common, with such a share of the bend."""
-    turned, moved = (np.linalg.norm(one) for one in np.split(found.motion.rigid, 2))
-    share = np.hypot(KERNEL_ERROR, bend * np.linalg.norm(found.motion.bend) / (turned + TINY))
-    return np.diag(np.repeat([np.hypot(share * turned, LEAST_ERROR_RAD), share * moved], 3) ** 2)
-
-
-def refusal(found: BlurredPose | None, expected: Expected) -> str:
-    """Return why a pose is not believed, empty if it is."""
-    if found is None or len(found.numbers) < max(LEAST_POINTS, LEAST_FOUND * found.tried):
-        return "too few points of its neighbours are found in it"
-    if found.residual_px > MOST_RESIDUAL_PX:
-        return "its points are not where the pose has them"
-    change = change_of(found.pose, expected.pose)
-    turned = float(np.linalg.norm(change[:3])) / expected.rotation_rad
-    moved = float(np.linalg.norm(change[3:])) / expected.position
-    if max(turned, moved) > MOST_DEPARTURE * MEDIAN_OF_THREE:
-        return "its pose is too far off its neighbours' path"
-    smears = found.smear_motion[:3]
-    corrected = float(np.linalg.norm(found.motion.rigid[:3] - smears) / (np.linalg.norm(smears) + TINY))
-    unsure = len(found.numbers) < SURE_SHARE * found.tried
-    if unsure and corrected > MOST_CHANGE and np.linalg.norm(smears) > expected.rotation_rad:
-        return "its smears differ from the blur that its neighbours show"
-    return ""
-
-
-def _add_frame(sequence: FrameSequence, name: str, frame: RecoveredFrame) -> None:
-    """Add a frame to a model, and what it observes to the tracks."""
+def _add_frame(sequence: FrameSequence, name: str) -> None:
+    """Add a recovered frame to the model, and its observations to the tracks."""
     import pycolmap
 
-    beside = sequence.images[sequence.near(name)[0]]
+    frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
     image = add_image(sequence.model, name, frame.pose, to_colmap(frame.places), beside)
     for place, number in enumerate(frame.points):
         sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, place))
 
 
-def _add_views(model: Any, name: str, frame: RecoveredFrame) -> None:
-    """Add both ends of a frame's exposure, with the keypoints of its points as they are seen there."""
-    image = model.find_image_with_name(name)
-    world = np.array([model.points3D[int(number)].xyz for number in frame.points])
+def _add_views(sequence: FrameSequence, name: str) -> None:
+    """Add both ends of a recovered frame's exposure, with the projections of its points as keypoints."""
+    model, frame = sequence.model, sequence.recovered[name]
+    image, world = model.find_image_with_name(name), sequence.world(frame.points)
     for end, t in ((OPEN, -0.5), (CLOSE, 0.5)):
-        pose = frame.motion.pose_at(t, image.cam_from_world().matrix())
+        pose = pose_at(t, image.cam_from_world().matrix(), frame.motion)
         pixels = projected(model.cameras[image.camera_id], world @ pose[:, :3].T + pose[:, 3])
         keypoints = to_colmap(np.where(np.isfinite(pixels), pixels, frame.places))
         add_image(model, name + end, pose, keypoints, image)
 
 
-def _refine(model: Any, recovered: Collection[str]) -> None:
-    """Adjust the poses of recovered frames and the points; the user's frames and cameras stay as they are."""
+def adjust(model: Any, free: Collection[str]) -> None:
+    """Adjust the points of a model and the poses of its images named ``free``; all else stays."""
     import pycolmap
 
     options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
@@ -250,6 +238,6 @@ def _refine(model: Any, recovered: Collection[str]) -> None:
     options.print_summary, options.min_track_length = False, 2
     for image in photographs_of(model).values():
         config.add_image(image.image_id)
-        if image.name not in recovered:
+        if image.name not in free:
             config.set_constant_rig_from_world_pose(image.frame_id)
     pycolmap.create_default_bundle_adjuster(options, config, model).solve()

@@ -11,7 +11,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.colmap.blurred_tracks import track_frames
 from blur2view.colmap.models import photographs_of
-from blur2view.colmap.recovery import NEAR_FRAMES, Recovery, recover_frames
+from blur2view.colmap.recovery import NEAR_FRAMES, FrameSequence, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
 from tests.support.blurred_plane import BlurredPlane, ExactSmears
 
@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def recover(folder: Path, network: ExactSmears, refine: bool = False) -> Recovery:
+def recover(folder: Path, network: ExactSmears, refine: bool = False) -> FrameSequence:
     return recover_frames(
         folder / "model",
         folder / "frames",
@@ -43,7 +43,7 @@ def recover(folder: Path, network: ExactSmears, refine: bool = False) -> Recover
 
 
 @pytest.fixture(scope="module")
-def recovery(folder: Path, network: ExactSmears) -> Recovery:
+def recovery(folder: Path, network: ExactSmears) -> FrameSequence:
     return recover(folder, network)
 
 
@@ -54,7 +54,7 @@ def apart(pose: Array, truth: Array) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("k", MISSING)
-def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k: int) -> None:
+def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: FrameSequence, k: int) -> None:
     times = np.array(REGISTERED, float)
     expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times]), NEAR_FRAMES).expected(k)
     found = recovery.recovered[PLANE.names[k]]
@@ -69,7 +69,7 @@ def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k:
 
 
 @pytest.mark.parametrize("k", MISSING)
-def test_views_are_both_ends_of_the_exposure_in_order(recovery: Recovery, k: int) -> None:
+def test_views_are_both_ends_of_the_exposure_in_order(recovery: FrameSequence, k: int) -> None:
     poses = {image.name: image.cam_from_world().matrix() for image in recovery.model.images.values()}
     for end, t in (("#open", -0.5), ("#close", 0.5)):
         true = PLANE.pose(k + t * PLANE.share)
@@ -77,14 +77,16 @@ def test_views_are_both_ends_of_the_exposure_in_order(recovery: Recovery, k: int
 
 
 @pytest.mark.parametrize("k", MISSING)
-def test_a_point_seen_by_neighbours_is_where_the_surest_of_them_put_it(recovery: Recovery, k: int) -> None:
+def test_a_point_seen_by_neighbours_is_where_the_surest_of_them_put_it(
+    recovery: FrameSequence, k: int
+) -> None:
     found, points = recovery.recovered[PLANE.names[k]], recovery.model.points3D
     world = np.array([points[int(number)].xyz for number in found.points])
     missed = np.linalg.norm(found.places - PLANE.seen(PLANE.pose(k), world), axis=1)
     assert missed.max() < 0.8  # of means without weights 0.9, by covariances instead of precisions 1.2
 
 
-def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: Recovery) -> None:
+def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: FrameSequence) -> None:
     before, after = pycolmap.Reconstruction(folder / "model"), recovery.model
     for number, image in before.images.items():
         assert after.images[number].name == image.name
@@ -157,7 +159,7 @@ def test_frame_that_does_not_fit_is_refused_with_the_reason(
 
 
 def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
-    folder: Path, recovery: Recovery, tmp_path: Path
+    folder: Path, recovery: FrameSequence, tmp_path: Path
 ) -> None:
     project, tracked = tmp_path / "project.db", tmp_path / "tracks.db"
     own = np.array([[10.0, 20.0, 1.5, 0.1]], np.float32)
@@ -167,7 +169,7 @@ def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
             image = database.write_image(pycolmap.Image(name=name, camera_id=number))
             database.write_keypoints(image, own)
     before = project.read_bytes()
-    track_frames(recovery.sequence, project, tracked)
+    track_frames(recovery, project, tracked)
     assert project.read_bytes() == before
     with pycolmap.Database.open(tracked) as database:
         numbers = {image.name: image.image_id for image in database.read_all_images()}
