@@ -4,7 +4,7 @@ What blurs does so in linear light; then come a camera's noise, gamma and JPEG, 
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,21 +12,19 @@ from typing import Any
 import cv2
 import numpy as np
 
-from blur2view import BlurKind, ImageError
+from blur2view import BlurKind
 from blur2view.arrays import AnyArray
-from tools.rendering.sensor import SensorOptions, add_noise, log_uniform
+from tools.rendering.sensor import add_noise, log_uniform
 from tools.rendering.textures import read_photograph
 
-SUFFIXES = (".png", ".jpg")
 GAMMA = 2.2
 SIDE_PX, MULTIPLE_PX = 640, 32  # the longer side of a picture, and what divides both: cells of the network
-LEAST_PX = 224  # of the shorter side
 RADII_PX = (2, 3, 4, 5, 6, 7, 8)
 SMEARS_PX = (4, 6, 8, 12, 18, 25, 40)
 BOTH_PX = ((4, 12), (3, 20))  # radius and smear
 DIMMED_PX, GAIN = 12, 8  # the smear that is also tried dim; the divisor of 8-bit values
 QUALITY = (85, 95)  # of JPEG, both drawn
-CAMERA = SensorOptions(read_noise=(1e-4, 1e-3), shot_noise=(1e-5, 3e-4))  # 0.4 to 2 levels at mid-grey
+READ_NOISE, SHOT_NOISE = (1e-4, 1e-3), (1e-5, 3e-4)  # of `sensor.add_noise`: 0.4 to 2 levels at mid-grey
 MOVER_SHARE, MOVER_PX, MOST_MOVERS = (0.03, 0.25), (10.0, 40.0), 3
 PLACES = 4  # tried for every cut-out: a mover without any texture would be no question
 FAINT = 1e-3  # smeared alpha under which nothing moves; a filter's rounding is far below
@@ -58,27 +56,14 @@ class Picture:
         return f"{blur}, {self.coding}" if self.coding else blur
 
 
-def photographs_of(folders: Iterable[Path]) -> list[Path]:
-    """Return the photographs of folders, by name; without any the tool ends."""
-    paths = [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES]
-    if not paths:
-        raise SystemExit(f"no photograph in {', '.join(map(str, folders))}")
-    return paths
-
-
 @functools.lru_cache(maxsize=32)
 def radiance_of(path: Path) -> AnyArray:
-    """Return a photograph as linear light (H, W, 3), float32 in [0, 1], reduced; do not write into it.
-
-    ImageError if it cannot be decoded or is too small.
-    """
+    """Return a photograph, reduced, as linear light (H, W, 3), float32 in [0, 1]; do not write into it."""
     levels = (np.arange(256, dtype=np.float32) / 255) ** np.float32(GAMMA)
     light = cv2.LUT(read_photograph(path), levels)
     if (scale := SIDE_PX / max(light.shape[:2])) < 1:
         light = cv2.resize(light, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     height, width = (side // MULTIPLE_PX * MULTIPLE_PX for side in light.shape[:2])
-    if min(height, width) < LEAST_PX:
-        raise ImageError(f"{path}: is too small at {width}x{height} px: remove it from the folder")
     y, x = (light.shape[0] - height) // 2, (light.shape[1] - width) // 2
     return np.ascontiguousarray(light[y : y + height, x : x + width])
 
@@ -110,7 +95,7 @@ def blurred(light: AnyArray, weights: AnyArray) -> AnyArray:
 
 def taken(rng: np.random.Generator, light: AnyArray, dim: bool = False, **truth: Any) -> Iterator[Picture]:
     """Yield the JPEG of linear light with a camera's noise; with ``dim`` also its values divided, as PNG."""
-    coded = np.asarray(add_noise(rng, light, CAMERA) ** np.float32(1 / GAMMA))[..., ::-1]
+    coded = np.asarray(add_noise(rng, light, READ_NOISE, SHOT_NOISE) ** np.float32(1 / GAMMA))[..., ::-1]
     quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(QUALITY[0], QUALITY[1] + 1))]
     jpeg = cv2.imencode(".jpg", (coded * 255).round().astype(np.uint8), quality)[1]
     yield Picture(file=jpeg.tobytes(), suffix=".jpg", **truth)

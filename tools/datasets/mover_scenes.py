@@ -6,7 +6,6 @@ the test split hold movers. ``--kind still`` renders scenes in which nothing mov
 of `tools.rendering.layer_scenes` and need ``--photos``.
 """
 
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Literal
@@ -14,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from tools.arguments import Existing, run
-from tools.datasets.testset import in_range, test_options, write_photographed, write_truth
+from tools.datasets.testset import in_range, write_photographed, write_truth
 from tools.rendering.layer_scenes import KINDS, Sources, layer_scene, silhouettes
 from tools.rendering.render import Rendering, RenderOptions, render
 from tools.rendering.sensor import processed
@@ -61,7 +60,7 @@ def main(
     if photos is not None:
         write_layers(out, scenes, photos, kind)
         return
-    options = replace(test_options(None), mover_share=float(kind == "movers"))
+    options = RenderOptions(mover_share=float(kind == "movers"))
     drawn = ((seed, render(seed, options)) for seed in count(FIRST_SEED[kind]))
     suiting = ((seed, scene) for seed, scene in drawn if suits(scene, options))
     for number, (seed, scene) in zip(range(scenes), suiting, strict=False):

@@ -22,6 +22,7 @@ IMAGE_SIZE = (640, 480)
 FAR, NEAR = (3.0, 6.0), (1.0, 3.0)  # depths of the background and of cards; the unit is arbitrary
 RELIEF = 0.1  # standard deviation of the log depth of near-planar scenes about their plane
 NOISE_SPREAD = 0.7  # standard deviation of the log of the smears' own noise, where it varies
+TURNING = (0.2, 1.0)  # median length of the rotation's smears over that of the translation's
 
 Kind = Literal["smooth", "scattered"]
 Motion = Literal["mixed", "forward", "sideways", "rotating", "near-planar"]
@@ -30,7 +31,6 @@ Scene = Literal["no motion", "pure rotation", "plane", "pure translation", "gene
 SCENES: tuple[Scene, ...] = get_args(Scene)
 NOISE_PX, OUTLIERS, LENGTH_PX, COUNT = (0.25, 1.0), (0.0, 0.3), (8.0, 40.0), (1000, 2000)
 """Of `draw_scene`: noise of every coordinate, share of random smears, median length, number of smears."""
-TURNING = (0.2, 1.0)  # median length of the rotation's smears over that of the translation's
 CORRELATIONS_PX = (0.0, 20.0, 40.0, 80.0, 120.0)  # of the directions of fields without any geometry
 
 
@@ -123,9 +123,35 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Know
     observed += own_px[:, None, None] * noise.normal(size=observed.shape)
     swapped = noise.random(options.count) < 0.5
     matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
-    return KnownMatches(
-        K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped, outlier=moving | random
-    )
+    outlier = moving | random
+    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped, outlier=outlier)
+
+
+def draw_scene(kind: Scene, seed: int) -> KnownMatches:
+    """Return a random scene; the same kind and seed give the same smears.
+
+    "no motion": a still camera, so that smears are noise. "plane": one plane, tilted by about 20 degrees,
+    any motion. "no geometry": smears of one length whose directions are random, correlated over 0 to 120 px.
+    """
+    rng = np.random.default_rng([seed, SCENES.index(kind)])
+    count, length_px = int(rng.integers(*COUNT)), float(np.exp(rng.uniform(*np.log(LENGTH_PX))))
+    K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
+    depth = tilted_plane(rng, points) if kind == "plane" else layered_depth(rng, points)
+    share = {"pure rotation": np.inf, "pure translation": 0.0}.get(kind, rng.uniform(*TURNING))
+    R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
+    ends = project_smears(K, R, t, points, depth)
+    if kind == "no motion":
+        ends = np.stack([points, points], axis=1)
+    elif kind == "no geometry":
+        ends = random_field(rng, points, length_px, float(rng.choice(CORRELATIONS_PX)))
+    shown = np.stack([points, points + [length_px, 0.0]], axis=1) if kind == "no motion" else ends
+    like = random_smears(rng, shown)
+    outlier = rng.random(count) < rng.uniform(*OUTLIERS)
+    noise_px = rng.uniform(*NOISE_PX)
+    observed = np.where(outlier[:, None, None], like, ends) + noise_px * rng.normal(size=ends.shape)
+    swapped, sigma_px = rng.random(count) < 0.5, np.full(count, 2 * noise_px)
+    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=ends, swapped=swapped, outlier=outlier)
 
 
 def camera(rng: np.random.Generator) -> Array:
@@ -160,12 +186,20 @@ def layered_depth(rng: np.random.Generator, points: Array) -> Array:
     return np.asarray(depth, float)
 
 
+def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
+    """Return the depth (N,) of one plane at pixels (N, 2), at most 1 / 0.3 of its centre's."""
+    slope = rng.normal(0, [0.3, 0.5])
+    slope *= min(1.0, 0.7 / (0.5 * np.abs(slope).sum()))
+    inverse = 1 + (points / np.array(IMAGE_SIZE) - 0.5) @ slope
+    return np.asarray(rng.uniform(*FAR) / inverse)
+
+
 def motion(
     rng: np.random.Generator, K: Array, points: Array, depth: Array, options: SyntheticOptions
 ) -> tuple[Array, Array]:
     """Return random R and t of which smears of the whole scene have the asked median length."""
     axis, heading = rng.normal(size=3), rng.normal(size=3)
-    share = rng.uniform(0.2, 1.0)
+    share = rng.uniform(*TURNING)
     if options.motion == "forward":
         heading, share = np.array([0.12, 0.12, 1.0]) * [*heading[:2], 1.0], rng.uniform(0, 0.5)
     elif options.motion == "sideways":
@@ -183,16 +217,18 @@ def scaled_motion(
     ``share`` is the median length of the smears of the rotation alone over that of the translation alone;
     0: pure translation, inf: pure rotation.
     """
-    identity, none, small = np.eye(3), np.zeros(3), 1e-3
-    turn = small * axis / median_length(project_smears(K, rotation_matrix(small * axis), none, points, depth))
-    move = small * heading / median_length(project_smears(K, identity, small * heading, points, depth))
-    weights = (1.0, 0.0) if np.isinf(share) else (share, 1.0)
+
+    def length(turn: Array, move: Array) -> float:
+        return median_length(project_smears(K, rotation_matrix(turn), move, points, depth))
+
+    small, none = 1e-3, np.zeros(3)
+    turn, move = small * axis / length(small * axis, none), small * heading / length(none, small * heading)
+    turning, moving = (1.0, 0.0) if np.isinf(share) else (share, 1.0)
     factor = 1.0
     for _ in range(4):  # scale both together to the asked median length
         turn, move = turn * factor, move * factor
-        R, t = rotation_matrix(weights[0] * turn), weights[1] * move
-        factor = length_px / median_length(project_smears(K, R, t, points, depth))
-    return R, t
+        factor = length_px / length(turning * turn, moving * move)
+    return rotation_matrix(turning * turn), moving * move
 
 
 def project_smears(K: Array, R: Array, t: Array, points: Array, depth: Array) -> Array:
@@ -228,41 +264,6 @@ def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[A
         "varied, wrong": rng.permutation(own),
     }.get(options.report, own)
     return own, 2 * np.maximum(stated, 1e-3)
-
-
-def draw_scene(kind: Scene, seed: int) -> KnownMatches:
-    """Return a random scene; the same kind and seed give the same smears.
-
-    "no motion": a still camera, so that smears are noise. "plane": one plane, tilted by about 20 degrees,
-    any motion. "no geometry": smears of one length whose directions are random, correlated over 0 to 120 px.
-    """
-    rng = np.random.default_rng([seed, SCENES.index(kind)])
-    count, length_px = int(rng.integers(*COUNT)), float(np.exp(rng.uniform(*np.log(LENGTH_PX))))
-    K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)
-    depth = tilted_plane(rng, points) if kind == "plane" else layered_depth(rng, points)
-    share = {"pure rotation": np.inf, "pure translation": 0.0}.get(kind, rng.uniform(*TURNING))
-    R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
-    ends = project_smears(K, R, t, points, depth)
-    if kind == "no motion":
-        ends = np.stack([points, points], axis=1)
-    elif kind == "no geometry":
-        ends = random_field(rng, points, length_px, float(rng.choice(CORRELATIONS_PX)))
-    shown = np.stack([points, points + [length_px, 0.0]], axis=1) if kind == "no motion" else ends
-    like = random_smears(rng, shown)
-    outlier = rng.random(count) < rng.uniform(*OUTLIERS)
-    noise_px = rng.uniform(*NOISE_PX)
-    observed = np.where(outlier[:, None, None], like, ends) + noise_px * rng.normal(size=ends.shape)
-    swapped, sigma_px = rng.random(count) < 0.5, np.full(count, 2 * noise_px)
-    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
-    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=ends, swapped=swapped, outlier=outlier)
-
-
-def tilted_plane(rng: np.random.Generator, points: Array) -> Array:
-    """Return the depth (N,) of one plane at pixels (N, 2), at most 1 / 0.3 of its centre's."""
-    slope = rng.normal(0, [0.3, 0.5])
-    slope *= min(1.0, 0.7 / (0.5 * np.abs(slope).sum()))
-    inverse = 1 + (points / np.array(IMAGE_SIZE) - 0.5) @ slope
-    return np.asarray(rng.uniform(*FAR) / inverse)
 
 
 def random_field(rng: np.random.Generator, points: Array, length_px: float, correlation_px: float) -> Array:

@@ -14,7 +14,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -27,8 +26,9 @@ import pycolmap
 import blur2view
 from blur2view.arrays import AnyArray
 from tools.arguments import Target, run
-from tools.datasets.testset import test_options, write_scene
+from tools.datasets.testset import write_scene
 from tools.pages import publish, table
+from tools.rendering.render import RenderOptions
 
 SIZE, LARGE = (1280, 720), (6000, 4000)
 SCENE, FRAMES = 3, 20  # index in the test split of the scene that is timed; frames of the video
@@ -109,7 +109,7 @@ def main(*, repeats: int = 9, out: Target | None = None) -> None:
     compileall.compile_dir(ROOT / "blur2view", quiet=1)  # as pip does
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_scene(SCENE, folder, replace(test_options(None, SIZE), detail=1.0, smear_px=(15.0, 20.0)))
+        write_scene(SCENE, folder, RenderOptions(size=SIZE, smear_px=(15.0, 20.0)))
         photo, *ends = (folder / f"{SCENE:04d}{end}.png" for end in ("", "_open", "_close"))
         steps = step_rows(photo, ends, repeats)
         processes = list(process_rows(folder, np.asarray(cv2.imread(str(photo))), max(3, repeats // 3)))

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 import blur2view
 from blur2view import MotionLabel, MotionMask, SmearNetwork
 from tools.arguments import Existing, Target, run
-from tools.datasets.blurred_photographs import photographs_of
 from tools.datasets.testset import read_test_set
 from tools.metrics import average_precision
 from tools.pages import publish, table
-from tools.rendering.exposure import GRID
+from tools.rendering.render import GRID
+from tools.rendering.textures import photographs_of
 
 Mask = NDArray[np.bool_]
 Record = dict[str, Any]

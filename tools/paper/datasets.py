@@ -32,7 +32,7 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from tools.arguments import Existing, run
 from tools.datasets.testset import write_truth
 from tools.evaluation import baselines
-from tools.rendering.exposure import GRID, grid_points, pixel_grid
+from tools.rendering.render import GRID, grid_points, pixel_grid
 
 CROSS_CHECK_PX, SOLVED_PX, STEPS = 1.0, 0.25, 12  # the paper's eps; of fixed-point iterations
 FEWEST, MOST = 15, 240  # sub-frames of an exposure: the paper's least, and a bound

@@ -32,13 +32,11 @@ KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved", "shallow")
 moves; nothing moves and what is behind sharp things is out of focus."""
 SHARES = (0.16, 0.19, 0.16, 0.16, 0.16, 0.07, 0.1)
 """Shares of the kinds in training."""
-PLACE_PX = 4
-"""Side of the places of the truth."""
-GRID = 16
-"""Pixels between values of displacement fields."""
+PLACE_PX, GRID = 4, 16
+"""Pixels between the places of the truth, and between values of displacement fields."""
 STEPS_AT_ONCE = 16
 """Sub-frames that are computed together, which bounds the memory."""
-MOST_LAYERS, MOST_STEPS, FEWEST_STEPS = 6, 360, 9
+MAX_LAYERS, MAX_STEPS, MIN_STEPS = 6, 360, 9
 FONT, FONT_PX = Path("/usr/share/fonts/truetype/noto/NotoColorEmoji.ttf"), 109
 EMOJI = (
     (0x1F400, 0x1F43F), (0x1F466, 0x1F487), (0x1F574, 0x1F57B), (0x1F680, 0x1F6B6), (0x1F6E9, 0x1F6FC),
@@ -59,19 +57,18 @@ class Sources:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LayerScene:
-    """A picture in linear light (H, W, 3), and its truth at places of 4 x 4 pixels (H/4, W/4), float32."""
+    """A picture in linear light (H, W, 3), and its truth at places of 4 x 4 pixels (H/4, W/4), float32.
+
+    ``moving`` is the share of what is seen that moves by itself. Of the surface that is seen most ``share``
+    is its share, ``displacement`` (H/4, W/4, 2) and ``radius_px``, out of focus, are in pixels.
+    """
 
     linear: Floats
     displacement: Floats
-    """(H/4, W/4, 2), of the surface that is seen most, pixels."""
     moving: Floats
-    """Share of what is seen that moves by itself."""
     share: Floats
-    """That of the surface seen most."""
     radius_px: Floats
-    """How far that is out of focus."""
     kind: str
-    """One of `KINDS`."""
 
     @property
     def camera_moved(self) -> float:
@@ -82,23 +79,6 @@ class LayerScene:
         return float(np.clip(length - 0.7, 0, 1))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Layers:
-    """Surfaces, the furthest first, and how they move during the exposure."""
-
-    colour: Floats
-    """(L, h, w, 4): linear light times coverage, and coverage, ``margin`` pixels wider on each side."""
-    displacement: Floats
-    """(L, gh, gw, 2), every `GRID` pixels, pixels."""
-    margin: int
-    steps: int
-    """Sub-frames."""
-    bend: NDArray[np.float64]
-    """(2,), of all paths, pixels."""
-    acceleration: float
-    """The a of s(t)."""
-
-
 def silhouettes() -> Pictures:
     """Return the things of an emoji font (h, w, 4), cut to their outlines."""
     drawn, found = ImageFont.truetype(str(FONT), FONT_PX), []
@@ -107,11 +87,10 @@ def silhouettes() -> Pictures:
         ImageDraw.Draw(canvas).text((7, 7), chr(code), font=drawn, embedded_color=True)
         picture = np.asarray(canvas)
         rows, columns = np.nonzero(picture[..., 3] > 127)
-        if len(rows) < 500:
-            continue
-        cut = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-        if COVERED[0] < (cut[..., 3] > 127).mean() < COVERED[1]:
-            found.append(cut)
+        if len(rows) >= 500:
+            cut = picture[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+            if COVERED[0] < (cut[..., 3] > 127).mean() < COVERED[1]:
+                found.append(cut)
     return found
 
 
@@ -126,7 +105,7 @@ def layer_scene(
     radius_px: tuple[float, float] = (0.8, 10.0),
     device: str = "cpu",
 ) -> LayerScene:
-    """Return a scene of this size (width, height, multiples of 4) whose smears have at most this length.
+    """Return a scene of a size (width, height, multiples of 4) whose smears have at most ``longest_px``.
 
     A ``focus_share``, and half of what does not move, is out of focus by ``radius_px``, log-uniform: as a
     whole, or the things, or what is behind them.
@@ -146,15 +125,15 @@ def layer_scene(
         colours.append(defocused(rng, front, radius) if radius and soft else front)
         radii.append(radius if soft else 0.0)
     reach = min(1.3 * float(np.abs(fields).max()), 1.5 * longest_px)
-    layers = Layers(
-        colour=np.stack(colours).astype(np.float32),
-        displacement=fields,
-        margin=margin,
-        steps=1 if reach < 0.05 else min(MOST_STEPS, max(FEWEST_STEPS, int(1.1 * reach) + 2)),
+    light, seen = swept(
+        np.stack(colours).astype(np.float32),
+        fields,
+        size,
+        steps=1 if reach < 0.05 else min(MAX_STEPS, max(MIN_STEPS, int(1.1 * reach) + 2)),
         bend=rng.normal(0, 0.08, 2) * length if rng.random() < 0.4 else np.zeros(2),
         acceleration=float(np.clip(rng.normal(0, 0.22), -0.6, 0.6)) if rng.random() < 0.5 else 0.0,
+        device=device,
     )
-    light, seen = swept(layers, size, device)
     places = size[0] // PLACE_PX, size[1] // PLACE_PX
     shares = np.stack([cv2.resize(one, places, interpolation=cv2.INTER_AREA) for one in seen])
     y, x = (margin + PLACE_PX * np.mgrid[: places[1], : places[0]] + 1.5).astype(np.float32) / GRID
@@ -185,19 +164,19 @@ def shallow_scene(rng: np.random.Generator, sources: Sources, size: tuple[int, i
     for k, share in enumerate(shares):
         weight = np.clip(1 - np.abs(place - k), 0, 1).astype(np.float32)
         light += weight[..., None] * defocused(rng, photograph, share * largest)
-    radius = np.interp(place, range(4), shares) * largest
+    radius = (np.interp(place, range(4), shares) * largest).astype(np.float32)
     fronts = [rng.uniform(0.2, 1.2) * largest] * int(rng.integers(0, 3)) + [0.0] * int(rng.integers(1, 3))
     for own in [] if is_subject else fronts:
         front = defocused(rng, surface(rng, sources, shape, size, is_background=False), own)
         light = light * (1 - front[..., 3:]) + front[..., :3]
         radius[front[..., 3] > 0.5] = own
-    places = np.zeros((shape[0] // PLACE_PX, shape[1] // PLACE_PX), np.float32)
+    still = np.zeros((shape[0] // PLACE_PX, shape[1] // PLACE_PX), np.float32)
     return LayerScene(
         linear=light,
-        displacement=np.zeros((*places.shape, 2), np.float32),
-        moving=places,
-        share=places + 1,
-        radius_px=cv2.resize(radius.astype(np.float32), places.shape[::-1], interpolation=cv2.INTER_AREA),
+        displacement=np.zeros((*still.shape, 2), np.float32),
+        moving=still,
+        share=still + 1,
+        radius_px=cv2.resize(radius, still.shape[::-1], interpolation=cv2.INTER_AREA),
         kind="shallow",
     )
 
@@ -254,11 +233,9 @@ def displacements(
         for _ in range(rng.integers(1, 3) if rng.random() < 0.4 else 0):  # what stands among them
             at = int(rng.integers(1, len(layers) + 1))
             layers.insert(at, (nearer() if rng.random() < 0.7 else back, False))
-    layers = layers[:MOST_LAYERS]
+    del layers[MAX_LAYERS:]
     fields = np.stack([field for field, _ in layers]).astype(np.float32)
-    most = float(np.abs(fields[:, :, inner]).max())
-    if most > 1.2 * longest_px:
-        fields *= 1.2 * longest_px / most
+    fields *= min(1.0, 1.2 * longest_px / max(float(np.abs(fields[:, :, inner]).max()), 1e-9))
     fields = np.ascontiguousarray(np.moveaxis(fields, 1, -1))
     return fields, np.array([moves for _, moves in layers]), length
 
@@ -317,6 +294,12 @@ def surface(
     return np.dstack([light * cover[..., None], cover]).astype(np.float32)
 
 
+def turned(angle: float, across: float, down: float) -> Array:
+    """Return the matrix (2, 2) that stretches both axes and then turns them, radians."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return np.asarray(turn @ np.diag([across, down]))
+
+
 def texture(rng: np.random.Generator, sources: Sources, shape: tuple[int, int]) -> Floats:
     """Return a piece of a photograph (h, w, 3), mirrored, reduced or slightly turned, as linear light."""
     photograph = sources.photographs[int(rng.integers(len(sources.photographs)))]
@@ -324,8 +307,7 @@ def texture(rng: np.random.Generator, sources: Sources, shape: tuple[int, int]) 
         photograph = np.asarray(cv2.resize(photograph, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
     zoom = rng.uniform(1.0, 1.3) if rng.random() < 0.5 else 1.0
     angle = rng.normal(0, 0.04) if rng.random() < 0.3 else 0.0
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    matrix = turn @ np.diag([rng.choice([-zoom, zoom]), zoom * (1 if rng.random() < 0.75 else -1)])
+    matrix = turned(angle, rng.choice([-zoom, zoom]), zoom * (1 if rng.random() < 0.75 else -1))
     sides = np.array(photograph.shape[1::-1])
     free = np.maximum(sides - zoom * np.array(shape[::-1]), 0) / 2
     middle = sides / 2 + rng.uniform(-1, 1, 2) * free - matrix @ (np.array(shape[::-1]) / 2)
@@ -359,8 +341,7 @@ def outline(
         thing = np.asarray(cv2.resize(thing, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
         scale = 1.0
     stretch, tilt = np.exp(rng.normal(0, 0.18)), rng.normal(0, 0.3)
-    turn = np.array([[np.cos(tilt), -np.sin(tilt)], [np.sin(tilt), np.cos(tilt)]])
-    matrix = turn @ np.diag([scale * stretch * rng.choice([-1, 1]), scale / stretch])
+    matrix = turned(tilt, scale * stretch * rng.choice([-1, 1]), scale / stretch)
     affine = np.column_stack([matrix, middle - matrix @ (np.array(thing.shape[1::-1]) / 2)])
     drawn = cv2.warpAffine(thing, affine, shape[::-1], flags=cv2.INTER_CUBIC).astype(np.float32) / 255
     cover = np.asarray(np.clip((drawn[..., 3] - 0.5) * max(scale, 1.0) + 0.5, 0, 1), np.float32)
@@ -368,24 +349,37 @@ def outline(
     return cover, own if rng.random() < 0.5 else None
 
 
-def swept(layers: Layers, size: tuple[int, int], device: str = "cpu") -> tuple[Floats, Floats]:
-    """Return the light (H, W, 3) of a picture of a size (width, height), and shares (L, H, W) of layers."""
-    colour, field = (
-        torch.from_numpy(one).to(device).permute(0, 3, 1, 2) for one in (layers.colour, layers.displacement)
-    )
+def swept(
+    colour: Floats,
+    displacement: Floats,
+    size: tuple[int, int],
+    *,
+    steps: int,
+    bend: Array,
+    acceleration: float = 0.0,
+    device: str = "cpu",
+) -> tuple[Floats, Floats]:
+    """Return the mean light (H, W, 3) of sub-frames of layers and the shares (L, H, W) that are seen of them.
+
+    ``colour`` (L, h, w, 4), the furthest layer first, is linear light times coverage, and coverage, with a
+    margin about ``size`` (width, height). ``displacement`` (L, gh, gw, 2), every `GRID` pixels, and the
+    ``bend`` (2,) of all paths are in pixels; ``acceleration`` is the a of s(t).
+    """
+    margin = (colour.shape[1] - size[1]) // 2
+    layers, fields = (torch.from_numpy(x).to(device).permute(0, 3, 1, 2) for x in (colour, displacement))
     y, x = torch.meshgrid(*(torch.arange(n, device=device) for n in size[::-1]), indexing="ij")
-    pixels, bend = torch.stack([x, y], -1) + layers.margin, torch.tensor(layers.bend, device=device)
-    light, seen = torch.zeros(3, *x.shape, device=device), torch.zeros(len(colour), *x.shape, device=device)
-    t = (torch.arange(layers.steps, device=device) + 0.5)[:, None, None, None] / layers.steps - 0.5
+    pixels, curve = torch.stack([x, y], -1) + margin, torch.tensor(bend, device=device)
+    light, seen = torch.zeros(3, *x.shape, device=device), torch.zeros(len(layers), *x.shape, device=device)
+    t = (torch.arange(steps, device=device) + 0.5)[:, None, None, None] / steps - 0.5
     for some in t.split(STEPS_AT_ONCE):
         q = some * some - 0.25
-        s, start = some + layers.acceleration * q, (pixels - bend * q).float()
-        left = torch.full(start.shape[:3], 1 / layers.steps, device=device)
-        for layer in range(len(colour) - 1, -1, -1):
+        s, start = some + acceleration * q, (pixels - curve * q).float()
+        left = torch.full(start.shape[:3], 1 / steps, device=device)
+        for layer in range(len(layers) - 1, -1, -1):
             at = start
             for _ in range(2):  # x + s D(x) = p, by iteration
-                at = start - s * sampled(field[layer], at / GRID).permute(0, 2, 3, 1)
-            shown = sampled(colour[layer], at)
+                at = start - s * sampled(fields[layer], at / GRID).permute(0, 2, 3, 1)
+            shown = sampled(layers[layer], at)
             light += (left[:, None] * shown[:, :3]).sum(0)
             part = left * shown[:, 3]
             seen[layer] += part.sum(0)

@@ -1,92 +1,154 @@
-"""Random 3D scenes: a background of planes or a relief, cards in front of it, some of them moving.
+"""Random 3D scenes and motions: a background of planes or a relief, cards before it, paths of rigid bodies.
 
 Every layer is described in the mid-exposure camera frame by its inverse depth as a function of the image
 point, by where it is (alpha) and by its texture. The renderer moves it along the camera's and its own path.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
-from tools.rendering.motion import Trajectory
-from tools.rendering.textures import Image, sample_texture, spectral_noise
+from blur2view.arrays import AnyArray, Array
+from tools.rendering.textures import BITS, Image, eighths, sample_texture, spectral_noise
 
 Alpha = NDArray[np.float32]
+Pool = tuple[Image, ...]
 
-SIZE = 160  # side of a stencil in its own cells; a card stretches it over its box
-FRACTION_BITS = 3  # OpenCV draws with coordinates in eighths of a cell
-
-
-def empty() -> Alpha:
-    """Return an empty stencil."""
-    return np.zeros((SIZE, SIZE), np.float32)
+STENCIL = 160  # side of a stencil in its own cells; a card stretches it over its box
+PATHS = {"rotation": 0.12, "translation": 0.18, "forward": 0.17, "orbit": 0.13, "mixed": 0.4}
+"""Kinds of camera paths and their shares."""
+ZEROS = partial(np.zeros, 3)
 
 
-def polygon(rng: np.random.Generator) -> Alpha:
-    """Return a random star-shaped polygon of three to eight corners."""
-    alpha = empty()
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """A smooth rigid path over the exposure time tau in [-1/2, 1/2], the identity at tau = 0.
+
+    With s = tau + acceleration * tau**2 the rotation vector is ``rotation * s + rotation_bend * tau**2``
+    (radians) and the position ``translation * s + translation_bend * tau**2`` (scene units), (3,) each.
+    """
+
+    rotation: Array = field(default_factory=ZEROS)
+    translation: Array = field(default_factory=ZEROS)
+    rotation_bend: Array = field(default_factory=ZEROS)
+    translation_bend: Array = field(default_factory=ZEROS)
+    acceleration: float = 0.0
+
+    def at(self, tau: float) -> tuple[Array, Array]:
+        """Return the rotation matrix (3, 3) and position (3,) at exposure time tau."""
+        s = tau + self.acceleration * tau**2
+        R = np.asarray(cv2.Rodrigues(self.rotation * s + self.rotation_bend * tau**2)[0], np.float64)
+        return R, self.translation * s + self.translation_bend * tau**2
+
+    def scaled(self, factor: float) -> Self:
+        """Return the same path, `factor` times as far."""
+        vectors = ("rotation", "translation", "rotation_bend", "translation_bend")
+        return replace(self, **{name: getattr(self, name) * factor for name in vectors})
+
+
+def unit(rng: np.random.Generator, weights: tuple[float, float, float] = (1, 1, 1)) -> Array:
+    """Return a random direction in 3D, stretched by `weights` before normalisation."""
+    vector = rng.normal(size=3) * weights
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def sample_camera_path(rng: np.random.Generator) -> tuple[Trajectory, str]:
+    """Return a random camera path of unit size, which the renderer scales, and the name of its kind.
+
+    An ``orbit`` goes sideways, with a rotation that mostly holds the middle distance still, as one does who
+    follows something, and in a quarter of the cases moves the image further.
+    """
+    kind = str(rng.choice(list(PATHS), p=list(PATHS.values())))
+    translation = unit(rng, (1, 0.8, 0.8))
+    rotation = unit(rng, (1, 1, 0.7)) * rng.uniform(0.1, 1.0)
+    if kind == "rotation":
+        translation = np.zeros(3)
+    elif kind == "translation":
+        rotation = np.zeros(3)
+    elif kind == "forward":
+        translation = unit(rng, (0.25, 0.25, 1))
+        rotation *= rng.choice([0.0, 0.15, 0.3])
+    elif kind == "orbit":
+        translation = unit(rng, (1, 0.8, 0.2))
+        follow = rng.uniform(0.4, 1.2) * (1 if rng.random() < 0.75 else -1)
+        rotation = np.cross([0, 0, 1], translation) * follow + 0.1 * rotation
+    # bent not at all, slightly (a pan) or as much as it moves (a hand)
+    ratio = float(rng.choice([0.0, 0.15, 0.6, 1.2], p=[0.3, 0.35, 0.25, 0.1]) * rng.random())
+    path = Trajectory(
+        rotation=rotation,
+        translation=translation,
+        rotation_bend=ratio * np.linalg.norm(rotation) * unit(rng),
+        translation_bend=ratio * np.linalg.norm(translation) * unit(rng),
+        acceleration=float(rng.normal(0, 0.2)),
+    )
+    return path, kind
+
+
+def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajectory:
+    """Return a moving object's random path: another direction, comparable size, little rotation."""
+    speed = np.linalg.norm(camera.translation) + 0.7 * np.linalg.norm(camera.rotation)
+    return Trajectory(
+        rotation=unit(rng) * speed * rng.uniform(0, 0.5),
+        translation=unit(rng, (1, 0.6, 0.5)) * speed * rng.uniform(0.4, 1.5),
+    )
+
+
+def polygon(rng: np.random.Generator, alpha: Alpha) -> None:
+    """Draw a random star-shaped polygon of three to eight corners."""
     angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
-    radius = SIZE * rng.uniform(0.25, 0.5, len(angles))
-    corners = SIZE / 2 + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
-    cv2.fillPoly(alpha, [(corners * 8).astype(np.int32)], 1.0, cv2.LINE_AA, FRACTION_BITS)
-    return alpha
+    radius = STENCIL * rng.uniform(0.25, 0.5, len(angles))
+    corners = STENCIL / 2 + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
+    cv2.fillPoly(alpha, [eighths(corners)], 1.0, *BITS)
 
 
-def ellipse(rng: np.random.Generator) -> Alpha:
-    """Return a random turned ellipse about the centre."""
-    alpha, scale = empty(), SIZE * 8
-    axes = int(scale * rng.uniform(0.15, 0.48)), int(scale * rng.uniform(0.15, 0.48))
-    centre, turn = (scale // 2, scale // 2), rng.uniform(0, 180)
-    cv2.ellipse(alpha, centre, axes, turn, 0, 360, 1.0, -1, cv2.LINE_AA, FRACTION_BITS)
-    return alpha
+def ellipse(rng: np.random.Generator, alpha: Alpha) -> None:
+    """Draw a random turned ellipse about the centre."""
+    axes = [int(8 * STENCIL * rng.uniform(0.15, 0.48)) for _ in range(2)]
+    cv2.ellipse(alpha, (4 * STENCIL, 4 * STENCIL), axes, rng.uniform(0, 180), 0, 360, 1.0, -1, *BITS)
 
 
-def bars(rng: np.random.Generator) -> Alpha:
-    """Return one to eight straight bars, thin or thick."""
-    alpha = empty()
+def bars(rng: np.random.Generator, alpha: Alpha) -> None:
+    """Draw one to eight straight bars, thin or thick."""
     for _ in range(int(rng.integers(1, 9))):
-        first, last = (rng.uniform(-0.2, 1.2, (2, 2)) * SIZE * 8).astype(int).tolist()
-        cv2.line(alpha, first, last, 1.0, int(rng.integers(1, 12)), cv2.LINE_AA, FRACTION_BITS)
-    return alpha
+        first, last = eighths(rng.uniform(-0.2, 1.2, (2, 2)) * STENCIL).tolist()
+        cv2.line(alpha, first, last, 1.0, int(rng.integers(1, 12)), *BITS)
 
 
-def foliage(rng: np.random.Generator) -> Alpha:
-    """Return thresholded 1/f noise: blots and holes of all sizes."""
-    alpha = spectral_noise(rng, SIZE, rng.uniform(0.8, 1.8)) > rng.uniform(0, 1.0)
-    return np.asarray(cv2.GaussianBlur(alpha.astype(np.float32), (0, 0), 0.7), np.float32)
+def foliage(rng: np.random.Generator, alpha: Alpha) -> None:
+    """Draw thresholded 1/f noise: blots and holes of all sizes."""
+    blots = spectral_noise(rng, STENCIL, rng.uniform(0.8, 1.8)) > rng.uniform(0, 1.0)
+    alpha[:] = cv2.GaussianBlur(blots.astype(np.float32), (0, 0), 0.7)
 
 
-def letters(rng: np.random.Generator) -> Alpha:
-    """Return three capital letters or digits."""
+def letters(rng: np.random.Generator, alpha: Alpha) -> None:
+    """Draw three capital letters or digits."""
     text = "".join(rng.choice(list("ABCDEFGHKMNRSTWXYZ2345789"), 3))
-    ink = np.zeros((SIZE, SIZE), np.uint8)
-    cv2.putText(ink, text, (8, SIZE // 2 + 20), cv2.FONT_HERSHEY_SIMPLEX, 2.3, 255, 9, cv2.LINE_AA)
-    return np.asarray(ink / np.float32(255), np.float32)
+    ink = np.zeros(alpha.shape, np.uint8)
+    cv2.putText(ink, text, (8, STENCIL // 2 + 20), cv2.FONT_HERSHEY_SIMPLEX, 2.3, 255, 9, cv2.LINE_AA)
+    alpha[:] = ink / np.float32(255)
 
 
-def box(rng: np.random.Generator) -> Alpha:
-    """Return a stencil filled up to a thin margin; `rng` is not used."""
-    alpha = empty()
+def box(_: np.random.Generator, alpha: Alpha) -> None:
+    """Fill all up to a thin margin."""
     alpha[2:-2, 2:-2] = 1.0
-    return alpha
 
 
-OUTLINES: dict[Callable[[np.random.Generator], Alpha], float] = {
+OUTLINES: dict[Callable[[np.random.Generator, Alpha], None], float] = {
     polygon: 0.22, ellipse: 0.2, bars: 0.2, foliage: 0.15, letters: 0.05, box: 0.18
 }  # fmt: skip
 """Outlines and their shares."""
 
 
 def sample_stencil(rng: np.random.Generator) -> Alpha:
-    """Return a random alpha mask (SIZE, SIZE) in [0, 1] of one card; its border is empty."""
-    outline = list(OUTLINES)[int(rng.choice(len(OUTLINES), p=list(OUTLINES.values())))]
-    alpha = outline(rng)
-    alpha[[0, -1]] = 0
-    alpha[:, [0, -1]] = 0
+    """Return a random alpha mask (STENCIL, STENCIL) in [0, 1] of one card; its border is empty."""
+    alpha = np.zeros((STENCIL, STENCIL), np.float32)
+    list(OUTLINES)[int(rng.choice(len(OUTLINES), p=list(OUTLINES.values())))](rng, alpha)
+    alpha[[0, -1]] = alpha[:, [0, -1]] = 0
     return alpha
 
 
@@ -106,8 +168,7 @@ class Plane:
 
     def texel(self, rays: AnyArray) -> AnyArray:
         """Return texture coordinates (..., 2), in texels, where rays (..., 3) meet the plane."""
-        seed = np.eye(3)[np.argmin(np.abs(self.normal))]
-        first = np.cross(self.normal, seed)
+        first = np.cross(self.normal, np.eye(3)[np.argmin(np.abs(self.normal))])
         first /= np.linalg.norm(first)
         axes = np.stack([first, np.cross(self.normal, first)])
         cosine, sine = np.cos(self.turn), np.sin(self.turn)
@@ -128,7 +189,7 @@ class Layer:
     """
 
     planes: tuple[Plane, ...]
-    relief: AnyArray
+    relief: AnyArray = field(default_factory=lambda: np.zeros((2, 2), np.float32))
     stencil: AnyArray | None = None
     box: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     own_path: Trajectory | None = None
@@ -142,26 +203,26 @@ class Layer:
 
 
 def sample_grid(grid: AnyArray, where: AnyArray) -> AnyArray:
-    """Return a small grid interpolated at positions `where` (..., 2); beyond [0, 1] it is mirrored."""
-    if not grid.any():
-        return np.zeros(where.shape[:-1], np.float32)
-    size = np.array([grid.shape[1] - 1, grid.shape[0] - 1])
-    at = (np.clip(where, -1, 2) * size).astype(np.float32)
-    flat = at.reshape(-1, 1, 2) if at.ndim == 2 else at
-    columns, rows = flat[..., 0], flat[..., 1]
-    value = cv2.remap(grid.astype(np.float32), columns, rows, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT)
-    return np.asarray(value).reshape(where.shape[:-1])
+    """Return a small grid interpolated at positions `where` (h, w, 2); beyond [0, 1] it is mirrored."""
+    at = (np.clip(where, -1, 2) * [grid.shape[1] - 1, grid.shape[0] - 1]).astype(np.float32)
+    flat = grid.astype(np.float32)
+    return np.asarray(cv2.remap(flat, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT))
 
 
 def smooth_field(rng: np.random.Generator, amplitude: float, size: int = 33) -> AnyArray:
-    """Return a random smooth random grid (size, size) of standard deviation `amplitude`."""
+    """Return a random smooth grid (size, size) of standard deviation `amplitude`."""
     noise = cv2.GaussianBlur(spectral_noise(rng, 64, exponent=rng.uniform(1.6, 2.6)), (0, 0), 2.0)
     small = np.asarray(cv2.resize(noise, (size, size), interpolation=cv2.INTER_AREA))
     return np.asarray(amplitude * small / (small.std() + 1e-6), np.float32)
 
 
+def sample_illumination(rng: np.random.Generator) -> AnyArray:
+    """Return smooth shading factors, some strong: light and shadow over a surface."""
+    return np.exp(smooth_field(rng, rng.choice([0.05, 0.2, 0.5]), 17))
+
+
 def sample_plane(
-    rng: np.random.Generator, pool: tuple[Image, ...], focal_px: float, normal: AnyArray, offset: float
+    rng: np.random.Generator, pool: Pool, focal_px: float, normal: AnyArray, offset: float
 ) -> Plane:
     """Return a random plane whose texture has about one texel a pixel or finer where it faces the camera."""
     density = focal_px / offset * rng.uniform(0.9, 2.2)
@@ -175,41 +236,33 @@ def tilted_normal(rng: np.random.Generator, largest: float) -> AnyArray:
     return np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
 
 
-def sample_background(rng: np.random.Generator, pool: tuple[Image, ...], focal_px: float) -> Layer:
+def sample_background(rng: np.random.Generator, pool: Pool, focal_px: float) -> Layer:
     """Return a random wall, relief, wall with a ground, or inside of a room."""
     kind = rng.choice(["wall", "relief", "ground", "room"], p=[0.2, 0.3, 0.3, 0.2])
     planes = [sample_plane(rng, pool, focal_px, tilted_normal(rng, 0.8), 1.0)]
     if kind in ("ground", "room"):
         down = np.array([rng.normal(0, 0.1), 1.0, rng.normal(0, 0.1)])
         planes.append(sample_plane(rng, pool, focal_px, down / np.linalg.norm(down), rng.uniform(0.08, 0.4)))
-    if kind == "room":
-        for side in (-1.0, 1.0):
-            normal = np.array([side, 0.0, rng.uniform(-0.1, 0.6)])
-            normal /= np.linalg.norm(normal)
-            planes.append(sample_plane(rng, pool, focal_px, normal, rng.uniform(0.2, 0.7)))
+    for side in (-1.0, 1.0) if kind == "room" else ():
+        normal = np.array([side, 0.0, rng.uniform(-0.1, 0.6)])
+        normal /= np.linalg.norm(normal)
+        planes.append(sample_plane(rng, pool, focal_px, normal, rng.uniform(0.2, 0.7)))
     amplitude = rng.uniform(0.1, 0.45) if kind == "relief" else rng.choice([0.0, 0.03])
     relief = smooth_field(rng, amplitude)
     return Layer(planes=tuple(planes), relief=relief, illumination=sample_illumination(rng))
 
 
-def sample_illumination(rng: np.random.Generator) -> AnyArray:
-    """Return smooth shading factors, some strong: light and shadow over a surface."""
-    return np.exp(smooth_field(rng, rng.choice([0.05, 0.2, 0.5]), 17))
-
-
 def sample_card(
-    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int], depth: float
+    rng: np.random.Generator, pool: Pool, K: AnyArray, size: tuple[int, int], depth: float
 ) -> Layer:
     """Return a random card at about `depth`, anywhere in an image of `size` (width, height)."""
-    width, height = size
     spread = np.exp(rng.uniform(np.log(0.08), np.log(0.75)))
     card = spread * max(size) * np.array([np.exp(rng.normal(0, 0.35)), np.exp(rng.normal(0, 0.35))])
-    centre = rng.uniform(-0.1, 1.1, 2) * (width, height)
+    centre = rng.uniform(-0.1, 1.1, 2) * size
     normal = tilted_normal(rng, 0.7)
     ray = np.linalg.inv(K) @ np.array([*centre, 1.0])
-    plane = sample_plane(rng, pool, K[0, 0], normal, float(normal @ ray) * depth)
     return Layer(
-        planes=(plane,),
+        planes=(sample_plane(rng, pool, K[0, 0], normal, float(normal @ ray) * depth),),
         relief=smooth_field(rng, rng.choice([0.0, 0.04])),
         stencil=sample_stencil(rng),
         box=(centre[0] - card[0] / 2, centre[1] - card[1] / 2, card[0], card[1]),
@@ -218,9 +271,7 @@ def sample_card(
     )
 
 
-def sample_layers(
-    rng: np.random.Generator, pool: tuple[Image, ...], K: AnyArray, size: tuple[int, int]
-) -> list[Layer]:
+def sample_layers(rng: np.random.Generator, pool: Pool, K: AnyArray, size: tuple[int, int]) -> list[Layer]:
     """Return a random background and zero to fourteen cards, far to near."""
     count = int(rng.choice([0, 1, 2, 3, 4, 6, 9, 14], p=[0.1, 0.16, 0.18, 0.18, 0.15, 0.12, 0.07, 0.04]))
     depths = np.sort(rng.uniform(0.25, 0.8, count))[::-1]

@@ -1,42 +1,34 @@
-"""From radiance to a coded photograph: lenses, exposure, mosaic, noise, tone, sharpening, compression."""
-
-from dataclasses import dataclass
+"""From radiance to a coded photograph: lens, exposure, mosaic, noise, tone, sharpening, compression."""
 
 import cv2
 import numpy as np
 
 from blur2view.arrays import AnyArray
 
-SPREADS = ("disc", "blades", "gaussian", "ring")
-SPREAD_SHARES = (0.45, 0.25, 0.18, 0.12)
+READ_NOISE, SHOT_NOISE = (3e-4, 6e-3), (1e-5, 1e-3)
+"""Deviation in the dark, and variance per unit of signal; log-uniform."""
+DEFOCUS_SHARE, JPEG_SHARE = 0.14, 0.75
+"""Shares of pictures out of focus by up to 6 px (of any camera, not of phones), and of JPEGs."""
+UNBALANCED_SHARE, GRAIN_SHARE = 0.6, 0.3
+"""Of phones: mosaics clipped before the white balance; grain, and sharpening along one axis, as of videos."""
+SPREAD_SHARES = {"disc": 0.45, "blades": 0.25, "gaussian": 0.18, "ring": 0.12}
 """Point spreads of lenses out of focus, and how often each is drawn."""
-ELLIPTIC_SHARE, LEAST_AXIS = 0.3, 0.75
+ELLIPTIC_SHARE, MIN_AXIS = 0.3, 0.75
 """Share of point spreads that are squeezed, as off a lens's axis, and by how much at most."""
-
-
 UPSCALED = 0.8
 """Radius of the disc that spreads as widely as pixels that were far larger, over their side."""
 UPSCALED_SHARE, DENOISED_SHARE, TWICE_SHARE, REDUCED_SHARE = 0.12, 0.12, 0.15, 0.25
 """Shares of pictures that were scaled up, smoothed with edges kept, compressed twice, photographed larger."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SensorOptions:
-    """Which effects may occur; the defaults are those of test sets. Shares are of images."""
-
-    softness_px: tuple[float, float] = (0.0, 1.4)  # standard deviation of the optical point spread
-    read_noise: tuple[float, float] = (3e-4, 6e-3)  # standard deviation in the dark; log-uniform
-    shot_noise: tuple[float, float] = (1e-5, 1e-3)  # variance per unit signal; log-uniform
-    jpeg_share: float = 0.75
-    defocus_share: float = 0.14  # out of focus by a disc of up to 6 px radius
-    unbalanced_share: float = 0.0  # clipped and interpolated before the white balance
-    sharpening: tuple[float, float] = (0.2, 1.2)  # strength of unsharp masking
-    grain_share: float = 0.0  # grey noise a few pixels wide; sharpened along one axis, as videos are
-
-
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
     """Return a number between two positive bounds, uniform in the logarithm."""
     return float(np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]))))
+
+
+def gaussian(image: AnyArray, sigma_px: float) -> AnyArray:
+    """Return the picture blurred by a Gaussian."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
 
 
 def expose(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
@@ -46,28 +38,28 @@ def expose(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
 
 
-def soften(rng: np.random.Generator, linear: AnyArray, options: SensorOptions) -> AnyArray:
-    """Return the picture after an optical point spread; now and then defocus, which is no motion."""
-    if rng.random() < options.defocus_share:
+def soften(rng: np.random.Generator, linear: AnyArray, softness_px: float | None) -> AnyArray:
+    """Return the picture after a Gaussian of this deviation; without one a lens is drawn, some defocused."""
+    if rng.random() < DEFOCUS_SHARE and softness_px is None:
         radius = log_uniform(rng, (0.8, 6.0))
         reach = int(np.ceil(radius)) + 1
-        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-        disc = np.clip(radius + 0.5 - np.hypot(x, y), 0, 1).astype(np.float32)
-        blurred = cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT)
-        linear = np.asarray(blurred)
-    sigma = rng.uniform(*options.softness_px)
+        disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
+        disc = np.clip(radius + 0.5 - disc, 0, 1).astype(np.float32)
+        linear = np.asarray(cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT))
+    drawn = rng.uniform(0.0, 1.4)
+    sigma = drawn if softness_px is None else softness_px
     return gaussian(linear, sigma) if sigma > 0.2 else linear
 
 
-def gaussian(image: AnyArray, sigma_px: float) -> AnyArray:
-    """Return the picture blurred by a Gaussian."""
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
-
-
-def add_noise(rng: np.random.Generator, signal: AnyArray, options: SensorOptions) -> AnyArray:
-    """Return linear light with shot and read noise, clipped at black and white."""
-    read, shot = log_uniform(rng, options.read_noise), log_uniform(rng, options.shot_noise)
-    deviation = np.sqrt(np.maximum(signal, 0) * np.float32(shot) + np.float32(read**2))
+def add_noise(
+    rng: np.random.Generator,
+    signal: AnyArray,
+    read: tuple[float, float] = READ_NOISE,
+    shot: tuple[float, float] = SHOT_NOISE,
+) -> AnyArray:
+    """Return linear light with read and shot noise drawn between bounds, clipped at black and white."""
+    dark, per_unit = log_uniform(rng, read), log_uniform(rng, shot)
+    deviation = np.sqrt(np.maximum(signal, 0) * np.float32(per_unit) + np.float32(dark**2))
     noise = rng.standard_normal(signal.shape, dtype=np.float32)
     return np.asarray(np.clip(signal + deviation * noise, 0, 1))
 
@@ -107,56 +99,59 @@ def tone(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
     return np.asarray(coded + strength * (coded * coded * (3 - 2 * coded) - coded))
 
 
-def sharpen(rng: np.random.Generator, coded: AnyArray, options: SensorOptions) -> AnyArray:
+def sharpen(rng: np.random.Generator, coded: AnyArray, is_phone: bool) -> AnyArray:
     """Return the picture, in half of the cases sharpened by unsharp masking, as cameras do."""
     if rng.random() < 0.5:
         return coded
     soft = gaussian(coded, sigma := rng.uniform(0.7, 1.6))
-    if options.grain_share and rng.random() < options.grain_share:
+    if is_phone and rng.random() < GRAIN_SHARE:
         soft = np.asarray(cv2.GaussianBlur(coded, (9, 1) if rng.random() < 0.6 else (1, 9), sigma))
-    return np.asarray(np.clip(coded + rng.uniform(*options.sharpening) * (coded - soft), 0, 1))
+    return np.asarray(np.clip(coded + rng.uniform(0.2, 2.0 if is_phone else 1.2) * (coded - soft), 0, 1))
 
 
 def compress(rng: np.random.Generator, image: AnyArray) -> AnyArray:
     """Return a picture (uint8 RGB) after JPEG at a quality between poor and good."""
-    quality = int(rng.integers(35, 98))
-    _, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    if decoded is None:
-        raise ValueError(f"OpenCV cannot decode its own JPEG of shape {image.shape}")
-    return np.asarray(decoded[..., ::-1])
+    quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 98))]
+    data = cv2.imencode(".jpg", image[..., ::-1], quality)[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))[..., ::-1]
 
 
-def photograph(rng: np.random.Generator, linear: AnyArray, options: SensorOptions | None = None) -> AnyArray:
-    """Return linear radiance (H, W, 3), 1 about white before exposure, as an 8-bit photograph, uint8 RGB."""
-    options = options or SensorOptions()
-    signal = soften(rng, expose(rng, linear.astype(np.float32)), options)
-    mosaic = rng.random() < 0.4
-    signal = add_noise(rng, signal, options)
+def photograph(rng: np.random.Generator, linear: AnyArray, phone_px: float | None = None) -> AnyArray:
+    """Photograph linear radiance (H, W, 3), about 1 at white before exposure: uint8 RGB.
+
+    With ``phone_px``, the deviation of its lens's point spread, the camera is a phone, in focus: its mosaic
+    may clip before the white balance, sharpening leaves halos, grain is added. Without, it is any camera.
+    """
+    signal = soften(rng, expose(rng, linear.astype(np.float32)), phone_px)
+    mosaic, is_phone = rng.random() < 0.4, phone_px is not None
+    signal = add_noise(rng, signal)
     if mosaic:
-        unbalanced = options.unbalanced_share > 0 and rng.random() < options.unbalanced_share
+        unbalanced = is_phone and rng.random() < UNBALANCED_SHARE
         signal = demosaic_unbalanced(rng, signal) if unbalanced else demosaic(signal)
     if rng.random() < 0.3:  # denoised by the camera
         signal = gaussian(signal, rng.uniform(0.4, 0.9))
     if rng.random() < 0.2:
         signal = np.clip(signal * blotches(rng, signal.shape), 0, 1)
     coded = np.asarray(tone(rng, signal), np.float32)
-    if options.grain_share and rng.random() < options.grain_share:
+    if is_phone and rng.random() < GRAIN_SHARE:
         noise = gaussian(rng.standard_normal(coded.shape[:2], dtype=np.float32), rng.uniform(0.6, 1.6))
         coded += np.float32(log_uniform(rng, (2e-3, 1.5e-2)) / noise.std()) * noise[..., None]
-    coded = sharpen(rng, coded, options)
+    coded = sharpen(rng, coded, is_phone)
     if rng.random() < 0.1:
         coded = np.repeat(coded.mean(2, keepdims=True), 3, axis=2)
     image = np.asarray(np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8)
-    return compress(rng, image) if rng.random() < options.jpeg_share else image
+    return compress(rng, image) if rng.random() < JPEG_SHARE else image
 
 
-def small_camera(softness_px: float) -> SensorOptions:
-    """Return a phone's options, in focus: an unbalanced mosaic, halos of sharpening, grain."""
-    spread = (softness_px, softness_px)
-    return SensorOptions(
-        softness_px=spread, defocus_share=0.0, unbalanced_share=0.6, sharpening=(0.2, 2.0), grain_share=0.3
-    )
+def sharp_photograph(rng: np.random.Generator, linear: AnyArray, like: AnyArray) -> AnyArray:
+    """Photograph radiance (H, W, 3) as a good camera does, exposed as for the radiance `like`: uint8 RGB.
+
+    `rng` draws the noise; tone curve and compression are always the same.
+    """
+    signal = linear * np.float32(0.3 / max(float(like.mean()), 1e-3))
+    noisy = signal + 0.003 * rng.standard_normal(signal.shape, dtype=np.float32)
+    coded = tone(np.random.default_rng(2), np.clip(noisy, 0, 1).astype(np.float32))
+    return compress(np.random.default_rng(1), (np.clip(coded, 0, 1) * 255 + 0.5).astype(np.uint8))
 
 
 def processed(rng: np.random.Generator, linear: AnyArray) -> tuple[AnyArray, float]:
@@ -172,13 +167,12 @@ def processed(rng: np.random.Generator, linear: AnyArray) -> tuple[AnyArray, flo
     if rng.random() < UPSCALED_SHARE:
         factor = rng.uniform(1.15, 2.5)
         size = (round(width / factor), round(height / factor))
-        small = cv2.resize(linear, size, interpolation=cv2.INTER_AREA)
-        image = photograph(rng, np.asarray(small), small_camera(softness))
+        image = photograph(rng, np.asarray(cv2.resize(linear, size, interpolation=cv2.INTER_AREA)), softness)
         how = cv2.INTER_CUBIC if rng.random() < 0.6 else cv2.INTER_LINEAR
         image = np.asarray(cv2.resize(image, (width, height), interpolation=how))
         spread = float(np.hypot(spread * factor, UPSCALED * np.sqrt(factor**2 - 1)))
     else:
-        image = photograph(rng, linear, small_camera(softness))
+        image = photograph(rng, linear, softness)
     if rng.random() < DENOISED_SHARE:
         image = np.asarray(cv2.bilateralFilter(image, 5, rng.uniform(8, 40), rng.uniform(1, 3)))
     if rng.random() < TWICE_SHARE:
@@ -187,26 +181,23 @@ def processed(rng: np.random.Generator, linear: AnyArray) -> tuple[AnyArray, flo
 
 
 def reduced(rng: np.random.Generator, linear: AnyArray, softness: float) -> tuple[AnyArray, float]:
-    """Do the same of a picture twice as large, or much larger, which leaves hardly any noise; reduce it."""
+    """Photograph the same twice as large, or much larger, which leaves hardly any noise, and reduce it."""
     height, width = linear.shape[:2]
     if rng.random() < 0.5:
         large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
-        image = photograph(rng, np.maximum(np.asarray(large), 0), small_camera(softness))
-        small = cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-        return np.asarray(small), softness
-    softness /= 2
-    lens = SensorOptions(softness_px=(softness, softness), defocus_share=0.0)
-    signal = soften(rng, expose(rng, linear.astype(np.float32)), lens)
+        image = photograph(rng, np.maximum(np.asarray(large), 0), softness).astype(np.float32)
+        return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)), softness
+    signal = soften(rng, expose(rng, linear.astype(np.float32)), softness / 2)
     coded = np.clip(tone(rng, np.clip(signal, 0, 1)), 0, 1)
     noise = rng.standard_normal(coded.shape, dtype=np.float32)
-    noise *= np.float32(np.exp(rng.uniform(np.log(1e-4), np.log(2e-3))))
-    return np.asarray((np.clip(coded + noise, 0, 1) * 255).astype(np.float32)), 2 * softness
+    noise *= np.float32(log_uniform(rng, (1e-4, 2e-3)))
+    return np.asarray((np.clip(coded + noise, 0, 1) * 255).astype(np.float32)), softness
 
 
-def point_spread(rng: np.random.Generator, radius_px: float, kind: str | None = None) -> AnyArray:
-    """Return a point spread (n, n) of sum one, of a kind or any, as wide as the disc of a radius."""
-    kind = kind or str(rng.choice(SPREADS, p=SPREAD_SHARES))
-    squeeze = rng.uniform(LEAST_AXIS, 1) if rng.random() < ELLIPTIC_SHARE else 1.0
+def point_spread(rng: np.random.Generator, radius_px: float) -> AnyArray:
+    """Draw a point spread (n, n), of sum one, as wide as the disc of a radius."""
+    kind = str(rng.choice(list(SPREAD_SHARES), p=list(SPREAD_SHARES.values())))
+    squeeze = rng.uniform(MIN_AXIS, 1) if rng.random() < ELLIPTIC_SHARE else 1.0
     angle, blades = rng.uniform(0, np.pi), int(rng.integers(5, 10))
     reach = int(np.ceil((2.5 if kind == "gaussian" else 1.5) * radius_px / squeeze**0.5)) + 1
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1].astype(np.float32)

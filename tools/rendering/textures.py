@@ -1,12 +1,8 @@
-"""Surface textures in linear light: procedural, of scikit-image (CC0 or public domain), and of folders.
-
-Photographs are split by name into a training and a held-out part, so that no test image shares a texture
-with training.
-"""
+"""Surface textures in linear light: procedural ones, and photographs of scikit-image (CC0) and of folders."""
 
 import functools
 import string
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import cv2
@@ -17,75 +13,67 @@ from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError
 
 Image = NDArray[np.float32]
-Scalars = NDArray[np.float32]
 
-SIZE = 512  # side of a procedural texture, in texels
-BUNDLED = ("astronaut", "brick", "camera", "chelsea", "coffee", "coins", "grass", "gravel", "rocket", "page")
-HELD_OUT_BUNDLED = ("coffee", "gravel", "rocket")  # those of them that only the test split uses
-LARGEST_PX = 3000  # photographs are halved until their longer side is at most this: few are sharper
-HELD_OUT_EVERY = 4  # every fourth photograph of an added folder (by sorted name) is held out of training
+SIZE = 512  # side of a procedural texture, texels
+SUFFIXES = (".png", ".jpg", ".jpeg")
+BUNDLED = ("coffee", "gravel", "rocket")  # pictures of scikit-image that no training saw
+TEST_EVERY = 4  # of an added folder only every fourth photograph is a texture: training may see the others
+MAX_SIDE_PX = 3000  # photographs are halved until no side is longer: few are sharper
 PHOTO_SHARE = 0.55  # of textures that are photographs
 BITS = cv2.LINE_AA, 3  # OpenCV draws smoothly, with coordinates in eighths of a texel
 
 
-def split_files(split: str, folder: Path) -> list[Path]:
-    """Return the PNG and JPEG files of one split ("train" or "test") of a folder, by name."""
-    files = sorted(p for p in folder.iterdir() if p.suffix.lower() in {".png", ".jpg", ".jpeg"})
-    held = set(files[HELD_OUT_EVERY - 1 :: HELD_OUT_EVERY])
-    return [p for p in files if (p in held) == (split == "test")]
+def photographs_of(folders: Iterable[Path]) -> list[Path]:
+    """List the photographs of folders by name; SystemExit without any."""
+    paths = [
+        path for folder in folders for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES
+    ]
+    if not paths:
+        raise SystemExit(f"no photograph in {', '.join(map(str, folders))}")
+    return paths
 
 
 def read_photograph(path: Path) -> NDArray[np.uint8]:
     """Return an 8-bit RGB photograph (H, W, 3); ImageError names a file that cannot be decoded."""
     bgr = cv2.imread(str(path))
     if bgr is None:
-        raise ImageError(f"cannot decode {path}: remove it from the folder of texture photographs")
-    return np.asarray(bgr[..., ::-1], np.uint8)
+        raise ImageError(f"cannot decode {path}: remove it from the folder of photographs")
+    return np.ascontiguousarray(bgr[..., ::-1], np.uint8)
 
 
 def load_photos(folders: list[Path]) -> list[NDArray[np.uint8]]:
-    """Return the photographs of folders, by name, none of them scaled up."""
-    photos = []
-    for path in (path for folder in folders for path in sorted(folder.iterdir())):
-        image = read_photograph(path)
-        while max(image.shape[:2]) > LARGEST_PX:
-            image = np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
-        photos.append(np.ascontiguousarray(image))
+    """Return the photographs of folders by name, halved down to `MAX_SIDE_PX`."""
+    photos = [read_photograph(path) for path in photographs_of(folders)]
+    for k in range(len(photos)):
+        while max(photos[k].shape[:2]) > MAX_SIDE_PX:
+            photos[k] = np.asarray(cv2.resize(photos[k], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
     return photos
 
 
 @functools.lru_cache(maxsize=4)
-def photographs(split: str, folder: Path | None = None) -> tuple[Image, ...]:
-    """Return the linear-light photographs (H, W, 3), float32 in [0, 1], of one split, "train" or "test".
+def photographs(folder: Path | None = None) -> tuple[Image, ...]:
+    """Return photographs (H, W, 3) in linear light, [0, 1]: bundled ones and every fourth of a folder."""
+    from skimage import color, data
 
-    The two are disjoint; a folder adds its PNG and JPEG files. ValueError if the split has another name.
-    """
-    from skimage import data
-
-    if split not in ("train", "test"):
-        raise ValueError(f'split must be "train" or "test", got {split!r}')
-    names = [n for n in BUNDLED if (n in HELD_OUT_BUNDLED) == (split == "test")]
-    coded = [np.asarray(getattr(data, name)()) for name in names]
+    coded = [np.asarray(getattr(data, name)()) for name in BUNDLED]
     if folder is not None:
-        coded += [read_photograph(path) for path in split_files(split, folder)]
-    rgb = [c[..., :3] if c.ndim == 3 else np.repeat(c[..., None], 3, axis=2) for c in coded]
-    scaled = [np.asarray(c / 255.0, np.float32) for c in rgb]  # sRGB, IEC 61966-2-1
+        coded += map(read_photograph, photographs_of([folder])[TEST_EVERY - 1 :: TEST_EVERY])
+    rgb = [np.asarray((c if c.ndim == 3 else color.gray2rgb(c)) / 255.0, np.float32) for c in coded]
+    # sRGB, IEC 61966-2-1
     return tuple(
-        np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32) for c in scaled
+        np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32) for c in rgb
     )
 
 
 def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
-    """Return a photograph of the pool, flipped, turned, resized down by up to 2.5 and colour-jittered."""
-    image = pool[rng.integers(len(pool))]
-    image = np.rot90(image, int(rng.integers(4)))
+    """Return a photograph of the pool, flipped, turned, reduced by up to 2.5, with other colours."""
+    image = np.rot90(pool[rng.integers(len(pool))], int(rng.integers(4)))
     if rng.random() < 0.5:
         image = image[:, ::-1]
     factor = rng.uniform(1.0, 2.5)
     if min(image.shape[:2]) / factor >= 128:
         size = (int(image.shape[1] / factor), int(image.shape[0] / factor))
-        small = cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA)
-        image = np.asarray(small, np.float32)
+        image = np.asarray(cv2.resize(np.ascontiguousarray(image), size, interpolation=cv2.INTER_AREA))
     gains = rng.uniform(0.8, 1.25, 3).astype(np.float32)
     if rng.random() < 0.15:
         image = np.repeat(image.mean(2, keepdims=True), 3, axis=2)
@@ -93,24 +81,25 @@ def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
 
 
 def colour(rng: np.random.Generator) -> Image:
-    """Return a random linear-light colour; dark ones and nearly grey ones are frequent, as in photographs."""
+    """Draw a colour (3,) in linear light; dark and nearly grey ones are frequent, as in photographs."""
     grey = rng.beta(0.9, 1.6)
     return np.clip(grey * (1 + rng.normal(0, 0.3, 3)) + 0.005, 0, 1).astype(np.float32)
 
 
 def filled(rng: np.random.Generator) -> Image:
-    """Return one colour."""
+    """Return a texture of one colour."""
     return np.full((SIZE, SIZE, 3), colour(rng), np.float32)
 
 
-def eighths(*values: float) -> tuple[int, ...]:
-    """Return coordinates as OpenCV takes them."""
-    return tuple(int(value * 8) for value in values)
+def eighths(points: AnyArray) -> NDArray[np.int32]:
+    """Return coordinates in eighths of a texel, as OpenCV draws with `BITS`."""
+    return np.asarray(points * 8).astype(np.int32)
 
 
-def ink(rng: np.random.Generator) -> tuple[float, ...]:
-    """Return a colour as OpenCV takes it."""
-    return tuple(float(c) for c in colour(rng))
+def draw_box(image: Image, box: Sequence[float], fill: AnyArray) -> None:
+    """Fill a box (left, top, right, bottom), texels, in place."""
+    left, top, right, bottom = eighths(np.array(box)).tolist()
+    cv2.rectangle(image, (left, top), (right, bottom), fill.tolist(), -1, *BITS)
 
 
 def dead_leaves(rng: np.random.Generator) -> Image:
@@ -118,20 +107,20 @@ def dead_leaves(rng: np.random.Generator) -> Image:
     image, smallest = filled(rng), rng.uniform(1.5, 5.0)
     for _ in range(int(rng.integers(250, 900))):
         radius = min(smallest / max(rng.random(), 1e-3) ** 0.6, 130.0)
-        x, y = rng.uniform(0, SIZE, 2)
-        fill, kind = ink(rng), rng.integers(3)
+        centre = rng.uniform(0, SIZE, 2)
+        fill, kind = colour(rng).tolist(), rng.integers(3)
         if kind == 0:
-            cv2.circle(image, eighths(x, y), int(radius * 8), fill, -1, *BITS)
+            cv2.circle(image, eighths(centre).tolist(), int(radius * 8), fill, -1, *BITS)
             continue
         angles = rng.uniform(0, 2 * np.pi) + np.arange(kind + 2) * 2 * np.pi / (kind + 2)
         squeeze = rng.uniform(0.3, 1)
-        corners = np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles) * squeeze], 1)
-        cv2.fillPoly(image, [(corners * 8).astype(np.int32)], fill, *BITS)
+        corners = centre + np.stack([radius * np.cos(angles), radius * np.sin(angles) * squeeze], 1)
+        cv2.fillPoly(image, [eighths(corners)], fill, *BITS)
     return image
 
 
-def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> Scalars:
-    """Return noise with amplitude 1 / frequency**exponent: zero mean, unit variance, shape (size, size)."""
+def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> Image:
+    """Return noise (size, size) of amplitude 1 / frequency**exponent, zero mean and unit variance."""
     exponent = rng.uniform(0.7, 1.6) if exponent is None else exponent
     fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
     amplitude = (fx * fx + fy * fy + 1.0 / size**2) ** (-exponent / 2)
@@ -188,22 +177,19 @@ def strokes(rng: np.random.Generator) -> Image:
     for _ in range(int(rng.integers(30, 220))):
         start, spread, corners = rng.uniform(0, SIZE, 2), rng.uniform(5, 60), int(rng.integers(2, 7))
         points = start + np.cumsum(rng.normal(0, spread, (corners, 2)), 0)
-        fill, thickness = ink(rng), int(rng.integers(1, 5))
-        cv2.polylines(image, [(points * 8).astype(np.int32)], False, fill, thickness, *BITS)
+        fill, thickness = colour(rng).tolist(), int(rng.integers(1, 5))
+        cv2.polylines(image, [eighths(points)], False, fill, thickness, *BITS)
     return image
 
 
 def panels(rng: np.random.Generator) -> Image:
-    """Return a wall of plain panels with seams, frames, panes and handles: doors, cupboards, facades.
-
-    Long straight edges and nothing between them, where blur along an edge cannot be seen.
-    """
+    """Return a wall of panels with seams, frames, panes and handles: long edges and nothing between them."""
     palette = [colour(rng) for _ in range(int(rng.integers(1, 5)))]
     smallest, seam = rng.uniform(24, 150), rng.uniform(0, 5)
     image = filled(rng)
     for left, top, right, bottom in divided(rng, (0, 0, SIZE, SIZE), smallest):
-        box = (left + seam, top + seam, right, bottom)
-        draw_box(image, box, palette[rng.integers(len(palette))] * np.float32(np.exp(rng.normal(0, 0.08))))
+        fill = palette[rng.integers(len(palette))] * np.float32(np.exp(rng.normal(0, 0.08)))
+        draw_box(image, (left + seam, top + seam, right, bottom), fill)
         detail = rng.random()
         if detail < 0.25:  # a frame or a pane
             inset = rng.uniform(0.06, 0.25) * min(right - left, bottom - top)
@@ -212,13 +198,11 @@ def panels(rng: np.random.Generator) -> Image:
             width, height = np.exp(rng.uniform(np.log(2), np.log(40), 2))
             x, y = rng.uniform(left, max(right - width, left)), rng.uniform(top, max(bottom - height, top))
             draw_box(image, (x, y, x + width, y + height), colour(rng))
-    return np.asarray(np.clip(image * shading(rng), 0, 1), np.float32)
+    return shaded(rng, image)
 
 
-def divided(
-    rng: np.random.Generator, box: tuple[float, float, float, float], smallest: float
-) -> list[tuple[float, float, float, float]]:
-    """Return the parts of a box (left, top, right, bottom), split until they are about `smallest` wide."""
+def divided(rng: np.random.Generator, box: Sequence[float], smallest: float) -> list[Sequence[float]]:
+    """Split a box (left, top, right, bottom) into parts about `smallest` wide."""
     left, top, right, bottom = box
     width, height = right - left, bottom - top
     if max(width, height) < 2 * smallest or (width < SIZE / 2 and rng.random() < 0.12):
@@ -233,47 +217,37 @@ def divided(
     return [part for half in halves for part in divided(rng, half, smallest)]
 
 
-def draw_box(image: Image, box: tuple[float, float, float, float], fill: AnyArray) -> None:
-    """Fill a box (left, top, right, bottom), texels, in place."""
-    cv2.rectangle(image, eighths(*box[:2]), eighths(*box[2:]), tuple(float(c) for c in fill), -1, *BITS)
-
-
-def shading(rng: np.random.Generator) -> Scalars:
-    """Return factors (SIZE, SIZE, 1) about 1: a slow gradient and a faint grain."""
+def shaded(rng: np.random.Generator, image: Image) -> Image:
+    """Return a texture under a slow gradient and a faint grain."""
     slow = spectral_noise(rng, exponent=rng.uniform(1.8, 2.6)) * rng.uniform(0, 0.15)
     grain = spectral_noise(rng, exponent=rng.uniform(0, 1.0)) * rng.choice([0.0, 0.01, 0.03])
-    return np.asarray(np.exp(slow + grain)[..., None], np.float32)
+    return np.asarray(np.clip(image * np.exp(slow + grain)[..., None].astype(np.float32), 0, 1), np.float32)
 
 
 def plain(rng: np.random.Generator) -> Image:
-    """Return one colour with slow shading and at most a few marks: walls, sky, floors, cloth."""
+    """Return one colour with shading and at most a few marks: walls, sky, floors, cloth."""
     image = filled(rng)
     for _ in range(int(rng.choice([0, 0, 3, 12]))):
         width, height = np.exp(rng.uniform(np.log(2), np.log(30), 2))
         x, y = rng.uniform(0, SIZE, 2)
         draw_box(image, (x, y, x + width, y + height), colour(rng))
-    return np.asarray(np.clip(image * shading(rng), 0, 1), np.float32)
+    return shaded(rng, image)
 
 
-PROCEDURAL: tuple[tuple[Callable[[np.random.Generator], Image], float], ...] = (
-    (dead_leaves, 0.22),
-    (cloudy, 0.1),
-    (printed, 0.12),
-    (bricks, 0.1),
-    (strokes, 0.12),
-    (panels, 0.24),
-    (plain, 0.1),
-)
-"""Generators and their shares."""
+PROCEDURAL: dict[Callable[[np.random.Generator], Image], float] = {
+    dead_leaves: 0.22, cloudy: 0.1, printed: 0.12, bricks: 0.1, strokes: 0.12, panels: 0.24, plain: 0.1
+}  # fmt: skip
+"""Generators of textures and their shares."""
+
+
+def procedural(rng: np.random.Generator) -> Image:
+    """Return a texture (SIZE, SIZE, 3) of a random generator."""
+    return list(PROCEDURAL)[rng.choice(len(PROCEDURAL), p=list(PROCEDURAL.values()))](rng)
 
 
 def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
-    """Return a random linear-light texture (h, w, 3), at least 128 texels a side."""
-    if rng.random() < PHOTO_SHARE:
-        image = photograph(rng, pool)
-    else:
-        makers, shares = zip(*PROCEDURAL, strict=True)
-        image = makers[rng.choice(len(makers), p=shares)](rng)
+    """Return a random texture (h, w, 3) in linear light, at least 128 texels a side."""
+    image = photograph(rng, pool) if rng.random() < PHOTO_SHARE else procedural(rng)
     contrast = rng.uniform(0.55, 1.6)
     image = np.maximum(image, 1e-4) ** np.float32(contrast)
     return np.asarray(image * np.float32(rng.uniform(0.5, 1.2)), np.float32)

@@ -8,12 +8,9 @@ import numpy as np
 
 from blur2view.arrays import Array
 from blur2view.geometry.pose import rotation_matrix
-from tools.datasets.testset import sharp_photograph
-from tools.rendering.canvas import paint
-from tools.rendering.exposure import Exposure
-from tools.rendering.motion import Trajectory
-from tools.rendering.render import mean_frame
-from tools.rendering.scene import sample_layers
+from tools.rendering.render import Exposure, mean_frame, paint
+from tools.rendering.scene import Trajectory, sample_layers
+from tools.rendering.sensor import sharp_photograph
 from tools.rendering.textures import photographs
 
 MARGIN, DETAIL, CARDS = 200.0, 1.2, range(2, 6)
@@ -22,12 +19,16 @@ WAVES = 6  # of the shake, equally fast
 
 @dataclass(frozen=True, kw_only=True)
 class Shake(Trajectory):
-    """A hand's path: at 0 s its camera is the scene's; an exposure is about ``middle_s``."""
+    """A hand's path about an exposure that lasts ``exposure_s`` about ``middle_s``; at 0 s it is the scene's.
 
-    drift: Array  # (3,) units of depth per second
-    hertz: Array  # (waves,)
-    phase: Array  # (waves, 6)
-    height: Array  # (waves, 6): radians, units of depth
+    ``drift`` (3,) is in units of depth per second; every one of ``hertz`` (waves,) has ``phase`` and
+    ``height`` (waves, 6), in radians and units of depth.
+    """
+
+    drift: Array
+    hertz: Array
+    phase: Array
+    height: Array
     middle_s: float = 0.0
     exposure_s: float = 1.0
 
@@ -95,7 +96,7 @@ def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
         return paths
     folder.mkdir(parents=True, exist_ok=True)
     rng, size, K, like = np.random.default_rng([seed, 1]), options.size, options.K, None
-    while len(layers := sample_layers(rng, photographs("test"), K, size)) - 1 not in CARDS:
+    while len(layers := sample_layers(rng, photographs(), K, size)) - 1 not in CARDS:
         pass
     canvases = [paint(rng, layer, K, size, MARGIN, DETAIL) for layer in layers]
     for index, (path, target) in enumerate(zip(paths, targets, strict=True)):

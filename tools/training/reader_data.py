@@ -62,8 +62,7 @@ SIGNAL, LEAST = 2.0, 0.4 / 255
 
 def scenes(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -> Iterator[LayerScene]:
     """Yield scenes of layers of photographs, or of these and procedural textures, without end."""
-    makers, shares = zip(*textures.PROCEDURAL, strict=True)
-    drawn = [makers[rng.choice(len(makers), p=shares)](rng) for _ in range(TEXTURES)]
+    drawn = [textures.procedural(rng) for _ in range(TEXTURES)]
     made = [(np.clip(linear, 0, 1) ** (1 / 2.2) * 255 + 0.5).astype(np.uint8) for linear in drawn]
     fitting = [p for p in sources.photographs if min(np.array(p.shape[1::-1]) / size) >= 0.75]
     photographs = fitting or sources.photographs

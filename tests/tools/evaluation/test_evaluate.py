@@ -15,9 +15,7 @@ from tools.evaluation import evaluate
 from tools.rendering.render import RenderOptions, render
 
 SIZE = (160, 128)
-OPTIONS = RenderOptions(
-    size=SIZE, split="test", smear_px=(8.0, 12.0), sharp_share=0.0, mover_share=0.0, straight=True
-)
+OPTIONS = RenderOptions(size=SIZE, smear_px=(8.0, 12.0), mover_share=0.0)
 
 
 @pytest.fixture(scope="module")

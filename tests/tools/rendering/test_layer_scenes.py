@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tools.rendering.layer_scenes import GRID, KINDS, Layers, LayerScene, Sources, layer_scene, swept
+from tools.rendering.layer_scenes import GRID, KINDS, LayerScene, Sources, layer_scene, swept
 
 
 def noise_and_disc(rng: np.random.Generator) -> Sources:
@@ -42,8 +42,7 @@ def test_a_layer_is_averaged_along_its_displacement(axis: int) -> None:
     field = np.zeros((1, 96 // GRID + 1, 96 // GRID + 1, 2), np.float32)
     field[..., axis] = 8
     colour = colour.swapaxes(1, 2) if axis else colour
-    layers = Layers(colour=colour, displacement=field, margin=0, steps=64, bend=np.zeros(2), acceleration=0.0)
-    light, seen = swept(layers, (96, 96))
+    light, seen = swept(colour, field, (96, 96), steps=64, bend=np.zeros(2))
     light = light.swapaxes(0, 1) if axis else light
     np.testing.assert_allclose(seen, 1, atol=1e-5)
     np.testing.assert_allclose(light[32, 45:52], 1 / 8, atol=0.01)
