@@ -39,7 +39,7 @@ def plural(count: int, noun: str) -> str:
 
 def verdict_line(name: str, one: "Photograph") -> str:
     """Return the one sentence that matters, then, where the camera moved, the configuration's COLMAP name."""
-    return f"{printable(name)}: {one.verdict}" + f" [{one.config}]" * one.moved
+    return f"{printable(name)}: {one.verdict}" + f" [{one.config}]" * one.moved()
 
 
 def show_status(text: str = "") -> None:

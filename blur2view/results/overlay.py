@@ -63,7 +63,7 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
         "grey: smears that do not" if fits else "grey: smears"
     ] * bool(smears.any())
     words += ["white: epipolar lines, rings: epipoles"] * bool(lines.any())
-    text = f"{fit_line(one)}{f' (COLMAP: {one.config})' * one.moved}. {'; '.join(words).capitalize()}"
+    text = f"{fit_line(one)}{f' (COLMAP: {one.config})' * one.moved()}. {'; '.join(words).capitalize()}"
     return captioned(
         over(over(cv2.transform(shown(photograph_of(image)), PALE), lines), smears), one.verdict, text
     )

@@ -1,7 +1,7 @@
 """The record of a photograph: everything that blur2view says of it, in one object of JSON's types.
 
-JSON is the record itself, a row of CSV its flat part, ``--help-all`` the explanations of its fields. What
-follows from other fields is computed when it is asked for (`derived`), and never read back.
+JSON is the record itself, a row of CSV its flat part, ``--help-all`` the explanations of its fields and
+properties. A property follows from fields: it is written, and never read back.
 """
 
 from __future__ import annotations
@@ -9,11 +9,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import fields, replace
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from blur2view.results.record import Record, derived
+import numpy as np
+
+from blur2view.geometry.pose import rotation_vector
+from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.results.verdict import use_of, verdict
 
 if TYPE_CHECKING:
@@ -21,27 +25,217 @@ if TYPE_CHECKING:
     from blur2view.movers.mask import MotionMask
     from blur2view.pipeline import Estimate
 
+Matrix = list[list[float]]
+ALONG_SMEAR = math.sqrt(3)
+"""Length of the smear that spreads as widely, along itself, as a disc of radius 1 does."""
 FIRST = "name", "error", "use", "verdict", "blur"
 """Columns of a table that come first."""
+FLAT = "str", "int", "float", "bool"
+"""Types of what a table holds."""
+BLUR = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
+MODEL = "model", "parameters", "log_likelihood", "probability"
+COVARIANCE = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
+"""What the record holds of `Blur`, `ModelRow` and `PoseCovariance`."""
 FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
 
-class Photograph(Record):
-    """The record of one photograph, with its verdict, as JSON and as a row of a table."""
+def explained(text: str, default: Any = None) -> Any:
+    """Return a field of the record with its explanation, required if ``default`` is `MISSING`."""
+    metadata = {"help": " ".join(text.split())}
+    if default == []:
+        return field(default_factory=list, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Photograph:
+    """The record of one photograph; null, or in a table empty, where there is no such value.
+
+    Matrices are lists of rows. Points are (x, y) in pixels of the upright photograph with (0, 0) at the
+    centre of the top-left one; only the ``params`` of a camera follow COLMAP: that centre is (0.5, 0.5).
+    """
+
+    name: str = explained("As COLMAP names it: below the folder that was given, or that all share.", MISSING)
+    error: str = explained("Why it failed; then all else is empty.", "")
+    width: int | None = explained("Width in pixels, upright.")
+    height: int | None = explained("Height in pixels, upright.")
+    frame: int | None = explained("Number of the frame in its video, from 0.")
+    timestamp_s: float | None = explained("Its time in the video or of its file name, seconds.")
+
+    blur: str = explained(
+        """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of
+        focus and moved, cannot tell. Only where the camera moved a geometry is looked for.""",
+        "",
+    )
+    nothing_seen: str = explained("Why its blur is unknown: too dark, overexposed, one colour.", "")
+    smear_px: float | None = explained(
+        "Length of its smear, pixels: the median, each place weighed by how well it shows its own."
+    )
+    smear_sigma_px: float | None = explained("Its standard deviation: a smear below it may be none.")
+    direction_deg: float | None = explained("Of the smears, from x towards y, 0 to 180; null where in many.")
+    defocus_px: float | None = explained("Radius out of focus of what is most in focus, pixels; 1 if sharp.")
+    defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
+    moving_share: float | None = explained("Share of the picture that moves by itself; null if not asked.")
+    use: str = explained("sharp, blurred (geometry can use it), out of focus, unclear or unusable.", "")
+
+    K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
+    camera: dict[str, Any] | None = explained("As COLMAP has it: model, params (its pixels), source, known.")
+    config: str = explained(
+        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all that follows from
+        geometry is empty of triage, which looks less closely.""",
+        "",
+    )
+    reason: str = explained("One sentence with the figures that decided on the configuration.", "")
+    parallax: str = explained(
+        """Whether things at different depths are seen: proven (UNCALIBRATED, CALIBRATED), undecided (F may be
+        of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
+        "",
+    )
+    models: list[Any] = explained("Likeliest first: model, parameters, log_likelihood, probability.", [])
+    independent_smears: float = explained("How many smears of independent errors weigh as much.", 0.0)
+    F: Matrix | None = explained(
+        """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
+        shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
+        hold for undistorted pixels."""
+    )
+    H: Matrix | None = explained("Homography, points2 ~ H points1; beside F parallax is undecided.")
+    num_matches: int | None = explained("Smears that were used.")
+    num_inliers: int | None = explained(
+        """Smears that fit: the Sampson distance of their ends, in the better of both orders, is below 1.73 px
+        and a tenth of their length, or below two of their own standard deviations."""
+    )
+    support_by_chance: float | None = explained("Share that would fit if directions were random.")
+    E: Matrix | None = explained("Essential matrix of known intrinsics.")
+    cam2_from_cam1: dict[str, Any] | None = explained(
+        """Pose of known intrinsics: rotation (3x3) and translation (unit length or zero), or its inverse. It
+        is zero where neither parallax is proven nor its direction known to 30 degrees; the rotation is then
+        the one that explains the smears alone, or the mean over all directions."""
+    )
+    pose_covariance: dict[str, Any] | None = explained(
+        """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
+        rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
+    )
+    backward: dict[str, Any] | None = explained(
+        """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
+        config, parallax; null where the rows leave no such smears."""
+    )
+
+    exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
+    readout_s: float | None = explained("From --readout: all is then of an exposure of all rows at once.")
+    time_known: bool = explained("Whether neighbouring frames decided which end came first.", False)
+    time_confidence: float = explained("How sure that decision is, 0 to 1.", 0.0)
+    mask: dict[str, Any] | None = explained(
+        """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
+        unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid, probability)."""
+    )
+    beta: float | None = explained("The option of this name.")
+    max_error_px: float | None = explained("The option --max-error.")
+    seed: int | None = explained("The option of this name.")
+    version: str = explained("The version of blur2view.", "")
+    model_ids: list[str] = explained("The networks that were used, by their weights.", [])
+    input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
+    options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
+
+    @property
+    def verdict(self) -> str:
+        """What the photograph shows, in words: the line that is printed."""
+        return verdict(self)
+
+    @property
+    def smear_percent(self) -> float | None:
+        """The smear over the width of the picture, per cent."""
+        return None if self.smear_px is None or not self.width else 100 * self.smear_px / self.width
+
+    @property
+    def width_px(self) -> float | None:
+        """Width of all of the blur, as the length of a smear, pixels: what photographs are ranked by."""
+        if self.smear_px is None:
+            return None
+        return math.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0))
+
+    @property
+    def model(self) -> str:
+        """The likeliest of no motion, rotation, plane and parallax; empty where none were compared."""
+        return str(self.models[0]["model"]) if self.models else ""
+
+    @property
+    def model_probability(self) -> float | None:
+        """The probability of the likeliest, with a shutter of either kind."""
+        return float(self.models[0]["probability"]) if self.models else None
+
+    parallax_probability = property(
+        lambda one: one.probability(MotionModel.PARALLAX), doc="Probability: that depths differ, if compared."
+    )
+    rotation_probability = property(
+        lambda one: one.probability(MotionModel.ROTATION), doc="Probability: that the camera turned alone."
+    )
+    plane_probability = property(
+        lambda one: one.probability(MotionModel.PLANE), doc="Probability: that all lies in one plane."
+    )
+
+    @property
+    def rotation_deg(self) -> float | None:
+        """Angle of the rotation during the exposure, degrees, with known intrinsics."""
+        if self.cam2_from_cam1 is None:
+            return None
+        return math.degrees(math.hypot(self.wx, self.wy, self.wz) * (self.exposure_s or 1.0))
+
+    wx = property(
+        lambda one: one.rate(0),
+        doc="Rotation vector of cam2_from_cam1 over the exposure time, about x (right), rate_unit.",
+    )
+    wy = property(lambda one: one.rate(1), doc="The same about y (down). A gyroscope shows the negative.")
+    wz = property(
+        lambda one: one.rate(2), doc="The same about z (forwards). The sign is of time: see time_known."
+    )
+    sigma_wx = property(lambda one: one.rate_sigma(0), doc="Standard deviation of wx.")
+    sigma_wy = property(lambda one: one.rate_sigma(1), doc="Standard deviation of wy.")
+    sigma_wz = property(lambda one: one.rate_sigma(2), doc="Standard deviation of wz.")
+
+    @property
+    def rate_unit(self) -> str:
+        """rad/s, or without an exposure time rad; empty without a pose."""
+        return "" if self.cam2_from_cam1 is None else "rad/s" if self.exposure_s else "rad"
+
+    def moved(self) -> bool:
+        """Return whether the camera moved, so that a geometry was looked for."""
+        return self.blur in ("camera moved", "out of focus and moved")
+
+    def has_geometry(self) -> bool:
+        """Return whether F or H explains the smears, so that the views of the exposure are of use."""
+        return self.F is not None or self.H is not None
+
+    def rate(self, axis: int) -> float | None:
+        """Return the angular velocity about an axis, in `rate_unit`; None without a pose."""
+        if self.cam2_from_cam1 is None:
+            return None
+        vector = rotation_vector(np.array(self.cam2_from_cam1["rotation"]))
+        return float(vector[axis]) / (self.exposure_s or 1.0)
+
+    def rate_sigma(self, axis: int) -> float | None:
+        """Return the standard deviation of `rate`; None without a covariance."""
+        if self.pose_covariance is None:
+            return None
+        variance = float(self.pose_covariance["matrix"][axis][axis])
+        return math.sqrt(max(variance, 0.0)) / (self.exposure_s or 1.0)
+
+    def probability(self, model: str) -> float | None:
+        """Return the probability of a model of the motion; None where none were compared."""
+        if not self.models:
+            return None
+        return float(sum(one["probability"] for one in self.models if one["model"] == model))
 
     @classmethod
     def of(cls, estimate: Estimate, *, name: str, mask: MotionMask | None = None, **stated: Any) -> Self:
-        """Return the record of an estimate and what moves, if that was asked.
-
-        ``stated`` are fields that they do not know, or other values.
-        """
+        """Return the record of an estimate, of a motion ``mask`` and of other, ``stated`` fields."""
         blur, geometry, camera = estimate.blur, estimate.geometry, estimate.camera
         height, width = estimate.grid.shape
-        known = {
+        values = {
+            "name": name,
             "width": width,
             "height": height,
             "blur": blur.kind,
-            **{key: getattr(blur, key) for key in _BLUR},
+            **{key: getattr(blur, key) for key in BLUR},
             "moving_share": None if estimate.moving is None else blur.moving_share,
             "timestamp_s": estimate.timestamp_s,
             "model_ids": [estimate.model_id],
@@ -49,7 +243,7 @@ class Photograph(Record):
             "camera": _part(camera, "model", "params", "source", "known"),
             **_geometry(geometry),
             "reason": geometry.reason,
-            "models": [_part(row, *_MODEL) for row in geometry.models],
+            "models": [_part(row, *MODEL) for row in geometry.models],
             "independent_smears": geometry.independent_smears,
             "num_matches": len(estimate.matches),
             "num_inliers": int(geometry.inlier_mask.sum()),
@@ -58,40 +252,40 @@ class Photograph(Record):
             "readout_s": None if estimate.shutter is None else estimate.shutter.readout_s,
             "time_known": estimate.time.known,
             "time_confidence": estimate.time.confidence,
-            **({} if mask is None else _mask(mask)),
         }
-        return cls(**{key: _plain(value) for key, value in {"name": name, **known, **stated}.items()})
+        if mask is not None:
+            regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
+            values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
+            values["moving_share"] = mask.shares["moving"]
+        text = json.dumps(values | stated, default=lambda array: array.tolist())
+        return cls(**json.loads(text))
 
     def of_use(self, *limits_px: float) -> Self:
-        """Return the record with what the photograph is of use for, as of `verdict.use_of`."""
+        """Return the record with the use of the photograph, given the limits of `verdict.use_of`."""
         return replace(self, use=use_of(self, *limits_px))
 
     def of_blur_alone(self) -> Self:
-        """Return what the record says but for geometry, as of a photograph looked at less closely."""
-        fresh, names = Photograph(name=self.name), [one.name for one in fields(self)]
+        """Return the record without geometry, as triage reads too few smears for it."""
+        names = [one.name for one in fields(self)]
         geometry = names[names.index("config") : names.index("backward") + 1]
+        fresh = Photograph(name=self.name)
         return replace(self, **{name: getattr(fresh, name) for name in geometry})
 
-    @derived
-    def verdict(self) -> str:
-        """What the photograph shows, in words: the line that is printed."""
-        return verdict(self)
-
     def plain(self) -> dict[str, Any]:
-        """Return what JSON holds: every field and, where the photograph did not fail, what is derived."""
+        """Return what JSON holds: every field and property, of a photograph that failed name and error."""
         if self.error:
             return {"name": self.name, "error": self.error}
         return {key: getattr(self, key) for key, _, _ in entries()}
 
     def to_json(self) -> str:
-        """Return the record as JSON text; NaN and infinity are errors of the program."""
+        """Return the record as JSON text; ValueError for NaN and infinity, errors of the program."""
         return json.dumps(self.plain(), indent=2, allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str | bytes) -> Self:
-        """Return the record that JSON text of `to_json` holds; what is derived is computed anew.
+        """Return the record of JSON text by `to_json`; properties are computed anew.
 
-        ValueError if it holds no record.
+        ValueError if the text holds no record.
         """
         stored = json.loads(text)
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
@@ -99,68 +293,44 @@ class Photograph(Record):
         return cls(**{one.name: stored[one.name] for one in fields(cls) if one.name in stored})
 
 
-_BLUR = ("nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px")
-_MODEL = ("model", "parameters", "log_likelihood", "probability")
-_COVARIANCE = ("matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg")
-
-
 def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
-    """Return the fields of a geometry that has a reverse in time."""
+    """Return the fields of a geometry in one order in time."""
     pose = geometry.cam2_from_cam1
-    values = {
+    return {
         "F": geometry.F,
         "H": geometry.H,
         "E": None if pose is None else geometry.E,
         "cam2_from_cam1": _part(pose, "rotation", "translation"),
-        "pose_covariance": _part(geometry.covariance, *_COVARIANCE),
+        "pose_covariance": _part(geometry.covariance, *COVARIANCE),
         "config": geometry.config,
         "parallax": geometry.parallax,
-    }
-    return {name: _plain(value) for name, value in values.items()}
-
-
-def _mask(mask: MotionMask) -> dict[str, Any]:
-    """Return the fields of a motion mask."""
-    regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
-    return {
-        "moving_share": mask.shares["moving"],
-        "mask": {"reason": mask.reason, "shares": mask.shares, "regions": regions},
     }
 
 
 def _part(source: Any, *names: str) -> dict[str, Any] | None:
-    """Return what a record holds of an object, its attributes of these names; None of None."""
-    return None if source is None else {name: _plain(getattr(source, name)) for name in names}
-
-
-def _plain(value: Any) -> Any:
-    """Return an array or tuple as a list, an enum as its text."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, str):
-        return str(value)
-    return [_plain(one) for one in value] if isinstance(value, Sequence) else value
+    """Return attributes of an object by their names; None of None."""
+    return None if source is None else {name: getattr(source, name) for name in names}
 
 
 def entries() -> Iterator[tuple[str, str, str]]:
-    """Yield name, type and explanation of everything that a record holds, in the order of JSON."""
+    """Yield name, type and explanation of every field and property, in the order of JSON."""
     for one in fields(Photograph):
         yield one.name, str(one.type), one.metadata["help"]
-    for name, value in (vars(Photograph) | vars(Record)).items():
-        if isinstance(value, derived):
-            yield name, value.kind, value.text
+    for name, value in vars(Photograph).items():
+        if isinstance(value, property):
+            kind = value.fget.__annotations__.get("return", "float | None")
+            yield name, kind, " ".join((value.__doc__ or "").split())
 
 
 def explanations(*, flat: bool = False) -> dict[str, str]:
-    """Return what explains the keys of JSON or, if ``flat``, the columns of a table."""
-    plain = ("str", "int", "float", "bool")
-    return {name: text for name, kind, text in entries() if not flat or kind.split()[0] in plain}
+    """Return the explanations of the keys of JSON or, if ``flat``, of the columns of a table."""
+    return {name: text for name, kind, text in entries() if not flat or kind.split()[0] in FLAT}
 
 
 def table_text(rows: Iterable[Photograph]) -> bytes:
-    """Return the records' flat part as CSV (RFC 4180, but for the ends of lines) with a header.
+    """Return the records' flat part as CSV (RFC 4180, but lines end in LF) with a header.
 
-    Names may be no text.
+    Bytes of names that are no UTF-8 stay as they are.
     """
     columns = list(dict.fromkeys([*FIRST, *explanations(flat=True)]))
     text = io.StringIO()
@@ -172,7 +342,7 @@ def table_text(rows: Iterable[Photograph]) -> bytes:
 
 
 def _cell(column: str, value: object) -> object:
-    """Return a value as a table has it; what a spreadsheet would compute is a path from the folder."""
+    """Return a value for a table; a text that a spreadsheet would compute begins with ./ instead."""
     if isinstance(value, str) and value.startswith(FORMULA):
         return f"./{value}"
     if not isinstance(value, float):

@@ -21,10 +21,10 @@ USES = {
     "camera moved": {"sharp", "blurred", "unusable", "out of focus"},
     "out of focus and moved": {"blurred", "unusable", "out of focus"},
 }
-WORDS = {
-    "sharp": "Sharp",
-    "out of focus": "Out of focus (",
-    "camera at rest": "The camera stood still;",
+WORDS: dict[str, tuple[str, ...]] = {
+    "sharp": ("Sharp",),
+    "out of focus": ("Out of focus (",),
+    "camera at rest": ("The camera stood still;",),
     "cannot tell": ("Smooth: cannot tell", "Too dark", "Overexposed", "One colour"),
     "camera moved": ("Camera moved", "Camera turned", "Camera rolled"),
     "out of focus and moved": ("Camera moved", "Camera turned", "Camera rolled"),
@@ -35,21 +35,21 @@ DID = {"PANORAMIC": ("Camera turned", "Camera rolled")}
 def contradictions(one: Photograph) -> Iterator[str]:
     """Yield a line for every two fields of a record that say different things."""
     use, moved, radius = use_of(one), one.blur in MOVED, one.defocus_px or 0.0
-    if moved != one.moved:
-        yield f"blur is {one.blur}, moved {one.moved}"
+    if moved != one.moved():
+        yield f"blur is {one.blur}, moved {one.moved()}"
     if use not in USES[one.blur]:
         yield f"blur is {one.blur}, use {use}"
     if not one.verdict.startswith(WORDS[one.blur]):
         yield f"blur is {one.blur}, verdict {one.verdict}"
     if use == "sharp" and (radius > MAX_DEFOCUS_PX or (moved and (one.smear_px or 0) > MAX_SMEAR_PX)):
         yield f"use is sharp, smear {one.smear_px}, radius {radius}"
-    if use == "blurred" and not one.has_geometry:
+    if use == "blurred" and not one.has_geometry():
         yield "use is blurred without a geometry"
     if not moved:
         most = max(MAX_SMEAR_PX, one.smear_sigma_px or 0.0)
         if one.blur != "cannot tell" and (one.smear_px or 0.0) > most:
             yield f"blur is {one.blur}, smear {one.smear_px} +/- {one.smear_sigma_px} px"
-        if one.has_geometry or one.config != "DEGENERATE":
+        if one.has_geometry() or one.config != "DEGENERATE":
             yield f"blur is {one.blur}, config {one.config}"
         if "radius" in one.verdict and f"{radius:.1f} px" not in one.verdict:
             yield f"radius is {radius}, verdict {one.verdict}"
@@ -68,7 +68,7 @@ def contradictions(one: Photograph) -> Iterator[str]:
         turned = one.rotation_probability >= (one.plane_probability or 0.0)
         if turned != (one.config == "PANORAMIC"):
             yield f"config is {one.config}, a rotation has {one.rotation_probability}"
-    if one.models and one.has_geometry and one.parallax != "proven" and one.model not in one.reason:
+    if one.models and one.has_geometry() and one.parallax != "proven" and one.model not in one.reason:
         yield f"likeliest is {one.model}, reason {one.reason}"
 
 
