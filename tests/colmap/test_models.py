@@ -27,7 +27,6 @@ WALK = Walk(
     focal=99.0,
     turn=np.zeros(3),
     move=np.array([0.1, 0, 0]),
-    rig=True,
 )
 
 

@@ -15,6 +15,7 @@ from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.blurred_pose import projected
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.smears.grid import SmearGrid, to_double_angle
+from tests.support.walks import Shot, model_of
 
 SIZE, FOCAL, STRIDE, INSTANTS = (240, 180), 220.0, 32, 25
 CENTRE = (np.array(SIZE) - 1) / 2
@@ -110,20 +111,14 @@ class BlurredPlane:
         (folder / "frames").mkdir(parents=True)
         for k, name in enumerate(self.names):
             cv2.imwrite(str(folder / "frames" / name), self.render(k))
-        model = pycolmap.Reconstruction()
-        model.add_camera_with_trivial_rig(self.camera)
         seen = {k: self.inside(self.pixels(k)) for k in registered}
         often = np.sum(list(seen.values()), axis=0) > 1
-        numbers = {k: model.add_point3D(self.points()[k], pycolmap.Track()) for k in np.flatnonzero(often)}
+        shots = []
         for k in registered:
             shown = np.flatnonzero(seen[k] & often)
-            keypoints = self.pixels(k)[shown] + 0.5
-            image = pycolmap.Image(name=self.names[k], keypoints=keypoints, camera_id=1, image_id=10 + k)
-            model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(self.pose(k)))
-            for place, index in enumerate(shown):
-                model.add_observation(numbers[index], pycolmap.TrackElement(10 + k, place))
+            shots.append(Shot(10 + k, self.names[k], self.pose(k), self.pixels(k)[shown], shown))
         (folder / "model").mkdir()
-        model.write(folder / "model")
+        model_of(self.camera, self.points(), shots).write(folder / "model")
 
 
 @dataclass(eq=False)

@@ -1,34 +1,24 @@
 """Small COLMAP projects as a user may have them, to test what we write into them."""
 
 import sqlite3
-import struct
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from blur2view import Configuration, ExposureViews, TimeDirection, TwoViewGeometry
 from blur2view.colmap.project import MAX_IMAGES, open_read_only
+from tests.support.walks import Walk
 
 SIZE = (96, 64)
-OLD_TABLES = """
-CREATE TABLE cameras (camera_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, model INTEGER NOT NULL,
-  width INTEGER NOT NULL, height INTEGER NOT NULL, params BLOB, prior_focal_length INTEGER NOT NULL);
-CREATE TABLE images (image_id INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, name TEXT NOT NULL UNIQUE,
-  camera_id INTEGER NOT NULL, prior_qw REAL, prior_qx REAL, prior_qy REAL, prior_qz REAL, prior_tx REAL,
-  prior_ty REAL, prior_tz REAL, CONSTRAINT image_id_check CHECK(image_id >= 0 and image_id < 2147483647),
-  FOREIGN KEY(camera_id) REFERENCES cameras(camera_id));
-CREATE TABLE keypoints (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
-  data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE descriptors (image_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
-  data BLOB, FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
-CREATE TABLE matches (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL, cols INTEGER NOT NULL,
-  data BLOB);
-CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY NOT NULL, rows INTEGER NOT NULL,
-  cols INTEGER NOT NULL, data BLOB, config INTEGER NOT NULL, F BLOB, E BLOB, H BLOB, qvec BLOB, tvec BLOB);
+NO_FRAMES = "DELETE FROM frame_data; DELETE FROM frames; DELETE FROM rigs;"
+OLD = """
+DROP TABLE frame_data; DROP TABLE frames; DROP TABLE rig_sensors; DROP TABLE rigs; DROP TABLE pose_priors;
+ALTER TABLE images ADD COLUMN prior_qw REAL; ALTER TABLE descriptors DROP COLUMN type;
+ALTER TABLE two_view_geometries DROP COLUMN camera1; ALTER TABLE two_view_geometries DROP COLUMN camera2;
+PRAGMA user_version = 3900;
 """
 
 Rows = dict[str, list[tuple[Any, ...]]]
@@ -36,7 +26,7 @@ Rows = dict[str, list[tuple[Any, ...]]]
 
 @dataclass(frozen=True, kw_only=True)
 class ProjectOptions:
-    """``images`` photographs "a_000.jpg", ... with ``features`` keypoints each, matched with the next.
+    """``images`` photographs "a_000.jpg", ... with ``features`` keypoints each, matched with all others.
 
     ``old`` makes a database of COLMAP 3.9, before rigs; ``frames`` False one that has the tables of rigs and
     frames but no rows; ``wal`` turns on write-ahead logging, as pycolmap does.
@@ -54,46 +44,12 @@ def make_project(path: Path, options: ProjectOptions | None = None, seed: int = 
     """Write a project and return the names of its images."""
     o, rng = options or ProjectOptions(), np.random.default_rng(seed)
     names = [f"a_{index:03d}.jpg" for index in range(o.images)]
-    if not o.old:
-        pycolmap.Database.open(path).close()
+    walk = Walk(names=names, size=o.size, focal=1.1 * o.size[0], turn=np.zeros(3), move=np.array([0.1, 0, 0]))
+    walk.write(rng.uniform([-1, -0.6, 4], [1, 0.6, 8], (o.features, 3)), path, {})
     with closing(sqlite3.connect(path)) as database:
+        database.executescript(OLD if o.old else "" if o.frames else NO_FRAMES)
         database.execute(f"PRAGMA journal_mode = {'WAL' if o.wal else 'DELETE'}")
-        if o.old:
-            database.executescript(f"{OLD_TABLES} PRAGMA user_version = 3900;")
-        params = struct.pack("<4d", 1.1 * o.size[0], o.size[0] / 2, o.size[1] / 2, 0.01)
-        database.execute("INSERT INTO cameras VALUES (1, 2, ?, ?, ?, 1)", (*o.size, params))
-        for index, name in enumerate(names, 1):
-            _add_image(database, rng, index, name, o)
-        if o.frames and not o.old:
-            database.execute("INSERT INTO rigs VALUES (1, 1, 0)")
-            for index in range(1, o.images + 1):
-                database.execute("INSERT INTO frames VALUES (?, 1)", (index,))
-                database.execute("INSERT INTO frame_data VALUES (?, ?, 1, 0)", (index, index))
-        database.commit()
     return names
-
-
-def _add_image(
-    database: sqlite3.Connection, rng: np.random.Generator, index: int, name: str, o: ProjectOptions
-) -> None:
-    """Insert an image with keypoints of six columns, as SIFT's, and matches with the one before."""
-    database.execute("INSERT INTO images(image_id, name, camera_id) VALUES (?, ?, 1)", (index, name))
-    keypoints = rng.uniform(0, 1, (o.features, 6)).astype("<f4")
-    keypoints[:, :2] *= np.array(o.size, "<f4")
-    columns = "(image_id, rows, cols, data) VALUES (?, ?, ?, ?)"
-    database.execute(f"INSERT INTO keypoints{columns}", (index, o.features, 6, keypoints.tobytes()))
-    if o.old:
-        descriptors = rng.integers(0, 256, (o.features, 128), np.uint8).tobytes()
-        database.execute(f"INSERT INTO descriptors{columns}", (index, o.features, 128, descriptors))
-    if index > 1:
-        key, count = MAX_IMAGES * (index - 1) + index, o.features // 2
-        matches = np.stack([rng.permutation(o.features)[:count] for _ in range(2)], axis=1)
-        data = matches.astype("<u4").tobytes()
-        database.execute("INSERT INTO matches VALUES (?, ?, 2, ?)", (key, count, data))
-        sql = (
-            "INSERT INTO two_view_geometries(pair_id, rows, cols, data, config, F) VALUES (?, ?, 2, ?, 3, ?)"
-        )
-        database.execute(sql, (key, count, data, rng.normal(size=9).tobytes()))
 
 
 def user_rows(path: Path) -> Rows:
@@ -101,7 +57,8 @@ def user_rows(path: Path) -> Rows:
     with closing(sqlite3.connect(path)) as database:
         database.text_factory = bytes
         sql = "SELECT CAST(name AS BLOB) FROM sqlite_master WHERE type = 'table'"
-        rows = {name.decode(): _table_rows(database, name.decode()) for (name,) in database.execute(sql)}
+        names = [name.decode() for (name,) in database.execute(sql)]
+        rows = {name: database.execute(f'SELECT * FROM "{name}"').fetchall() for name in names}
     ours = {int(row[0]) for row in rows.pop("blur2view_views", [])}
     rows.pop("sqlite_sequence", None)
     frames = {row[0] for row in rows.get("frame_data", []) if row[1] in ours}
@@ -115,13 +72,6 @@ def user_rows(path: Path) -> Rows:
 
     kept = {name: [row for row in found if not is_ours(name, row)] for name, found in rows.items()}
     return {name: sorted(found, key=repr) for name, found in kept.items() if found}
-
-
-def _table_rows(database: sqlite3.Connection, table: str) -> list[tuple[Any, ...]]:
-    """Return all columns of a table, those that are computed, too, whatever their names."""
-    count = database.execute("SELECT count(*) FROM pragma_table_xinfo(?)", (table,)).fetchone()[0]
-    columns = ", ".join(f"c{index}" for index in range(count))
-    return database.execute(f'WITH t({columns}) AS (SELECT * FROM "{table}") SELECT * FROM t').fetchall()
 
 
 def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureViews:

@@ -4,21 +4,46 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pycolmap
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.camera import to_colmap
 from blur2view.geometry.pose import rotation_matrix
+
+
+class Shot(NamedTuple):
+    """A photograph: number, name, cam_from_world (3, 4), our pixels (N, 2), and which points they show."""
+
+    number: int
+    name: str
+    pose: Array
+    pixels: Array
+    shown: AnyArray
+
+
+def model_of(camera: pycolmap.Camera, points: Array, shots: Sequence[Shot]) -> pycolmap.Reconstruction:
+    """Return a model of photographs and of the points (N, 3) that they show, which have tracks."""
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(camera)
+    seen = np.unique(np.concatenate([shot.shown for shot in shots]))
+    numbers = {k: model.add_point3D(points[k], pycolmap.Track()) for k in seen}
+    for shot in shots:
+        given = {"name": shot.name, "camera_id": camera.camera_id, "image_id": shot.number}
+        image = pycolmap.Image(keypoints=to_colmap(shot.pixels), **given)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(shot.pose))
+        for place, index in enumerate(shot.shown):
+            model.add_observation(numbers[index], pycolmap.TrackElement(shot.number, place))
+    return model
 
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
     """A camera that turns by ``turn`` (3,) and moves by ``move`` (3,) a frame; its middle frame is at 0.
 
-    Image k + 1 is that of frame k; with ``rig`` the camera is the second of a rig, and its frames have other
-    ids than the images.
+    Image k + 1 is that of frame k.
     """
 
     names: Sequence[str]
@@ -26,7 +51,6 @@ class Walk:
     focal: float
     turn: Array
     move: Array
-    rig: bool = False
 
     def pose_at(self, time: float) -> Array:
         """Return cam_from_world (3, 4) at a time in frames."""
@@ -41,68 +65,37 @@ class Walk:
 
     def write(self, points: Array, database: Path, models: Mapping[Path, Iterable[int]]) -> None:
         """Write a project that has these points (N, 3) for features, and models of some of the frames."""
-        cameras, rig = self._cameras()
-        images = [self._image(k, points) for k in range(len(self.names))]
-        geometry = pycolmap.TwoViewGeometry()
-        geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
-        geometry.inlier_matches = np.arange(len(points), dtype=np.uint32)[:, None].repeat(2, axis=1)
-        with pycolmap.Database.open(database) as opened:
-            for camera in cameras:
-                opened.write_camera(camera)
-            opened.write_rig(rig)
-            for image, frame in images:
-                opened.write_image(image)
-                opened.write_frame(frame, use_frame_id=True)
-                keypoints = np.array([point.xy for point in image.points2D], np.float32)
-                opened.write_keypoints(image.image_id, keypoints)
-            for pair in combinations(range(1, len(images) + 1), 2):
-                opened.write_matches(*pair, geometry.inlier_matches)
-                opened.write_two_view_geometry(*pair, geometry)
+        (width, height), every = self.size, np.arange(len(points))
+        params = [self.focal, width / 2, height / 2]
+        camera = pycolmap.Camera(
+            model="SIMPLE_PINHOLE", width=width, height=height, params=params, camera_id=1
+        )
+        camera.has_prior_focal_length = True
+        poses = [self.pose_at(k) for k in range(len(self.names))]
+        shots = [
+            Shot(k + 1, self.names[k], pose, self.pixels(pose, points), every) for k, pose in enumerate(poses)
+        ]
+        write_database(database, model_of(camera, points, shots))
         for folder, frames in models.items():
             folder.mkdir(parents=True)
-            self._model(points, list(frames)).write(folder)
+            model_of(camera, points, [shots[k] for k in frames]).write(folder)
 
-    def _model(self, points: Array, frames: Sequence[int]) -> pycolmap.Reconstruction:
-        """Return a model of some frames, in which every point has a track."""
-        model, (cameras, rig) = pycolmap.Reconstruction(), self._cameras()
-        for camera in cameras:
-            model.add_camera(camera)
-        model.add_rig(rig)
-        for k in frames:
-            image, frame = self._image(k, points)
-            image.frame_id = frame.frame_id
-            model.add_frame(frame)
-            model.add_image(image)
-            pose = pycolmap.Rigid3d(self.pose_at(k))
-            model.frame(frame.frame_id).set_cam_from_world(image.camera_id, pose)
-            model.register_frame(frame.frame_id)
-        for index, point in enumerate(points):
-            track = pycolmap.Track()
-            for k in frames:
-                track.add_element(k + 1, index)
-            model.add_point3D(point, track, np.array([index % 256, 100, 200], np.uint8))
-        return model
 
-    def _cameras(self) -> tuple[list[pycolmap.Camera], pycolmap.Rig]:
-        """Return the rig and its cameras, of which the last takes the photographs."""
-        (width, height), rig = self.size, pycolmap.Rig(rig_id=1)
-        given = {"model": "SIMPLE_PINHOLE", "params": [self.focal, width / 2, height / 2]}
-        cameras = [
-            pycolmap.Camera(width=width, height=height, camera_id=number, **given)
-            for number in range(1, 2 + self.rig)
-        ]
-        for camera in cameras:
-            camera.has_prior_focal_length = True
-        rig.add_ref_sensor(cameras[0].sensor_id)
-        if self.rig:
-            rig.add_sensor(cameras[1].sensor_id, pycolmap.Rigid3d(translation=[0.1, 0, 0]))
-        return cameras, rig
-
-    def _image(self, k: int, points: Array) -> tuple[pycolmap.Image, pycolmap.Frame]:
-        """Return an image of points (N, 3), and the frame that it is alone in."""
-        keypoints = to_colmap(self.pixels(self.pose_at(k), points))
-        given = {"name": self.names[k], "image_id": k + 1, "camera_id": 1 + self.rig}
-        image = pycolmap.Image(keypoints=keypoints, **given)
-        frame = pycolmap.Frame(frame_id=k + 1 + 8 * self.rig, rig_id=1)
-        frame.add_data_id(image.data_id)
-        return image, frame
+def write_database(path: Path, model: pycolmap.Reconstruction) -> None:
+    """Write the features of a model's images, six columns as SIFT's; each matches its own in all others."""
+    geometry = pycolmap.TwoViewGeometry()
+    geometry.config = pycolmap.TwoViewGeometryConfiguration.CALIBRATED
+    with pycolmap.Database.open(path) as database:
+        for camera in model.cameras.values():
+            database.write_camera(camera)
+        for rig in model.rigs.values():
+            database.write_rig(rig)
+        for image in model.images.values():
+            database.write_frame(model.frame(image.frame_id), use_frame_id=True)
+            database.write_image(image, use_image_id=True)
+            keypoints = np.array([[*point.xy, 1, 0, 0, 1] for point in image.points2D], np.float32)
+            database.write_keypoints(image.image_id, keypoints)
+        geometry.inlier_matches = np.arange(len(keypoints), dtype=np.uint32)[:, None].repeat(2, axis=1)
+        for pair in combinations(sorted(model.images), 2):
+            database.write_matches(*pair, geometry.inlier_matches)
+            database.write_two_view_geometry(*pair, geometry)
