@@ -12,8 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import onnx
+import onnx.parser
 from numpy.typing import NDArray
-from onnx import TensorProto, helper
 
 from blur2view.networks.model_file import SMEAR
 from blur2view.networks.spectra import LAGS, SCALES
@@ -33,7 +33,7 @@ CODE_RANGE_PX = 64.0
 SIGMA_RANGE_PX = 8.0
 STRENGTH = 1 / 6  # of a pattern at the end of its range: three of them fill the range of greys
 BIN_WIDTH = 0.6 * np.log(2) / PER_OCTAVE  # deviation of a likelihood, of the length, where sigma is 0
-LEAST_SHARE = 0.01  # strength of the squares, of its range, from which on a cell says something
+MIN_SHARE = 0.01  # strength of the squares, of its range, from which on a cell says something
 CHANNELS, SURE = 2, 10.0  # features; logit of the kind of blur, and of the smallest radius
 HEIGHT, WIDTH = 240, 320
 EPIPOLE = np.array([150.0, 100.0])
@@ -55,7 +55,7 @@ def colour_code(
     vectors = to_double_angle(displacement) / CODE_RANGE_PX
     height, width = vectors.shape[:2]
     squares = np.clip(
-        np.broadcast_to(np.asarray(sigma_px) / SIGMA_RANGE_PX, (height, width)), 2 * LEAST_SHARE, 1
+        np.broadcast_to(np.asarray(sigma_px) / SIGMA_RANGE_PX, (height, width)), 2 * MIN_SHARE, 1
     )
     rows, columns = (1 - 2 * (i % 2) for i in np.indices((height, width)))
     code = vectors[..., 0] * columns + vectors[..., 1] * rows + squares * rows * columns
@@ -74,25 +74,45 @@ def write_picture(path: Path, rgb: NDArray[np.float32]) -> Path:
     return path
 
 
+GRAPH = f"""<ir_version: 8, opset_import: ["": 17]>
+code (float[1, 1, H, W] grey, float[1, h, w, {DIRECTIONS}, {LAGS}] cepstra, float[1, h, w, {SCALES}] scales,
+      float[1, h, w, {DIRECTIONS}, {CHANNELS}] coarser)
+  => (float[1, h2, w2, d, b] logits, float[1, h2, w2, b] radii, float[1, h2, w2, k] kinds,
+      float[1, h2, w2, d, c] features) {{
+  phase0 = Slice(grey, from0, to, axes, steps) phase1 = Slice(grey, from1, to, axes, steps)
+  phase2 = Slice(grey, from2, to, axes, steps) phase3 = Slice(grey, from3, to, axes, steps)
+  phases = Concat <axis = 1> (phase0, phase1, phase2, phase3)
+  own = AveragePool <kernel_shape = [16, 16], strides = [16, 16]> (phases)
+  cells = AveragePool <kernel_shape = [1, 1], pads = [0, 0, 0, 0]> (own)
+  phases_last = Transpose <perm = [0, 2, 3, 1]> (cells) code = MatMul(phases_last, read)
+  vector = Gather <axis = 3> (code, xy) sigma = Gather <axis = 3> (code, last)
+  squared = Mul(vector, vector) powers = Concat <axis = 3> (vector, squared)
+  relative = MatMul(powers, apart) distance = Add(relative, ends)
+  variance = Mul(sigma, sigma) spreads = Add(variance, spread) ratio = Div(distance, spreads)
+  coded = Greater(sigma, least) gate = Cast <to = 1> (coded) weight = Mul(gate, scale)
+  flat = Mul(ratio, weight) logits = Reshape(flat, bins) likelihood = Softmax <axis = -1> (flat)
+  kinds = MatMul(likelihood, kind) radii = MatMul(likelihood, smallest) features = MatMul(logits, none)
+}}"""
+"""The tiny network, whose constants `colour_code_network` adds."""
+
+
 def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
     """Return the tiny network; with ``blur`` it averages 3x3 cells, as a trained one looks at neighbours."""
     signs = np.array([[1, 1, 1], [-1, 1, -1], [1, -1, -1], [-1, -1, 1]])  # by phase and pattern
-    read = signs / (4 * STRENGTH) * [CODE_RANGE_PX, CODE_RANGE_PX, SIGMA_RANGE_PX]
     length = lengths_px(BINS).astype(float)
     doubled = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)[:, None]
     x, y = (length * (np.arange(BINS) > 0) * f(doubled) for f in (np.cos, np.sin))
     apart = np.stack([-2 * x, -2 * y, np.ones_like(x), np.ones_like(x)])  # |v - e|^2 = (v - 2 e) v + e^2
     spread = np.where(np.arange(BINS), BIN_WIDTH * length, 2 * STILL_PX) ** 2
     kinds = np.full((DIRECTIONS, BINS, len(KINDS)), -SURE)
-    kinds[:, :2, SHARP], kinds[:, :2, SMEARED] = SURE, -SURE  # up to 2 px
-    kinds[:, 2:, SMEARED] = SURE
+    kinds[:, :2, SHARP], kinds[:, 2:, SMEARED] = SURE, SURE  # the first up to 2 px
     constants = {
-        "read": read,
+        "read": signs / (4 * STRENGTH) * [CODE_RANGE_PX, CODE_RANGE_PX, SIGMA_RANGE_PX],
         "apart": apart.reshape(4, -1),
         "ends": (x**2 + y**2).ravel(),
         "spread": np.broadcast_to(spread, x.shape).ravel(),
         "scale": np.array([-0.5]),
-        "least": np.array([LEAST_SHARE * SIGMA_RANGE_PX]),
+        "least": np.array([MIN_SHARE * SIGMA_RANGE_PX]),
         "none": np.zeros((BINS, CHANNELS)),
         "smallest": np.tile([SURE, *[0] * (BINS - 1)], (DIRECTIONS * BINS, 1)),
         "kind": kinds.reshape(-1, len(KINDS)),
@@ -104,51 +124,12 @@ def colour_code_network(blur: bool = False, **metadata: str) -> onnx.ModelProto:
         "axes": np.array([2, 3]),
         "steps": np.array([2, 2]),
     }
-    make = helper.make_node
-    nodes = [
-        *(make("Slice", ["grey", f"from{k}", "to", "axes", "steps"], [f"phase{k}"]) for k in range(4)),
-        make("Concat", [f"phase{k}" for k in range(4)], ["phases"], axis=1),
-        make("AveragePool", ["phases"], ["own"], kernel_shape=[16, 16], strides=[16, 16]),
-        make("AveragePool", ["own"], ["cells"], kernel_shape=[3 if blur else 1] * 2, pads=[int(blur)] * 4),
-        make("Transpose", ["cells"], ["phases_last"], perm=[0, 2, 3, 1]),
-        make("MatMul", ["phases_last", "read"], ["code"]),
-        make("Gather", ["code", "xy"], ["vector"], axis=3),
-        make("Gather", ["code", "last"], ["sigma"], axis=3),
-        make("Mul", ["vector", "vector"], ["squared"]),
-        make("Concat", ["vector", "squared"], ["powers"], axis=3),
-        make("MatMul", ["powers", "apart"], ["relative"]),
-        make("Add", ["relative", "ends"], ["distance"]),
-        make("Mul", ["sigma", "sigma"], ["variance"]),
-        make("Add", ["variance", "spread"], ["spreads"]),
-        make("Div", ["distance", "spreads"], ["ratio"]),
-        make("Greater", ["sigma", "least"], ["coded"]),
-        make("Cast", ["coded"], ["gate"], to=TensorProto.FLOAT),
-        make("Mul", ["gate", "scale"], ["weight"]),
-        make("Mul", ["ratio", "weight"], ["flat"]),
-        make("Reshape", ["flat", "bins"], ["logits"]),
-        make("Softmax", ["flat"], ["likelihood"], axis=-1),
-        make("MatMul", ["likelihood", "kind"], ["kinds"]),
-        make("MatMul", ["likelihood", "smallest"], ["radii"]),
-        make("MatMul", ["logits", "none"], ["features"]),
-    ]
-    ends: dict[str, list[str | int | None]] = {
-        "grey": [1, 1, "H", "W"],
-        "cepstra": [1, "h", "w", DIRECTIONS, LAGS],
-        "scales": [1, "h", "w", SCALES],
-        "coarser": [1, "h", "w", DIRECTIONS, CHANNELS],
-        "logits": [1, "h2", "w2", "d", "b"],
-        "radii": [1, "h2", "w2", "b"],
-        "kinds": [1, "h2", "w2", "k"],
-        "features": [1, "h2", "w2", "d", "c"],
-    }
-    infos = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in ends.items()]
-    arrays = [
-        onnx.numpy_helper.from_array(a.astype(np.int64 if a.dtype.kind == "i" else np.float32), name)
-        for name, a in constants.items()
-    ]
-    graph = helper.make_graph(nodes, "code", infos[: len(SMEAR.inputs)], infos[len(SMEAR.inputs) :], arrays)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, METADATA | metadata)
+    near = GRAPH.replace("[1, 1], pads = [0, 0, 0, 0]", "[3, 3], pads = [1, 1, 1, 1]")
+    model = onnx.parser.parse_model(near if blur else GRAPH)
+    for name, array in constants.items():
+        kind = np.int64 if array.dtype.kind == "i" else np.float32
+        model.graph.initializer.append(onnx.numpy_helper.from_array(array.astype(kind), name))
+    onnx.helper.set_model_props(model, METADATA | metadata)
     return model
 
 
