@@ -1,11 +1,8 @@
-"""How often the 90 % regions of poses hold the truth, for independent and for correlated errors.
+"""How often the 90 % regions of poses hold the truth, for independent errors and for those neighbours share.
 
-``python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md``
-
-Synthetic smears with known intrinsics (`synthetic_matches`), solved by ``estimate_two_view`` from smears
-without order. "white": 1 px of noise on every coordinate, standard deviations stated truly. "correlated":
-directions and lengths err as one over 40 px, as those of a network; the standard deviation of every
-displacement and the share of independent smears are stated truly.
+``python -m tools.evaluation.pose_coverage --out tools/results/pose_coverage.md`` estimates poses of synthetic
+smears without order (`synthetic_matches`), the camera given. "white": 1 px of noise on every coordinate.
+"correlated": directions and lengths err as a network's (`degeneracy.erring`). Deviations are stated truly.
 """
 
 from functools import partial
@@ -13,23 +10,15 @@ from typing import get_args
 
 import numpy as np
 
-from blur2view import RigidTransform, SmearMatches, estimate_two_view
-from blur2view.arrays import Array
-from blur2view.smears.noise import NoiseModel
+from blur2view import RigidTransform, estimate_two_view
 from tools.arguments import Target, run
-from tools.datasets.synthetic_matches import (
-    IMAGE_SIZE,
-    Kind,
-    SyntheticOptions,
-    synthetic_smears,
-    with_shared_errors,
-)
+from tools.datasets.synthetic_matches import Kind, SyntheticOptions, synthetic_smears
 from tools.evaluation.baselines import camera_of
+from tools.evaluation.degeneracy import erring
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
 from tools.pages import publish, table
 from tools.processes import mapped
 
-CORRELATED_PX = 40.0  # standard deviation of the Gaussian over which errors of neighbours agree
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 HEAD = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"
 CORRELATED: tuple[tuple[Kind, float, float], ...] = (
@@ -45,25 +34,14 @@ CASES: dict[str, tuple[SyntheticOptions, tuple[float, float] | None]] = {
     )
     for kind, degrees, share in CORRELATED
 }  # fmt: skip
-"""The smears, and the direction's (degrees) and the length's errors, which neighbours share."""
-
-
-def correlated(ends: Array, seed: int, direction_deg: float, length_share: float) -> SmearMatches:
-    """Return exact smears (N, 2, 2) as a network sees them."""
-    rng = np.random.default_rng([seed, 1])
-    ends = with_shared_errors(ends, rng, direction_deg, length_share, CORRELATED_PX)
-    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    sigma_px = np.maximum(length * np.hypot(np.radians(direction_deg), length_share), 1e-2)
-    patches = IMAGE_SIZE[0] * IMAGE_SIZE[1] / (4 * np.pi * CORRELATED_PX**2)
-    shared = NoiseModel(effective_share=min(1.0, patches / len(ends)))
-    return SmearMatches(ends=ends, sigma_px=sigma_px, image_size=IMAGE_SIZE, shared=shared)
+"""The smears, and the errors of direction (degrees) and length that neighbours share."""
 
 
 def outcome(seed: int, name: str) -> list[float] | None:
     """Return whether the regions of PARTS hold one seed's pose, and its errors; None without a pose."""
     options, errors = CASES[name]
     scene = synthetic_smears(seed, options)
-    matches = correlated(scene.matches.ends, seed, *errors) if errors else scene.matches
+    matches = erring(scene.matches, seed, *errors) if errors else scene.matches
     geometry = estimate_two_view(matches, camera=camera_of(scene))
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     if pose is None or covariance is None or not pose.translation.any():
