@@ -14,7 +14,6 @@ from blur2view.geometry.pose import (
 )
 
 CHI_SQUARED_90 = {2: 4.605, 3: 6.251, 5: 9.236}  # 90 % quantiles by degrees of freedom
-EVERY = slice(0, 5)
 DIRECTION_MIN_PX = 4.0  # true length from which directions and length ratios are judged
 NO_POSE_DEG = 180.0  # the error of no answer
 PAPER_INLIER = 3.0  # SErrMin in squared pixels below which the paper counts an inlier
@@ -34,14 +33,12 @@ def direction_error_deg(displacement: ArrayLike, true_displacement: ArrayLike) -
 
 
 def sparsification_area(error: ArrayLike, sigma: ArrayLike, steps: int = 100) -> float:
-    """Return the area between the sparsification curves by sigma and by the error itself (AUSE).
+    """Return the area between the sparsification curves by sigma (N,) and by the error (N,) itself (AUSE).
 
-    A curve is the mean error of what is left after removing the least certain shares, over that of all; 0 for
-    a sigma (N,) that ranks like the error (N,). ValueError without errors. Ilg et al., ECCV 2018.
+    A curve is the mean error of what is left after removing the least certain shares, over that of all; the
+    area is 0 for a sigma that ranks like the error. Ilg et al., ECCV 2018.
     """
     error, sigma = np.asarray(error, float), np.asarray(sigma, float)
-    if error.shape != sigma.shape or error.ndim != 1 or not len(error):
-        raise ValueError(f"expected two arrays of shape (N,), N > 0, got {error.shape} and {sigma.shape}")
     left = np.maximum(np.rint((1 - np.arange(steps) / steps) * len(error)).astype(int), 1)
     by_sigma, by_error = (
         np.cumsum(error[np.argsort(key, kind="stable")])[left - 1] / left for key in (sigma, error)
@@ -73,19 +70,11 @@ def rotation_error(R: Array, R_true: Array) -> tuple[float, float]:
         float(np.degrees(np.linalg.norm(rotation_vector(turn))))
         for turn in (R @ R_true.T, R.T @ R_true.T, R_true)
     )
-    absolute = min(one, other)
-    if true == 0:
-        return absolute, 0.0 if absolute == 0 else float("inf")
-    return absolute, absolute / true
+    return min(one, other), min(one, other) / max(true, TINY)
 
 
 def translation_direction_error_deg(t: Array, t_true: Array) -> float:
-    """Angle between undirected translations (3,), degrees in [0, 90]; 90 if the first is zero.
-
-    ValueError if the true one is zero.
-    """
-    if not np.linalg.norm(t_true) > 0:
-        raise ValueError("a zero translation has no direction")
+    """Angle between undirected translations (3,), degrees in [0, 90]; 90 if the first is zero."""
     if not np.linalg.norm(t) > 0:
         return 90.0
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(t, t_true)), abs(float(np.dot(t, t_true))))))
@@ -94,9 +83,9 @@ def translation_direction_error_deg(t: Array, t_true: Array) -> float:
 def pose_error_deg(F: Array, K: Array, R: Array, t: Array, ends: Array) -> float:
     """Return the larger error of rotation and directed translation that F implies, degrees in [0, 180].
 
-    Both flips of time are tried, F with the order it gives the matches and its transpose with the opposite;
-    each gets its pose by cheirality of the observed matches ``ends`` (N, 2, 2), whose order is not used; the
-    smaller error counts. ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``.
+    ``K``, ``R``, ``t`` are the true camera and ``cam2_from_cam1``. F orders the ends (N, 2, 2) of the
+    matches by their Sampson distances, and F^T the other way; of both, each with its pose by cheirality, the
+    smaller error counts.
     """
     back = sampson(F, ends[:, 1], ends[:, 0]) < sampson(F, ends[:, 0], ends[:, 1])
     ordered = np.where(back[:, None, None], ends[:, ::-1], ends)
@@ -122,7 +111,7 @@ def pose_auc(errors_deg: Array, bound_deg: float) -> float:
 
 
 def squared_distance(
-    covariance: PoseCovariance, pose: RigidTransform, true: RigidTransform, part: slice = EVERY
+    covariance: PoseCovariance, pose: RigidTransform, true: RigidTransform, part: slice = slice(0, 5)
 ) -> float:
     """Return the squared Mahalanobis distance of a pose to the true one, or to its inverse if that is nearer.
 
@@ -145,5 +134,5 @@ def average_precision(score: AnyArray, moving: NDArray[np.bool_]) -> float:
         return float("nan")
     order = np.argsort(-score, kind="stable")
     ranked, truth = score[order], moving[order]
-    last = np.searchsorted(-ranked, -ranked, side="right")  # of those that are equal
+    last = np.searchsorted(-ranked, -ranked, side="right")  # behind those of equal score
     return float((np.cumsum(truth)[last - 1] / last)[truth].mean())

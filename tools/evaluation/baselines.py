@@ -1,15 +1,16 @@
-"""Estimators of F, ours and others on the same matches, with the options that their users would choose.
+"""Estimators of F by blur2view, OpenCV, pycolmap, PoseLib and the paper, on the same matches.
 
-Some are given the order of every match, which no single photograph gives; some ignore that it is unknown.
-Thresholds of the others were chosen on the base case's seeds 10000 to 10059 of both kinds of
+Some methods get the order of every match, which no single photograph gives; some ignore that it is unknown.
+The others' thresholds were chosen on the base case's seeds 10000 to 10059 of both kinds of
 `tools.evaluation.estimators`, by pose AUC at 10 degrees, from 0.5, 1, 1.5, 2, 3 and 4 px: MAGSAC 1
 (0.78; 0.5 gave 0.79 in three times the time), pycolmap 2 (0.71), PoseLib 2 (0.79) and, with K, 3 (0.90).
-Everything else is as their functions have it by default.
+Their other options are the defaults.
 
-The paper's is a local optimiser on seven smears inside Preemptive RANSAC. Tran, Forssen and Viksten minimise
-sum min(|m f|, |m f^T|)^2 over seven smears (m a smear's row of the epipolar constraint, f and f^T the
-entries of F and of its transpose) with SciPy, under det F = 0 and |F| = 1; here by SLSQP from one random
-start, with the derivatives given. The cost has many local minima, and zeros that are not the true F.
+The paper (Tran, Forssen and Viksten, *Robust Fundamental Matrix Estimation from Single Image Motion Blur*,
+arXiv 2605.01552) minimises sum min(|m f|, |m f^T|)^2 over seven smears inside Preemptive RANSAC, under
+det F = 0 and |F| = 1: m is a smear's row of the epipolar constraint, f and f^T are the entries of F and of
+its transpose. Here SLSQP starts once, at random, with the derivatives given. The cost has many local minima,
+and zeros that are not the true F.
 """
 
 from collections.abc import Callable
@@ -31,15 +32,15 @@ from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
 Method = Callable[[KnownMatches], "AnyArray | None"]
 
-CONFIDENCE, MOST_TRIALS = 0.9999, 100_000
-SAMPLE_SIZE = 7  # smears that fix F, up to a finite number of solutions
-STEPS, PRECISION = 100, 1e-12  # of SLSQP: SciPy's default, and finer than it, which stops beside the zeros
-FIT_ERROR_PX, STOP_SHARE = 1.0, 0.9  # root of SErrMin below which a match fits; share that ends the search
-BLOCK = 100  # matches scored between two preemptions (Nister's)
+CONFIDENCE, MAX_TRIALS = 0.9999, 100_000
+SAMPLE_SIZE = 7  # smears that leave a finite number of F
+STEPS, PRECISION = 100, 1e-12  # of SLSQP: SciPy's default, which at its own precision stops beside the zeros
+FIT_ERROR_PX, STOP_SHARE = 1.0, 0.9  # root of SErrMin of an inlier; share of inliers that ends the search
+BLOCK = 100  # matches scored before half of the models leave, as Nister's
 
 
 def opencv(points1: AnyArray, points2: AnyArray) -> AnyArray | None:
-    """Return the F of OpenCV's MAGSAC; None where it finds nothing."""
+    """Return the F of OpenCV's MAGSAC; None where it finds none."""
     F, _ = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, 1.0, CONFIDENCE, 10_000)
     return None if F is None else np.asarray(F[:3], np.float64)
 
@@ -50,7 +51,7 @@ def pycolmap_ransac(points1: AnyArray, points2: AnyArray) -> AnyArray | None:
 
     options = pycolmap.RANSACOptions()
     options.max_error, options.confidence, options.random_seed = 2.0, CONFIDENCE, 0
-    options.min_num_trials, options.max_num_trials = 1000, MOST_TRIALS
+    options.min_num_trials, options.max_num_trials = 1000, MAX_TRIALS
     found = pycolmap.estimate_fundamental_matrix(points1, points2, estimation_options=options)
     return None if found is None else np.asarray(found["F"], np.float64)
 
@@ -59,13 +60,13 @@ def poselib_ransac(points1: AnyArray, points2: AnyArray) -> AnyArray | None:
     """Return the F of PoseLib's LO-RANSAC."""
     import poselib
 
-    options = {"max_epipolar_error": 2.0, "success_prob": CONFIDENCE, "max_iterations": MOST_TRIALS}
+    options = {"max_epipolar_error": 2.0, "success_prob": CONFIDENCE, "max_iterations": MAX_TRIALS}
     F, _ = poselib.estimate_fundamental(points1, points2, options, {})
     return np.asarray(F, np.float64)
 
 
 def poselib_calibrated(points1: AnyArray, points2: AnyArray, K: AnyArray) -> AnyArray:
-    """Return the F of the pose by PoseLib's LO-RANSAC, both views sharing K without skew."""
+    """Return the F of PoseLib's LO-RANSAC for the pose of two views with the same K, without skew."""
     import poselib
 
     middle, focal = K[:2, 2], np.diag(K)[:2]
@@ -77,7 +78,7 @@ def poselib_calibrated(points1: AnyArray, points2: AnyArray, K: AnyArray) -> Any
 
 
 def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
-    """Return the two-parameter F, all smears meeting in one point, fitted robustly; None of too few."""
+    """Return F of a pure translation, two parameters, fitted robustly; None from fewer than MIN_MATCHES."""
     if len(matches) < MIN_MATCHES:
         return None
     estimator = SmearEstimator(likelihood=Likelihood.of(matches))
@@ -86,13 +87,7 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
 
 
 def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array | None:
-    """Return the F of the paper's estimator, of unit norm and rank 2, not refined; None of too few matches.
-
-    References
-    ----------
-    Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
-    arXiv 2605.01552.
-    """
+    """Return the F of the paper's estimator, of unit norm and rank 2; None from fewer than MIN_MATCHES."""
     ends, rng, found = matches.ends, np.random.default_rng(0), list[Array]()
     if len(ends) < MIN_MATCHES:
         return None
@@ -106,7 +101,7 @@ def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array
 
 
 def preemptive_best(models: Array, ends: Array) -> Array:
-    """Return the F of most inliers as Nister's Preemptive RANSAC (ICCV 2003): half leave after each block."""
+    """Return the F of most inliers by Preemptive RANSAC (Nister, ICCV 2003): half leave after each block."""
     inliers = np.zeros(len(models), int)
     for start in range(0, len(ends), BLOCK):
         inliers = inliers + (serrmin(models, ends[start : start + BLOCK]) < FIT_ERROR_PX**2).sum(axis=1)
@@ -136,14 +131,14 @@ def minimise_seven(ends: Array, rng: np.random.Generator) -> Array | None:
 
 
 def shared_normalisation(ends: Array) -> Array:
-    """Return one similarity T (3, 3) of both ends (N, 2, 2): centroid to 0, mean distance to sqrt(2)."""
+    """Return T (3, 3), a similarity: all ends' centroid goes to 0, their mean distance to sqrt(2)."""
     points = ends.reshape(-1, 2)
     scale = np.sqrt(2.0) / max(np.linalg.norm(points - points.mean(axis=0), axis=1).mean(), TINY)
     return np.array([*np.c_[scale * np.eye(2), -scale * points.mean(axis=0)], [0, 0, 1.0]])
 
 
 def constraint_rows(ends: Array) -> tuple[Array, Array]:
-    """Return the coefficients (N, 9) of F's entries in both orders of ends (N, 2, 2), ``y^T F x``."""
+    """Return the rows (N, 9) of y^T F x = 0, linear in F, for both orders of ends (N, 2, 2)."""
     x, y = homogeneous(ends[:, 0]), homogeneous(ends[:, 1])
     forward, backward = (np.einsum("ni,nj->nij", *pair).reshape(-1, 9) for pair in ((y, x), (x, y)))
     return forward, backward
@@ -164,12 +159,12 @@ def cofactors(f: Array) -> Array:
 
 
 def against(ends: AnyArray, displacement: AnyArray) -> NDArray[np.bool_]:
-    """Return which ends (N, 2, 2) are in the other order than displacements (N, 2) or (2,)."""
+    """Return which smears, of ends (N, 2, 2), run against displacements (N, 2) or (2,)."""
     return np.asarray(((ends[:, 1] - ends[:, 0]) * displacement).sum(1) < 0)
 
 
 def solve(solver: Solver, ends: AnyArray) -> AnyArray | None:
-    """Return a solver's F of ordered ends (N, 2, 2); None too where it fails or its F is not finite."""
+    """Return a solver's F of ordered ends (N, 2, 2); None where it fails or its F is not finite."""
     if len(ends) < 8:
         return None
     F = solver(np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]))
@@ -183,19 +178,18 @@ def camera_of(known: KnownMatches) -> Camera:
     return Camera(K=known.K, width=width, height=height)
 
 
-def scrambled(known: KnownMatches) -> AnyArray:
+def scrambled(ends: AnyArray) -> AnyArray:
     """Return ends (N, 2, 2) in random order."""
-    ends = known.matches.ends
     return with_swaps(ends, np.random.default_rng(0).random(len(ends)) >= 0.5)
 
 
-def rightward(known: KnownMatches) -> AnyArray:
+def rightward(ends: AnyArray) -> AnyArray:
     """Return ends (N, 2, 2) ordered by x, so that u > 0 (the convention of Gong et al., CVPR 2017)."""
-    return with_swaps(known.matches.ends, against(known.matches.ends, np.array([1.0, 0.0])))
+    return with_swaps(ends, against(ends, np.array([1.0, 0.0])))
 
 
 def in_true_order(solver: Solver) -> Method:
-    """Return a solver that is given the true order."""
+    """Return the method that gives a solver the true order."""
     return lambda known: solve(solver, known.ordered)
 
 
@@ -210,8 +204,8 @@ METHODS: dict[str, Method] = {
     "ours, K given": lambda known: estimate_two_view(known.matches, camera=camera_of(known)).F,
     "two-parameter F": lambda known: two_parameter_fundamental(known.matches),
     PAPER: lambda known: paper_of_matches(known.matches),
-    "unordered, OpenCV MAGSAC": lambda known: solve(opencv, scrambled(known)),
-    "u > 0 order, OpenCV MAGSAC": lambda known: solve(opencv, rightward(known)),
+    "unordered, OpenCV MAGSAC": lambda known: solve(opencv, scrambled(known.matches.ends)),
+    "u > 0 order, OpenCV MAGSAC": lambda known: solve(opencv, rightward(known.matches.ends)),
     **{name: in_true_order(solver) for name, solver in ORDERED.items()},
     "true order and K, PoseLib": lambda known: solve(partial(poselib_calibrated, K=known.K), known.ordered),
 }

@@ -2,14 +2,13 @@
 
 ``python -m tools.evaluation.blur_kinds PHOTOS... --out tools/results/blur_kinds.md`` blurs every sharp
 photograph of folders in all these ways (`tools.datasets.blurred_photographs`), estimates each, and writes the
-names by kind and size of blur, and of dim pictures, and the errors of smears. Everything follows
-from the photographs and ``--seed``, whatever the number of ``--jobs``.
+names by kind and size of blur, and of dim pictures, and the errors of smears. The page follows from the
+photographs and ``--seed``, whatever the number of ``--jobs``.
 """
 
-import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +23,7 @@ from tools.pages import publish, table
 from tools.processes import mapped
 from tools.rendering.textures import photographs_of
 
-LEAST_RADIUS_PX, LEAST_SMEAR_PX = 3, 6  # from which a picture counts as blurred
+MIN_RADIUS_PX, MIN_SMEAR_PX = 3, 6  # from which a picture counts as blurred
 
 
 class Seen(NamedTuple):
@@ -45,11 +44,11 @@ class Seen(NamedTuple):
     def is_clear(self) -> bool:
         """Whether the picture is blurred enough that its name counts."""
         picture = self.picture
-        enough = picture.radius_px >= LEAST_RADIUS_PX or picture.smear_px >= LEAST_SMEAR_PX
+        enough = picture.radius_px >= MIN_RADIUS_PX or picture.smear_px >= MIN_SMEAR_PX
         return enough and not picture.coding
 
 
-@functools.cache
+@cache
 def loaded(model: Path | None) -> blur2view.SmearNetwork:
     """Return a network, which each process reads once."""
     return blur2view.SmearNetwork(model, threads=1)
@@ -59,10 +58,10 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
     """Return what is read in a picture."""
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
     estimate = blur2view.estimate(image, network=network)
-    blur, field = estimate.blur, estimate.grid.at_pixels()
-    true = np.array([np.cos(picture.angle), np.sin(picture.angle)])
+    field, true = estimate.grid.at_pixels(), np.array([np.cos(picture.angle), np.sin(picture.angle)])
     error_deg = direction_error_deg(field.displacement, true)
     sure = field.sigma_rad <= np.median(field.sigma_rad)
+    blur = estimate.blur
     return Seen(
         picture=replace(picture, file=b""),
         kind=blur.kind,
@@ -84,7 +83,7 @@ def of_photograph(
 
 
 def grouped(rows: list[Seen], name: Callable[[Seen], str]) -> dict[str, list[Seen]]:
-    """Return pictures by a name of theirs."""
+    """Return pictures by a name that each is given."""
     return {key: [one for one in rows if name(one) == key] for key in dict.fromkeys(map(name, rows))}
 
 
@@ -102,14 +101,14 @@ def smear_rows(rows: list[Seen]) -> Iterator[tuple[object, ...]]:
     moved = [one for one in rows if one.picture.kind == BlurKind.CAMERA_MOVED and not one.picture.coding]
     for name, some in (grouped(moved, lambda one: f"{one.picture.smear_px:g} px") | {"all": moved}).items():
         ratio = np.array([one.length_px / one.picture.smear_px for one in some])
-        degrees = (np.median([one.direction_deg for one in some]), np.median([one.sure_deg for one in some]))
+        degrees = np.median([(one.direction_deg, one.sure_deg) for one in some], axis=0)
         figures = (*degrees, np.median(ratio), (np.abs(ratio - 1) < 0.05).mean())
         yield name, len(some), *(f"{figure:.3f}" for figure in figures)
 
 
 def page(rows: list[Seen]) -> Iterator[str | list[str]]:
     """Yield all tables as Markdown."""
-    yield from ("# Kinds of blur", table(f"blur | pictures | {' | '.join(BlurKind)}", named_rows(rows)))
+    yield table(f"blur | pictures | {' | '.join(BlurKind)}", named_rows(rows))
     rest = [(one.picture.moving, one.moving) for one in rows if one.picture.kind == BlurKind.CAMERA_AT_REST]
     if rest:
         moves, found = np.mean(rest, axis=0)

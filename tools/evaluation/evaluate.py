@@ -24,8 +24,7 @@ from tools.evaluation.estimators import Measured, judge, measured, method_table
 from tools.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
 from tools.pages import publish, table
 
-OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)
-"""Lower ends of the classes of true length; each ends where the next begins, the last at twice its start."""
+OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)  # lower ends of the classes of true length
 OCTAVE_HEAD = "true px | smears | ratio | spread | direction, deg | EPE-S / length"
 SIGMA_HEAD = "sigma, px (tenths of the smears) | RMS error, px | over sigma | errors within sigma"
 SHARES = (0.2, 0.35, 0.45, 0.55)  # of the smears, the surest: the paper's Table 2
@@ -46,21 +45,20 @@ class Smears(NamedTuple):
 
 
 def pooled(pairs: Iterable[Pair]) -> Smears:
-    """Return the valid pixels of all images."""
+    """Return the smears of the valid pixels of all images."""
     parts = []
     for scene, grid in pairs:
         field = grid.at_pixels()
-        sigma = field.sigma_px[1::4, 1::4][scene.valid]
-        found = field.displacement[1::4, 1::4][scene.valid]
+        found, sigma = (of[1::4, 1::4][scene.valid] for of in (field.displacement, field.sigma_px))
         parts.append((found, scene.displacement[scene.valid], sigma, sigma <= np.median(sigma)))
     return Smears(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def smear_figures(smears: Smears) -> dict[str, float]:
-    """Return the figures of all smears; "top50" is the more certain half of each image."""
+    """Return the figures of smears; "top50" is the more certain half of each image."""
     error, length = epe_s(smears.found, smears.true), np.linalg.norm(smears.true, axis=1)
     angle, clear = direction_error_deg(smears.found, smears.true), length >= DIRECTION_MIN_PX
-    ratio, half = log_ratio(smears.found, length)[clear], smears.sure
+    half = smears.sure
     figures = {
         "epe_s": error.mean(),
         "epe_s_over_length": error.mean() / length.mean(),
@@ -68,28 +66,31 @@ def smear_figures(smears: Smears) -> dict[str, float]:
         "epe_s_top50_over_length": error[half].mean() / length[half].mean(),
         "direction_deg": np.median(angle[clear]),
         "direction_deg_top50": np.median(angle[clear & half]),
-        "length_ratio": np.exp(np.median(ratio)),
-        "length_spread": np.median(np.abs(ratio - np.median(ratio))),
+        **dict(zip(("length_ratio", "length_spread"), ratio_and_spread(smears, clear), strict=True)),
         "sparsification_area": sparsification_area(error, smears.sigma),
     }
     return {name: float(figure) for name, figure in figures.items()}
 
 
-def log_ratio(found: AnyArray, length: AnyArray) -> AnyArray:
-    """Return the log of predicted over true length (N,), a tenth of a pixel added so that it is finite."""
-    return np.asarray(np.log((np.linalg.norm(found, axis=1) + 0.1) / np.maximum(length, 1e-6)))
+def ratio_and_spread(smears: Smears, chosen: AnyArray) -> tuple[float, float]:
+    """Return the median of found over true length, and the median deviation of its logarithm.
+
+    A tenth of a pixel is added to what is found, so that the logarithm is finite.
+    """
+    found, true = (np.linalg.norm(of[chosen], axis=1) for of in (smears.found, smears.true))
+    ratio = np.log((found + 0.1) / np.maximum(true, 1e-6))
+    return float(np.exp(np.median(ratio))), float(np.median(np.abs(ratio - np.median(ratio))))
 
 
 def by_octave(smears: Smears) -> Iterator[tuple[str, ...]]:
     """Yield the figures of every class of true length that has smears."""
-    length = np.linalg.norm(smears.true, axis=1)
+    length, error = np.linalg.norm(smears.true, axis=1), epe_s(smears.found, smears.true)
+    angle = direction_error_deg(smears.found, smears.true)
     for start in OCTAVES_PX:
         chosen = (length >= start) & (length < 2 * start)
         if chosen.any():
-            found, true = smears.found[chosen], smears.true[chosen]
-            ratio, error = log_ratio(found, length[chosen]), epe_s(found, true)
-            figures = [np.exp(np.median(ratio)), np.median(np.abs(ratio - np.median(ratio)))]
-            figures += [np.median(direction_error_deg(found, true)), error.mean() / length[chosen].mean()]
+            share = error[chosen].mean() / length[chosen].mean()
+            figures = (*ratio_and_spread(smears, chosen), np.median(angle[chosen]), share)
             yield f"{start} to {2 * start}", f"{chosen.sum()}", *(f"{figure:.3f}" for figure in figures)
 
 
@@ -103,14 +104,14 @@ def by_sigma(smears: Smears) -> Iterator[tuple[str, ...]]:
 
 
 def known_matches(scene: TestScene, matches: SmearMatches) -> KnownMatches:
-    """Return matches read in a photograph with the truth; their order is by true smears."""
+    """Return matches read in a photograph with the truth; true smears give their order."""
     swapped = against(matches.ends, scene.truth_at(matches))
     truth = {"K": scene.K, "R": scene.R, "t": scene.t, "true_ends": scene.true_ends}
     return KnownMatches(**truth, matches=matches, swapped=swapped, outlier=np.zeros_like(swapped))
 
 
 def of_methods(pairs: Iterable[Pair]) -> Iterator[Measured]:
-    """Yield the figures of every method but the paper's, and of the true F."""
+    """Yield, for each photograph, how good every method but the paper's is, and the true F."""
     for scene, grid in pairs:
         known = known_matches(scene, select_matches(grid))
         true = judge(scene.F, known, scene.F) | {"ms": 0.0}
@@ -118,7 +119,7 @@ def of_methods(pairs: Iterable[Pair]) -> Iterator[Measured]:
 
 
 def of_shares(pairs: Iterable[Pair]) -> Iterator[Measured]:
-    """Yield the figures of the paper's Table 2."""
+    """Yield the instances of the paper's Table 2: each photograph and share of its smears."""
     for scene, grid in pairs:
         for share in SHARES:
             known = known_matches(scene, select_matches(grid, SelectOptions(beta=share)))
@@ -127,7 +128,7 @@ def of_shares(pairs: Iterable[Pair]) -> Iterator[Measured]:
 
 
 def main(scenes: Path, *, model: Existing | None = None, paper: int = 0, out: Target | None = None) -> None:
-    """Evaluate a network, the shipped one by default, on a test set, and write the page."""
+    """Evaluate a network, the shipped one by default, on a test set."""
     network = blur2view.SmearNetwork(model)
     pairs = [(scene, network.predict(scene.image)) for scene in read_test_set(scenes)]
     smears, moving = pooled(pairs), [pair for pair in pairs if pair[0].F is not None]

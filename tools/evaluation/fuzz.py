@@ -69,8 +69,8 @@ def mutated(data: bytes, rng: Rng) -> bytes:
 
 def make_inputs(folder: Path) -> None:
     """Write good inputs of every kind."""
-    (folder / "model").mkdir(parents=True)
-    (folder / "frames").mkdir()
+    (folder / "frames").mkdir(parents=True)
+    (folder / "model").mkdir()
     options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_frames_per_rig=3)
     options.camera_width, options.camera_height = SIZE
     options.camera_params = [1.1 * SIZE[0], SIZE[0] / 2, SIZE[1] / 2, 0.01]
@@ -78,6 +78,7 @@ def make_inputs(folder: Path) -> None:
     with pycolmap.Database.open(folder / "project.db") as database:
         model = pycolmap.synthesize_dataset(options, database)
     model.write_binary(folder / "model")
+    shutil.copy(folder / "project.db", folder / "linked.db")
     sample, rng = np.asarray(cv2.imread(str(ROOT / "models/sample.jpg"))), np.random.default_rng(0)
     video = cv2.VideoWriter(str(folder / "clip.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, SIZE)
     for name in (GOOD, "other.jpg", *(f"frames/{image.name}" for image in model.images.values())):
@@ -88,14 +89,10 @@ def make_inputs(folder: Path) -> None:
     video.release()
     (folder / "list.txt").write_text(f"# photographs\n{GOOD}\nother.jpg\n")
     shutil.copy(shipped_file("smear.onnx"), folder)
-    shutil.copy(folder / "project.db", folder / "linked.db")
-    for words in (
-        LINK.replace("project.db", "linked.db --no-backup --jobs 1"),
-        PLACE.replace("placed", "views"),
-    ):
-        with chdir(folder):
-            if commands.main(words.split()):
-                raise SystemExit(f"{words}: fails with whole inputs")
+    link = LINK.replace("project.db", "linked.db --no-backup --jobs 1")
+    with chdir(folder):
+        if commands.main(link.split()) or commands.main(PLACE.replace("placed", "views").split()):
+            raise SystemExit("whole inputs are refused")
 
 
 def damaged(folder: Path, rng: Rng) -> list[str]:
@@ -141,17 +138,8 @@ KINDS: dict[str, Callable[[Path, Rng], list[str]]] = {
 }  # fmt: skip
 
 
-def call(folder: Path, words: list[str]) -> subprocess.CompletedProcess[str]:
-    """Run a command in a folder."""
-    program = ["timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", "blur2view", *words]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(folder.parent)}
-    return subprocess.run(
-        program, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, errors="replace"
-    )
-
-
 def snapshot(folder: Path) -> dict[str, object]:
-    """Return the bytes of files, the targets of links, and nothing of what else is no folder."""
+    """Return the bytes of files and the targets of links by their names; None of devices and pipes."""
     paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
     read = [p.readlink() if p.is_symlink() else p.read_bytes() if p.is_file() else None for p in paths]
     return {str(path.relative_to(folder)): content for path, content in zip(paths, read, strict=True)}
@@ -187,8 +175,12 @@ def try_case(place: Path, seed: int, number: int) -> tuple[str, list[str]]:
     kind = drawn(rng, list(KINDS))
     words = KINDS[kind](folder, rng)
     before = snapshot(folder)
-    found = complaints(folder, before, words, call(folder, words))
-    return kind, [f"{complaint}: {words}" for complaint in found]
+    program = ["timeout", "-s", "KILL", str(PATIENCE_S), sys.executable, "-m", "blur2view", *words]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(place)}
+    done = subprocess.run(
+        program, cwd=folder, env=environment, stdin=subprocess.DEVNULL, capture_output=True, errors="replace"
+    )
+    return kind, [f"{complaint}: {words}" for complaint in complaints(folder, before, words, done)]
 
 
 def main(*, cases: int = 1000, seed: int = 0, first: int = 0, out: Target | None = None) -> None:

@@ -5,8 +5,7 @@
 A folder holds ``NAME.jpg`` whose object is white in ``NAME.truth.png``; or scenes of `tools.datasets.testset`
 or `tools.datasets.mover_scenes`; or photographs in which nothing moves. ``--standing`` names photographs by
 cameras that stood still, before something that moves, ``--sharp`` folders of sharp ones. Masks and truth are
-compared at the centres of 4 x 4 pixels. The numbers of the decision were chosen on every second photograph,
-the even ones; `AT_REST` and the mean of the U-Net's weights were chosen on all.
+compared at the centres of 4 x 4 pixels. The page says which numbers were chosen on which photographs.
 """
 
 from collections.abc import Iterator
@@ -28,19 +27,10 @@ from tools.rendering.textures import photographs_of
 Mask = NDArray[np.bool_]
 Record = dict[str, Any]
 
-LEAST_SHARE = 0.01  # of the picture that moves, for a photograph to count as one with movers
+MIN_SHARE = 0.01  # of the picture that moves, for a photograph to count as one with movers
 FALSE_SHARE = 0.005  # called moving where nothing moves: more is a miss
 BLURRED_PX = 4.0  # median smear from which on photographs of a known object are a group of their own
-LEAST_SMEAR_PX = 2.0  # median smear below which a camera that moved need not be called so
-WORDS = """The first of two numbers is of the even photographs, by which the numbers of the decision were
-chosen; the second is of the odd ones, which were looked at then, but decided nothing, except
-whether a camera stood still (`AT_REST`), how the weights of two trainings of the U-Net were mixed, and the
-intercept of the sum: both chose these. IoU of what is called moving with what moves, and average precision
-of the probability: means where 1 % or more moves. False area: mean share called moving where
-nothing does, and in how many photographs it is above 0.5 %. Last, cameras that stood still before something
-that moves and are not said to have moved, and how many of these are said to stand still before it; and
-cameras that moved and are not said to: in photographs with smears of 2 px and more, of rendered scenes those
-longer than the disc of a lens out of focus."""
+MIN_SMEAR_PX = 2.0  # median smear below which a camera that moved need not be called so
 HEAD = (
     "photographs | n | IoU | average precision | false area | false above 0.5 % | still: not said to move | "
     "still: named | moved: not said to"
@@ -73,7 +63,7 @@ def judge(static: Mask, valid: Mask, mask: MotionMask) -> Record:
 def photographs(
     folder: Path, standing: list[str], sharp: list[str]
 ) -> Iterator[tuple[Path, Mask, Mask, Record]]:
-    """Yield the photographs of a folder: what stands still, where that is known, and what else is."""
+    """Yield a folder's photographs: path, what stands still, where that is known, and the camera's motion."""
     if next(folder.glob("[0-9]*.npz"), None) and not next(folder.glob("*.jpg"), None):
         for scene in read_test_set(folder):
             lengths = np.linalg.norm(scene.displacement, axis=-1)[scene.static & scene.valid]
@@ -111,17 +101,17 @@ def groups_of(name: str, records: list[Record]) -> dict[str, list[Record]]:
     if not records[0].get("object"):
         return {name: records}
     blurred = [one for one in records if one["smear_px"] >= BLURRED_PX]
-    between = [one for one in records if LEAST_SMEAR_PX <= one["smear_px"] < BLURRED_PX]
+    between = [one for one in records if MIN_SMEAR_PX <= one["smear_px"] < BLURRED_PX]
     return {f"{name}, 4 px and more": blurred, f"{name}, 2 to 4 px": between}
 
 
 def figures_of(records: list[Record]) -> list[str]:
     """Return the cells of a half of a row."""
-    some = [one for one in records if one["share"] >= LEAST_SHARE]
+    some = [one for one in records if one["share"] >= MIN_SHARE]
     none = [one for one in records if not one["share"] and not one["stands"]]
-    stood = [one for one in records if one["stands"] and (one["share"] >= LEAST_SHARE or "object" in one)]
+    stood = [one for one in records if one["stands"] and (one["share"] >= MIN_SHARE or "object" in one)]
     moved = [one for one in records if not (one["stands"] or one["sharp"])]
-    moved = [one for one in moved if one["true_px"] >= max(LEAST_SMEAR_PX, one["disc_px"])]
+    moved = [one for one in moved if one["true_px"] >= max(MIN_SMEAR_PX, one["disc_px"])]
 
     def mean(rows: list[Record], key: str) -> str:
         return f"{np.nanmean([one[key] for one in rows]):.3f}" if rows else "-"
@@ -151,8 +141,7 @@ def main(
         for name, group in groups_of(folder.name, records).items():
             pairs = zip(figures_of(group[::2]), figures_of(group[1::2]), strict=True)
             rows.append([name, *("; ".join(pair) if set(pair) != {"-"} else "" for pair in pairs)])
-    made = f"Network `{network.model_id}` and those that find movers."
-    publish(out, "# Motion masks", made, WORDS, table(HEAD, rows))
+    publish(out, f"Network `{network.model_id}` and those that find movers.", table(HEAD, rows))
 
 
 if __name__ == "__main__":

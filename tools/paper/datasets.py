@@ -34,8 +34,9 @@ from tools.datasets.testset import write_truth
 from tools.evaluation import baselines
 from tools.rendering.render import GRID, grid_points, pixel_grid
 
-CROSS_CHECK_PX, SOLVED_PX, STEPS = 1.0, 0.25, 12  # the paper's eps; of fixed-point iterations
-FEWEST, MOST = 15, 240  # sub-frames of an exposure: the paper's least, and a bound
+CROSS_CHECK_PX = 1.0  # the paper's eps: how far a flow there and back may miss
+SOLVED_PX, STEPS = 0.25, 12  # of fixed-point iterations: the miss of a solution, and their number
+MIN_SUBFRAMES, MAX_SUBFRAMES = 15, 240  # of an exposure: the paper's least, and a bound
 SENSOR_MM, FOCAL_MM, GUESSED_FOCAL = 32.0, 35.0, 1.2  # Blender's; in widths, as COLMAP guesses
 CODES = np.arange(256) / 255
 LIGHT = np.where(CODES <= 0.04045, CODES / 12.92, ((CODES + 0.055) / 1.055) ** 2.4).astype(np.float32)
@@ -79,7 +80,7 @@ def read_cameras(path: Path) -> dict[int, Array]:
 
 
 def scene_flow(root: Path, steps: int) -> Iterator[Exposure]:
-    """Yield the exposures of Monkaa or Driving, each from a frame to one some steps later."""
+    """Yield the exposures of Monkaa or Driving, each from a frame to the one ``steps`` later."""
     if not (folders := sorted(root.glob("frames_cleanpass*/**/left"))):
         raise Blur2ViewError(f"{root}: holds no frames_cleanpass/SCENE/left; unpack the frames again")
     for folder in folders:
@@ -105,7 +106,7 @@ def scene_flow(root: Path, steps: int) -> Iterator[Exposure]:
 
 
 def gopro(root: Path, _: int) -> Iterator[Exposure]:
-    """Yield the exposures of GOPRO_Large_all's test split, as long as the sequences' names say."""
+    """Yield the exposures of GOPRO_Large_all's test split; a sequence's name has their number of frames."""
     for folder in sorted(path for path in (root / "test").glob("*") if path.is_dir()):
         named = re.fullmatch(r"GOPR\d+_(\d+)_\d+", folder.name)
         if named is None or int(named[1]) < 2:
@@ -145,7 +146,7 @@ def sampled(values: AnyArray, at: AnyArray) -> AnyArray:
 
 
 def chained(flows: list[AnyArray]) -> AnyArray:
-    """Return the flow (H, W, 2) from the first of several frames to the last."""
+    """Return the flow (H, W, 2) from the first frame to the last, of the flows from each to the next."""
     total = np.zeros_like(flows[0])
     for flow in flows:
         total += sampled(flow, pixel_grid(total.shape[1::-1]) + total)
@@ -153,7 +154,7 @@ def chained(flows: list[AnyArray]) -> AnyArray:
 
 
 def sources(flow: AnyArray, share: float) -> tuple[AnyArray, AnyArray]:
-    """Return where (H, W, 2) the points at each pixel come from after a share of their way, and the miss."""
+    """Return where points start (H, W, 2) that a share of their flow brings to each pixel, and the misses."""
     x = pixels = pixel_grid((flow.shape[1], flow.shape[0]))
     for _ in range(STEPS):
         x = pixels - np.float32(share) * sampled(flow, x)
@@ -161,13 +162,13 @@ def sources(flow: AnyArray, share: float) -> tuple[AnyArray, AnyArray]:
 
 
 def disagreement(forward: AnyArray, backward: AnyArray, at: AnyArray) -> AnyArray:
-    """Return how far (H, W) points at positions (H, W, 2) are from where they were, there and back."""
+    """Return the distance (H, W) from positions (H, W, 2) to where the flow forwards and backwards leads."""
     there = sampled(forward, at)
     return np.asarray(np.linalg.norm(there + sampled(backward, at + there), axis=-1))
 
 
 def mid_smears(exposure: Exposure) -> tuple[AnyArray, AnyArray]:
-    """Return displacements (H, W, 2), first to last, at mid-exposure pixels, and where they are valid."""
+    """Return displacements (H, W, 2) from open to close, at mid-exposure pixels, and where they are valid."""
     forward = chained([there for there, _ in exposure.flows])
     backward = chained([back for _, back in exposure.flows[::-1]])
     start, miss = sources(forward, 0.5)
@@ -178,8 +179,8 @@ def mid_smears(exposure: Exposure) -> tuple[AnyArray, AnyArray]:
 
 
 def average(exposure: Exposure, longest: float) -> AnyArray:
-    """Return the mean (H, W, 3), uint8, of sub-frames that blend both frames by time and cross-check."""
-    count = -(-int(np.clip(np.ceil(longest), FEWEST, MOST)) // len(exposure.flows))
+    """Return the mean (H, W, 3), uint8, of sub-frames, which blend two frames by time and cross-check."""
+    count = -(-int(np.clip(np.ceil(longest), MIN_SUBFRAMES, MAX_SUBFRAMES)) // len(exposure.flows))
     total = np.zeros(exposure.frames[0].shape, np.float32)
     for (one, other), (forward, backward) in zip(pairwise(exposure.frames), exposure.flows, strict=True):
         ways = (LIGHT[one], forward, backward), (LIGHT[other], backward, forward)
@@ -205,7 +206,7 @@ def write_scene(exposure: Exposure, stem: Path, kind: str) -> None:
     middle = grid_points((width, height))
     four = [middle.astype(int) + np.array(step) for step in ((0, 0), (1, 0), (0, 1), (1, 1))]
     own = np.stack([smears[at[..., 1], at[..., 0]] for at in four])  # about a cell's centre
-    even = np.linalg.norm(own - own.mean(axis=0), axis=-1).max(axis=0) < 1  # else an edge cuts it
+    even = np.linalg.norm(own - own.mean(axis=0), axis=-1).max(axis=0) < 1  # no edge cuts the cell
     known = even & np.all([valid[at[..., 1], at[..., 0]] for at in four], axis=0)
     d, f = own.mean(axis=0).astype(np.float32), exposure.focal_widths * blurred.shape[1]
     K = np.array([[f, 0, (blurred.shape[1] - 1) / 2], [0, f, (blurred.shape[0] - 1) / 2], [0, 0, 1]])
@@ -222,11 +223,11 @@ def main(
     *,
     out: Path,
     frames: int = 1,
-    most: int | None = None,
+    scenes: int | None = None,
 ) -> None:
-    """Write at most so many scenes; Scene Flow's exposures last so many frame intervals."""
+    """Write at most ``scenes`` scenes; an exposure of Scene Flow lasts ``frames`` frame intervals."""
     try:
-        for index, exposure in enumerate(islice(KINDS[kind](root, max(frames, 1)), most)):
+        for index, exposure in enumerate(islice(KINDS[kind](root, max(frames, 1)), scenes)):
             write_scene(exposure, out / f"{index:04d}", kind)
     except Blur2ViewError as error:
         raise SystemExit(str(error)) from None

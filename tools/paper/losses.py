@@ -5,8 +5,8 @@
     python -m tools.paper.losses examples --held held
 
 trains a small network for every loss and seed (`VARIANTS`, `SEEDS`), all on the same examples and for as many
-steps, and fills the table of ``tools/results/paper.md``. Each training is kept in ``--work``: run again, the
-tool goes on where it was.
+steps; with ``--out tools/results/paper.md`` it fills that page's table. ``--work`` keeps every training: run
+again, the tool goes on where it was.
 
 For every cell of 32 px the network gives a vector v and w, and sigma = softplus(w). Against a true smear d
 its loss is ``m L_R + ReLU((1 - m) / sigma^2 - alpha)``, m the cross-check map (without the map m = 1: ``L_R``
@@ -16,9 +16,7 @@ alone). L_R is the negative log likelihood of an isotropic normal error of devia
 - ``restricted``: v is compared with d turned to the right (u > 0, as Gong et al., CVPR 2017);
 - ``double``: v is compared with d in double angle, |d| (cos 2 phi, sin 2 phi).
 
-References
-----------
-Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
+The paper: Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from Single Image Motion Blur,
 arXiv 2605.01552.
 """
 
@@ -37,24 +35,23 @@ from blur2view.smears.likelihood import DIRECTIONS
 from tools.arguments import Existing, Target, run
 from tools.datasets.shards import Example, load_shards
 from tools.evaluation.evaluate import Smears, smear_figures
-from tools.pages import fill, joined, table
+from tools.pages import publish, table
 from tools.training.reader import Reader, ReaderOptions, doubled
 from tools.training.run import Schedule, Task, fit
 from tools.training.train_reader import Batch, batch_of
 
 Representation = Literal["local", "restricted", "double"]
 
-LEAST_SIGMA_PX = 0.05  # added to softplus(w), so that the likelihood is bounded
+MIN_SIGMA_PX = 0.05  # added to softplus(w), so that the likelihood is bounded
 START_SIGMA_PX = 8.0  # what softplus(w) is at first
 CHANNELS, BATCH, RATE = 16, 8, 2e-3
 SEEDS = (0, 1)
-PAGE = Path(__file__).resolve().parents[1] / "results/paper.md"
 MEASURES = ("epe_s_top50", "sparsification_area", "direction_deg_top50")
 HEAD = "loss | alpha | seeds | EPE-S top 50 %, px | sparsification area | direction top 50 %, deg"
 
 
 class Variant(NamedTuple):
-    """A loss: what v is, whether it knows the cross-check map, and the alpha of where the check fails."""
+    """A loss: what v means, whether it uses the cross-check map, and its alpha."""
 
     representation: Representation = "double"
     cross_check: bool = True
@@ -71,7 +68,7 @@ VARIANTS = (*SIX, *(Variant(alpha=alpha) for alpha in (0.005, 0.02, 0.05)))
 
 
 class SmearVectors(nn.Module):
-    """The reader's layers that see a window and its neighbours, in two octaves; v and w of every cell."""
+    """The smear network's first layers, a window and its neighbours in two octaves; v and w of every cell."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -91,7 +88,7 @@ class SmearVectors(nn.Module):
 
 def sigma_of(raw: Tensor) -> Tensor:
     """Return sigma (...), px, of v and w (..., 3)."""
-    return nnf.softplus(raw[..., 2]) + LEAST_SIGMA_PX
+    return nnf.softplus(raw[..., 2]) + MIN_SIGMA_PX
 
 
 def squared_error(vector: Tensor, d: Tensor, representation: Representation) -> Tensor:
@@ -122,7 +119,7 @@ def paper_loss(raw: Tensor, d: Tensor, valid: Tensor, variant: Variant) -> Tenso
 
 
 class LossTask(Task):
-    """One loss, shards of examples to learn from, and those that the figures are of."""
+    """Training with one loss on shards of examples; its figures are of the held-out shards."""
 
     def __init__(self, variant: Variant, shards: Sequence[Example], held: Sequence[Example]) -> None:
         super().__init__(SmearVectors(), {"loss": variant.name, "alpha": variant.alpha})
@@ -174,13 +171,13 @@ def main(
     held: Existing,
     work: Path = Path("runs/losses"),
     steps: int = 600,
-    out: Target = PAGE,
+    out: Target | None = None,
 ) -> None:
-    """Train what is missing, and write the page with its table."""
+    """Train what ``work`` lacks, and write the table."""
     torch.set_num_threads(1)
     shards, others = load_shards(examples), load_shards(held)
     rows = [trained(variant, shards, others, work, steps) for variant in VARIANTS]
-    fill(PAGE, {"losses": joined(table(HEAD, rows))}, out)
+    publish(out, table(HEAD, rows))
 
 
 if __name__ == "__main__":

@@ -39,10 +39,10 @@ def test_the_papers_cost_is_the_sum_of_the_lesser_residuals_of_F_and_its_transpo
     ends, F = rng.normal(size=(7, 2, 2)), rng.normal(size=(3, 3))
     x, y = homogeneous(ends[:, 0]), homogeneous(ends[:, 1])
     forward, backward = (np.einsum("ni,ij,nj->n", y, matrix, x) for matrix in (F, F.T))
-    expected = (np.minimum(np.abs(forward), np.abs(backward)) ** 2).sum()
-    cost, gradient = baselines.ambiguous_cost(F.ravel(), *baselines.constraint_rows(ends))
-    assert np.isclose(cost, expected)
-    moved, _ = baselines.ambiguous_cost(F.ravel() + 1e-6 * gradient, *baselines.constraint_rows(ends))
+    rows = baselines.constraint_rows(ends)
+    cost, gradient = baselines.ambiguous_cost(F.ravel(), *rows)
+    assert np.isclose(cost, (np.minimum(np.abs(forward), np.abs(backward)) ** 2).sum())
+    moved, _ = baselines.ambiguous_cost(F.ravel() + 1e-6 * gradient, *rows)
     assert np.isclose(moved - cost, 1e-6 * gradient @ gradient, rtol=1e-3)
 
 

@@ -19,7 +19,7 @@ SIGMA = 2.0
 
 def raw_of(vector: np.ndarray, sigma: float = SIGMA) -> torch.Tensor:
     """Return v and w (1, 3) of one cell."""
-    w = np.log(np.expm1(sigma - losses.LEAST_SIGMA_PX))
+    w = np.log(np.expm1(sigma - losses.MIN_SIGMA_PX))
     return torch.tensor([[*vector, w]], dtype=torch.float32)
 
 
