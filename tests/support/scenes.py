@@ -10,6 +10,7 @@ from blur2view.arrays import Array
 from blur2view.camera import from_colmap
 from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.pose import rotation_matrix as rotation
+from blur2view.smears.grid import smear_ends
 from blur2view.smears.noise import NoiseModel
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import assumed_camera
@@ -21,7 +22,6 @@ from tools.datasets.synthetic_matches import (
     random_field,
     random_smears,
     scaled_motion,
-    smears_about,
     with_shared_errors,
     with_swaps,
 )
@@ -120,7 +120,7 @@ def with_second_motion(scene: Scene, box: tuple[float, float, float, float], dis
     """Give every smear with its midpoint in ``box`` (x0, y0, x1, y1; pixels) one constant displacement."""
     middle = scene.ends.mean(axis=1)
     inside = ((middle > np.array(box[:2])) & (middle < np.array(box[2:]))).all(axis=1)
-    moved = smears_about(middle, np.broadcast_to(displacement, middle.shape))
+    moved = smear_ends(middle, np.broadcast_to(displacement, middle.shape))
     ends = np.where(inside[:, None, None], moved, scene.ends)
     return replace(scene, ends=ends, outlier=scene.outlier | inside)
 

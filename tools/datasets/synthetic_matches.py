@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import fundamental_from_pose, homogeneous
 from blur2view.geometry.pose import rotation_matrix
+from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import SmearMatches
 
 IMAGE_SIZE = (640, 480)
@@ -66,9 +67,9 @@ class SyntheticOptions:
 class KnownMatches:
     """Matches, whose ends are in random order, and their truth; pixels.
 
-    ``R``, ``t`` are ``cam2_from_cam1``; ``true_ends`` (M, 2, 2) exact smears of the camera's motion, open
-    then close (of synthetic matches: theirs, of outliers too). ``swapped`` (N,): where ends[:, 1] is the open
-    end; ``outlier`` (N,): random, or of a second motion.
+    ``R``, ``t`` are ``cam2_from_cam1``. ``true_ends`` (M, 2, 2) are exact smears of the camera's motion, open
+    then close: of synthetic matches their own, where they are outliers, too. ``swapped`` (N,) marks matches
+    whose ends[:, 1] is the open end.
     """
 
     K: Array
@@ -77,7 +78,6 @@ class KnownMatches:
     matches: SmearMatches
     true_ends: Array
     swapped: NDArray[np.bool_]
-    outlier: NDArray[np.bool_]
 
     @property
     def F(self) -> Array:
@@ -88,11 +88,6 @@ class KnownMatches:
     def ordered(self) -> Array:
         """The ends (N, 2, 2) of the matches, open then close."""
         return with_swaps(self.matches.ends, self.swapped)
-
-
-def smears_about(middle: Array, vector: Array) -> Array:
-    """Return smears (N, 2, 2) of midpoints and vectors (N, 2)."""
-    return np.stack([middle - vector / 2, middle + vector / 2], axis=1)
 
 
 def with_swaps(ends: Array, swapped: NDArray[np.bool_]) -> Array:
@@ -112,19 +107,17 @@ def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> Know
     depth = depths(scene, points, options)
     R, t = motion(scene, K, points, depth, options)
     true_ends = project_smears(K, R, t, points, depth)
-    observed, moving = true_ends.copy(), np.zeros(len(points), bool)
+    ends = true_ends.copy()
     apart = np.linalg.norm(points - points[wrong.integers(len(points))], axis=1)
-    moving[np.argsort(apart, kind="stable")[: round(options.second_motion * len(points))]] = True
-    other = motion(wrong, K, points, depth, options)
-    observed[moving] = project_smears(K, *other, points, depth)[moving]
+    moving = np.argsort(apart, kind="stable")[: round(options.second_motion * len(points))]
+    ends[moving] = project_smears(K, *motion(wrong, K, points, depth, options), points, depth)[moving]
     random = wrong.random(options.count) < options.outliers
-    observed[random] = random_smears(wrong, true_ends)[random]
+    ends[random] = random_smears(wrong, true_ends)[random]
     own_px, sigma_px = noise_levels(noise, options)
-    observed += own_px[:, None, None] * noise.normal(size=observed.shape)
+    ends += own_px[:, None, None] * noise.normal(size=ends.shape)
     swapped = noise.random(options.count) < 0.5
-    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
-    outlier = moving | random
-    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped, outlier=outlier)
+    matches = SmearMatches(ends=with_swaps(ends, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped)
 
 
 def draw_scene(kind: Scene, seed: int) -> KnownMatches:
@@ -139,19 +132,20 @@ def draw_scene(kind: Scene, seed: int) -> KnownMatches:
     depth = tilted_plane(rng, points) if kind == "plane" else layered_depth(rng, points)
     share = {"pure rotation": np.inf, "pure translation": 0.0}.get(kind, rng.uniform(*TURNING))
     R, t = scaled_motion(K, points, depth, rng.normal(size=3), rng.normal(size=3), share, length_px)
-    ends = project_smears(K, R, t, points, depth)
+    true_ends = project_smears(K, R, t, points, depth)
+    if kind == "no geometry":
+        true_ends = random_field(rng, points, length_px, float(rng.choice(CORRELATIONS_PX)))
+    elif kind == "no motion":  # outliers are as long as if all had moved
+        true_ends = np.stack([points, points + [length_px, 0.0]], axis=1)
+    wrong = random_smears(rng, true_ends)
     if kind == "no motion":
-        ends = np.stack([points, points], axis=1)
-    elif kind == "no geometry":
-        ends = random_field(rng, points, length_px, float(rng.choice(CORRELATIONS_PX)))
-    shown = np.stack([points, points + [length_px, 0.0]], axis=1) if kind == "no motion" else ends
-    like = random_smears(rng, shown)
-    outlier = rng.random(count) < rng.uniform(*OUTLIERS)
+        true_ends = np.stack([points, points], axis=1)
+    random = rng.random(count) < rng.uniform(*OUTLIERS)
     noise_px = rng.uniform(*NOISE_PX)
-    observed = np.where(outlier[:, None, None], like, ends) + noise_px * rng.normal(size=ends.shape)
+    ends = np.where(random[:, None, None], wrong, true_ends) + noise_px * rng.normal(size=true_ends.shape)
     swapped, sigma_px = rng.random(count) < 0.5, np.full(count, 2 * noise_px)
-    matches = SmearMatches(ends=with_swaps(observed, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
-    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=ends, swapped=swapped, outlier=outlier)
+    matches = SmearMatches(ends=with_swaps(ends, swapped), sigma_px=sigma_px, image_size=IMAGE_SIZE)
+    return KnownMatches(K=K, R=R, t=t, matches=matches, true_ends=true_ends, swapped=swapped)
 
 
 def camera(rng: np.random.Generator) -> Array:
@@ -248,7 +242,7 @@ def random_smears(rng: np.random.Generator, ends: Array) -> Array:
     angle = rng.uniform(0, 2 * np.pi, len(ends))
     length = rng.uniform(0.3, 2.0, len(ends)) * median_length(ends)
     vector = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return smears_about(ends.mean(axis=1), vector)
+    return smear_ends(ends.mean(axis=1), vector)
 
 
 def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[Array, Array]:
@@ -269,7 +263,7 @@ def noise_levels(rng: np.random.Generator, options: SyntheticOptions) -> tuple[A
 def random_field(rng: np.random.Generator, points: Array, length_px: float, correlation_px: float) -> Array:
     """Return smears (N, 2, 2) about pixels, all of one length, of directions without geometry."""
     vector = np.stack([smooth_noise(rng, points, correlation_px) for _ in range(2)], axis=-1)
-    return smears_about(points, length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True))
+    return smear_ends(points, length_px * vector / np.linalg.norm(vector, axis=1, keepdims=True))
 
 
 def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float) -> Array:
@@ -296,4 +290,4 @@ def with_shared_errors(
     stretch = np.exp(length_share * smooth_noise(rng, middle, over_px))
     x, y = (ends[:, 1] - ends[:, 0]).T * stretch
     turned = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
-    return smears_about(middle, turned)
+    return smear_ends(middle, turned)

@@ -107,7 +107,7 @@ def known_matches(scene: TestScene, matches: SmearMatches) -> KnownMatches:
     """Return matches read in a photograph with the truth; true smears give their order."""
     swapped = against(matches.ends, scene.truth_at(matches))
     truth = {"K": scene.K, "R": scene.R, "t": scene.t, "true_ends": scene.true_ends}
-    return KnownMatches(**truth, matches=matches, swapped=swapped, outlier=np.zeros_like(swapped))
+    return KnownMatches(**truth, matches=matches, swapped=swapped)
 
 
 def of_methods(pairs: Iterable[Pair]) -> Iterator[Measured]:

@@ -4,7 +4,6 @@ Every layer is described in the mid-exposure camera frame by its inverse depth a
 point, by where it is (alpha) and by its texture. The renderer moves it along the camera's and its own path.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Self
@@ -22,6 +21,8 @@ Pool = tuple[Image, ...]
 STENCIL = 160  # side of a stencil in its own cells; a card stretches it over its box
 PATHS = {"rotation": 0.12, "translation": 0.18, "forward": 0.17, "orbit": 0.13, "mixed": 0.4}
 """Kinds of camera paths and their shares."""
+OUTLINES = {"polygon": 0.22, "ellipse": 0.2, "bars": 0.2, "foliage": 0.15, "letters": 0.05, "box": 0.18}
+"""Outlines of cards and their shares."""
 ZEROS = partial(np.zeros, 3)
 
 
@@ -98,56 +99,31 @@ def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajecto
     )
 
 
-def polygon(rng: np.random.Generator, alpha: Alpha) -> None:
-    """Draw a random star-shaped polygon of three to eight corners."""
-    angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
-    radius = STENCIL * rng.uniform(0.25, 0.5, len(angles))
-    corners = STENCIL / 2 + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
-    cv2.fillPoly(alpha, [eighths(corners)], 1.0, *BITS)
-
-
-def ellipse(rng: np.random.Generator, alpha: Alpha) -> None:
-    """Draw a random turned ellipse about the centre."""
-    axes = [int(8 * STENCIL * rng.uniform(0.15, 0.48)) for _ in range(2)]
-    cv2.ellipse(alpha, (4 * STENCIL, 4 * STENCIL), axes, rng.uniform(0, 180), 0, 360, 1.0, -1, *BITS)
-
-
-def bars(rng: np.random.Generator, alpha: Alpha) -> None:
-    """Draw one to eight straight bars, thin or thick."""
-    for _ in range(int(rng.integers(1, 9))):
-        first, last = eighths(rng.uniform(-0.2, 1.2, (2, 2)) * STENCIL).tolist()
-        cv2.line(alpha, first, last, 1.0, int(rng.integers(1, 12)), *BITS)
-
-
-def foliage(rng: np.random.Generator, alpha: Alpha) -> None:
-    """Draw thresholded 1/f noise: blots and holes of all sizes."""
-    blots = spectral_noise(rng, STENCIL, rng.uniform(0.8, 1.8)) > rng.uniform(0, 1.0)
-    alpha[:] = cv2.GaussianBlur(blots.astype(np.float32), (0, 0), 0.7)
-
-
-def letters(rng: np.random.Generator, alpha: Alpha) -> None:
-    """Draw three capital letters or digits."""
-    text = "".join(rng.choice(list("ABCDEFGHKMNRSTWXYZ2345789"), 3))
-    ink = np.zeros(alpha.shape, np.uint8)
-    cv2.putText(ink, text, (8, STENCIL // 2 + 20), cv2.FONT_HERSHEY_SIMPLEX, 2.3, 255, 9, cv2.LINE_AA)
-    alpha[:] = ink / np.float32(255)
-
-
-def box(_: np.random.Generator, alpha: Alpha) -> None:
-    """Fill all up to a thin margin."""
-    alpha[2:-2, 2:-2] = 1.0
-
-
-OUTLINES: dict[Callable[[np.random.Generator, Alpha], None], float] = {
-    polygon: 0.22, ellipse: 0.2, bars: 0.2, foliage: 0.15, letters: 0.05, box: 0.18
-}  # fmt: skip
-"""Outlines and their shares."""
-
-
 def sample_stencil(rng: np.random.Generator) -> Alpha:
     """Return a random alpha mask (STENCIL, STENCIL) in [0, 1] of one card; its border is empty."""
     alpha = np.zeros((STENCIL, STENCIL), np.float32)
-    list(OUTLINES)[int(rng.choice(len(OUTLINES), p=list(OUTLINES.values())))](rng, alpha)
+    match rng.choice(list(OUTLINES), p=list(OUTLINES.values())):
+        case "polygon":  # star-shaped, of three to eight corners
+            angles = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 9))))
+            radius = STENCIL * rng.uniform(0.25, 0.5, len(angles))
+            corners = STENCIL / 2 + radius[:, None] * np.stack([np.cos(angles), np.sin(angles)], 1)
+            cv2.fillPoly(alpha, [eighths(corners)], 1.0, *BITS)
+        case "ellipse":
+            axes = [int(8 * STENCIL * rng.uniform(0.15, 0.48)) for _ in range(2)]
+            cv2.ellipse(alpha, (4 * STENCIL, 4 * STENCIL), axes, rng.uniform(0, 180), 0, 360, 1.0, -1, *BITS)
+        case "bars":
+            for _ in range(int(rng.integers(1, 9))):
+                first, last = eighths(rng.uniform(-0.2, 1.2, (2, 2)) * STENCIL).tolist()
+                cv2.line(alpha, first, last, 1.0, int(rng.integers(1, 12)), *BITS)
+        case "foliage":  # blots and holes of all sizes
+            blots = spectral_noise(rng, STENCIL, rng.uniform(0.8, 1.8)) > rng.uniform(0, 1.0)
+            alpha = np.asarray(cv2.GaussianBlur(blots.astype(np.float32), (0, 0), 0.7), np.float32)
+        case "letters":
+            text, place = "".join(rng.choice(list("ABCDEFGHKMNRSTWXYZ2345789"), 3)), (8, STENCIL // 2 + 20)
+            ink = cv2.putText(np.zeros(alpha.shape, np.uint8), text, place, 0, 2.3, 255, 9, cv2.LINE_AA)
+            alpha = np.asarray(ink / np.float32(255), np.float32)
+        case _:
+            alpha[2:-2, 2:-2] = 1.0
     alpha[[0, -1]] = alpha[:, [0, -1]] = 0
     return alpha
 

@@ -64,22 +64,21 @@ def add_noise(
     return np.asarray(np.clip(signal + deviation * noise, 0, 1))
 
 
-def demosaic(signal: AnyArray, edges: bool = False) -> AnyArray:
-    """Return RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic and interpolated linearly, or along edges."""
+def demosaic(rng: np.random.Generator, signal: AnyArray, unbalanced: bool) -> AnyArray:
+    """Return RGB (H, W, 3) in [0, 1], sampled as a Bayer mosaic and interpolated.
+
+    ``unbalanced``: the sensor sees less red and blue than green, is clipped first and balanced last.
+    """
+    balance, code = np.ones(3, np.float32), cv2.COLOR_BayerBG2BGR  # RGGB by its second row and column
+    if unbalanced:
+        balance = np.array([rng.uniform(1.2, 2.4), 1.0, rng.uniform(1.2, 2.4)], np.float32)
+        signal = np.clip(signal * np.float32(rng.uniform(1.0, 1.6)) / balance, 0, 1)
+        code = cv2.COLOR_BayerBG2BGR_EA if rng.random() < 0.4 else code
     mosaic = signal[..., 1].copy()
     mosaic[0::2, 0::2] = signal[0::2, 0::2, 0]
     mosaic[1::2, 1::2] = signal[1::2, 1::2, 2]
-    coded = np.asarray(np.clip(mosaic, 0, 1) * 65535 + 0.5).astype(np.uint16)
-    # OpenCV names RGGB by its second row and column
-    rgb = cv2.cvtColor(coded, cv2.COLOR_BayerBG2BGR_EA if edges else cv2.COLOR_BayerBG2BGR)
-    return np.asarray(rgb[..., ::-1].astype(np.float32) / 65535)
-
-
-def demosaic_unbalanced(rng: np.random.Generator, signal: AnyArray) -> AnyArray:
-    """Return the same of a sensor that sees less red and blue than green: clipped first, balanced last."""
-    balance = np.array([rng.uniform(1.2, 2.4), 1.0, rng.uniform(1.2, 2.4)], np.float32)
-    raw = np.clip(signal * np.float32(rng.uniform(1.0, 1.6)) / balance, 0, 1)
-    return np.asarray(np.clip(demosaic(raw, edges=rng.random() < 0.4) * balance, 0, 1))
+    rgb = cv2.cvtColor((mosaic * 65535 + 0.5).astype(np.uint16), code)[..., ::-1]
+    return np.clip(rgb.astype(np.float32) / 65535 * balance, 0, 1)
 
 
 def blotches(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
@@ -126,8 +125,7 @@ def photograph(rng: np.random.Generator, linear: AnyArray, phone_px: float | Non
     mosaic, is_phone = rng.random() < 0.4, phone_px is not None
     signal = add_noise(rng, signal)
     if mosaic:
-        unbalanced = is_phone and rng.random() < UNBALANCED_SHARE
-        signal = demosaic_unbalanced(rng, signal) if unbalanced else demosaic(signal)
+        signal = demosaic(rng, signal, unbalanced=is_phone and rng.random() < UNBALANCED_SHARE)
     if rng.random() < 0.3:  # denoised by the camera
         signal = gaussian(signal, rng.uniform(0.4, 0.9))
     if rng.random() < 0.2:
@@ -204,6 +202,7 @@ def point_spread(rng: np.random.Generator, radius_px: float) -> AnyArray:
     x, y = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
     x, y = x * squeeze**0.5, y / squeeze**0.5
     distance = np.hypot(x, y)
+    disc = np.clip(radius_px + 0.5 - distance, 0, 1)
     match kind:
         case "gaussian":
             kernel = np.exp(-2 * (distance / radius_px) ** 2)
@@ -215,11 +214,9 @@ def point_spread(rng: np.random.Generator, radius_px: float) -> AnyArray:
             kernel = np.clip(apothem - distance * np.cos(along) + 0.5, 0, 1)
         case "ring":
             bright, hole = rng.uniform(0.3, 1), rng.uniform(0.4, 0.8)
-            inside = np.clip(radius_px + 0.5 - distance, 0, 1)
-            kernel = inside - bright * np.clip(hole * radius_px + 0.5 - distance, 0, 1)
+            kernel = np.maximum(disc - bright * np.clip(hole * radius_px + 0.5 - distance, 0, 1), 0)
         case _:
-            kernel = np.clip(radius_px + 0.5 - distance, 0, 1)
-    kernel = np.maximum(kernel, 0)
+            kernel = disc
     return np.asarray(kernel / kernel.sum(), np.float32)
 
 

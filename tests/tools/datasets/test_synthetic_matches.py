@@ -21,7 +21,7 @@ def test_exact_smears_fit_the_true_F_in_their_true_order(kind: Kind, motion: Mot
     assert sampson(smears.F, *np.moveaxis(smears.true_ends, 1, 0)).max() < 1e-9
     np.testing.assert_allclose(smears.ordered, smears.true_ends, atol=1e-9)
     assert synthetic.median_length(smears.matches.ends) == pytest.approx(20, rel=0.01)
-    assert 0.3 < smears.swapped.mean() < 0.7 and not smears.outlier.any()
+    assert 0.3 < smears.swapped.mean() < 0.7
 
 
 @pytest.mark.parametrize("kind", synthetic.SCENES)
