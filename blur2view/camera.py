@@ -18,7 +18,7 @@ from PIL import ExifTags
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import CameraError
-from blur2view.input_files import open_picture, read_regular
+from blur2view.files import open_picture, read_regular
 
 HALF_PIXEL = 0.5
 MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above

@@ -19,8 +19,7 @@ PACKAGE = ROOT / "blur2view"
 # A row uses only rows above it; within a row nothing is used across rooms.
 ROWS = [
     "arrays errors",
-    "input_files",
-    "output_files",
+    "files",
     "camera smears",
     "geometry networks images",
     "two_view",
@@ -28,7 +27,7 @@ ROWS = [
     "pipeline",
     "exposure",
     "results",
-    "colmap runs",
+    "colmap",
     "__init__",
     "cli",
     "__main__",

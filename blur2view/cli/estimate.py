@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
+from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder, InTime
 from blur2view.cli.parser import group, rare_option
-from blur2view.cli.run import FAILURES, Photographs, wrote
+from blur2view.cli.run import FAILURES, Estimated, Run, estimated, wrote
 from blur2view.cli.terminal import verdict_line
-from blur2view.cli.work import Estimated, estimated, record_of
 from blur2view.errors import OutputError
-from blur2view.output_files import write_file
+from blur2view.files import write_file
 from blur2view.results.gyroflow import gyroflow_log
 from blur2view.results.overlay import draw_overlay, png
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import fit_line
-from blur2view.runs.jobs import Job, Outcome
 from blur2view.smears.grid import stored_smears
 
 ENDINGS = (".smear.npz", ".png", ".json")
@@ -72,8 +71,8 @@ class EstimateOptions(Command):
     )
 
     def __post_init__(self) -> None:
-        self.in_time.check(self.common.lens)
-        if self.gyroflow is not None and not self.common.lens.stated:
+        super().__post_init__()
+        if self.gyroflow is not None and not self.lens.stated:
             raise ValueError("--gyroflow is about rates, which need --focal or --camera")
 
     @staticmethod
@@ -88,32 +87,28 @@ class EstimateOptions(Command):
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""
-        photographs, log = Photographs(self), self.gyroflow
-        jobs = photographs.jobs(ENDINGS)
-        if log is not None and not photographs.inputs.one_video:
+        run, log = Run(self, ENDINGS), self.gyroflow
+        if log is not None and not run.inputs.one_video:
             raise OutputError(
                 f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
             )
-        with photographs.writing(jobs, gyroflow=log):
-            finished = photographs.run(jobs, estimate_one)
-            photographs.close(finished, "estimates")
-            done = [(job.source, one.photograph) for job, one in finished.outcomes if not one.error]
-            if log is not None and done and not finished.ended_early:
-                text = gyroflow_log([record for _, record in done], done[0][0].path.name)
-                write_file(log, text.encode())
-        return finished.exit_code
+        run.do(estimate_one, listed="estimates", gyroflow=log)
+        if log is not None and run.done and not run.ended_early:
+            video = next(job.source.path.name for job, one in run.outcomes if not one.error)
+            write_file(log, gyroflow_log([one.photograph for one in run.done], video).encode())
+        return run.exit_code
 
 
 def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
     one = estimated(options, job)
-    record = record_of(options, one, job)
+    record = one.record()
     files = {}
     if job.files:
         written = [*estimate_contents(one, record), (record.to_json() + "\n").encode()]
         files = dict(zip(job.files, written, strict=True))
     lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, ENDINGS)]
-    lines += [record.reason] * options.common.printing.verbose
+    lines += [record.reason] * options.printing.verbose
     return Outcome(photograph=record, summary="\n  ".join(lines), files=files)
 
 

@@ -1,6 +1,6 @@
 """The groups of options that commands over photographs are composed of.
 
-Which of them the result of a photograph depends on, `work.digest_of` says.
+Which of them the result of a photograph depends on, `run.digest_of` says.
 """
 
 import sys
@@ -219,36 +219,28 @@ class Folder:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Common:
+class Table:
     """Output."""
 
-    reading: Reading
     csv: Path | None = option("""--csv FILE: write a table with a row for each photograph; blur2view triage
         --help-all names its columns""")
-    lens: Lens = group(Lens)
-    estimating: Estimating = group(Estimating)
-    many: Many = group(Many)
-    printing: Printing = group(Printing)
-
-    def __post_init__(self) -> None:
-        if self.many.dask is not None and self.lens.database is not None:
-            raise ValueError("the workers of --dask see no database; write its camera out")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Command:
     """The options of any command over photographs."""
 
-    common: Common
+    table: Table = group(Table)
+    reading: Reading
+    lens: Lens = group(Lens)
+    estimating: Estimating = group(Estimating)
+    many: Many = group(Many)
+    printing: Printing = group(Printing)
 
-    @property
-    def timing(self) -> InTime:
-        """The options of exposure and order in time, of a command that has some."""
-        found: InTime = getattr(self, "in_time", InTime(sequence=getattr(self, "sequence", False)))
-        return found
+    in_time = InTime(sequence=False)  # of commands without these options
+    folder = Folder()  # likewise
 
-    @property
-    def results_folder(self) -> Folder:
-        """Where each photograph has files of its own, of a command that writes some."""
-        found: Folder = getattr(self, "folder", Folder())
-        return found
+    def __post_init__(self) -> None:
+        if self.many.dask is not None and self.lens.database is not None:
+            raise ValueError("the workers of --dask see no database; write its camera out")
+        self.in_time.check(self.lens)

@@ -6,15 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from blur2view import __version__
+from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime
 from blur2view.cli.parser import group, option
-from blur2view.cli.run import Photographs
+from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import printable, verdict_line
-from blur2view.cli.work import estimated, record_of
+from blur2view.files import write_file
 from blur2view.movers.mask import segment
-from blur2view.output_files import write_file
 from blur2view.results.report import report, section
-from blur2view.runs.jobs import Job, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,31 +43,25 @@ class ReportOptions(Command):
         """Return what --help-all lists besides options: nothing."""
         return {}
 
-    def __post_init__(self) -> None:
-        self.in_time.check(self.common.lens)
-
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
-        photographs, page = Photographs(self), self.output
-        jobs = photographs.jobs()
-        with photographs.writing(jobs, output=page):
-            finished = photographs.run(jobs, entry_one)
-            photographs.close(finished)
-            if finished.done:
-                shown = [(one.photograph, one.besides.get("section", "")) for _, one in finished.outcomes]
-                write_file(page, report(shown, __version__))
-                if not self.common.printing.quiet:
-                    print(f"wrote {printable(str(page))}")
-        return finished.exit_code
+        run, page = Run(self), self.output
+        run.do(entry_one, output=page)
+        if run.done:
+            shown = [(one.photograph, one.section) for _, one in run.outcomes]
+            write_file(page, report(shown, __version__))
+            if not self.printing.quiet:
+                print(f"wrote {printable(str(page))}")
+        return run.exit_code
 
 
 def entry_one(options: ReportOptions, job: Job) -> Outcome:
     """Return the record of one photograph, and what the page shows of it."""
     one, found = estimated(options, job), None
     if options.mask:
-        found = segment(one.estimate, one.image, np.random.default_rng(options.common.estimating.seed))
-    record = record_of(options, one, job, mask=found)
+        found = segment(one.estimate, one.image, np.random.default_rng(options.estimating.seed))
+    record = one.record(found)
     summary = verdict_line(str(job.source), record)
-    summary += f"\n  {record.reason}" * options.common.printing.verbose
-    besides = {"section": section(record, one.estimate, one.image, found)}
-    return Outcome(photograph=record, summary=summary, besides=besides)
+    summary += f"\n  {record.reason}" * options.printing.verbose
+    shown = section(record, one.estimate, one.image, found)
+    return Outcome(photograph=record, summary=summary, section=shown)

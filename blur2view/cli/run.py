@@ -1,47 +1,75 @@
-"""A command over photographs: what it writes is checked before any work; done, printed, written."""
+"""A command over photographs: it checks what it writes, then does, prints and writes each photograph."""
 
+import hashlib
 import json
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import dataclass, field, replace
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import lru_cache, partial
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from blur2view import __version__
+from blur2view.arrays import AnyArray
+from blur2view.camera import Camera, ExifValues, read_exif
+from blur2view.cli.jobs import Job, Outcome, in_cluster, in_processes, neighbours_of
 from blur2view.cli.options import Command
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
-from blur2view.cli.work import digest_of, network_of
-from blur2view.errors import Blur2ViewError, ImageError, OutputError, RunError
-from blur2view.images.inputs import Source
-from blur2view.networks.model_file import usable_cores
-from blur2view.output_files import check_file, real_paths, writable_folders, write_file
+from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
+from blur2view.exposure.sequence import Features, Matches, features_of, in_time, match_features
+from blur2view.files import check_file, file_digest, real_paths, writable_folder, write_file
+from blur2view.geometry.rolling_shutter import RollingShutter
+from blur2view.images.image import read_image, read_pixels
+from blur2view.images.inputs import Source, timestamp_of
+from blur2view.images.video import rows_towards
+from blur2view.movers.mask import MotionMask
+from blur2view.networks.model_file import model_path, usable_cores
+from blur2view.networks.protocol import Detail
+from blur2view.networks.smear_network import SmearNetwork
+from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph, table_text
-from blur2view.runs.executors import in_cluster, in_processes
-from blur2view.runs.jobs import Job, Outcome, neighbours_of
 
 FAILURES = {"failures": "(list) Photographs that failed: image, error."}
+Content = tuple[Source, bytes]
+CameraOf = Callable[[Path, tuple[int, int], ExifValues], Camera | None]  # path, width and height, EXIF
 
 
-@dataclass(kw_only=True, eq=False)
-class Finished:
-    """What came of a run over photographs, in their order, as far as it has come."""
+class Run:
+    """The photographs of one call of a command, and what has come of them so far, in order.
 
-    outcomes: list[tuple[Job, Outcome]] = field(default_factory=list)
-    ended_early: int = DONE  # the exit code, if it was interrupted or no photograph can be done any more
-    seconds: float = 0.0
-    without_table: bool = False  # as it could not be written
+    The results of a photograph are called by its stem and the ``endings``, in the order of writing, JSON
+    last; ``beside`` gives further files of a photograph by its name, below the folder of results. Inputs,
+    files of other programs and results of another photograph are never replaced: that is refused.
+    """
+
+    def __init__(
+        self,
+        options: Command,
+        endings: Sequence[str] = (),
+        beside: Callable[[Path], Sequence[Path]] = lambda name: (),
+    ) -> None:
+        self.options, self.inputs = options, options.reading.inputs()
+        self.jobs: Sequence[Job] = list(self._jobs(endings, beside))
+        self.outcomes: list[tuple[Job, Outcome]] = []
+        self.ended_early = DONE  # the exit code, if it was interrupted or nothing can be done any more
+        self.seconds = 0.0
+        self.table: Path | None = None  # once it is written
+        self.without_table = False  # as it could not be written
 
     @property
     def records(self) -> dict[Job, Photograph]:
-        """The records of all, but of what was refused before it was read."""
+        """The records of all photographs that were read, or could have been."""
         return {job: one.photograph for job, one in self.outcomes if job.refusal is None}
 
     @property
     def done(self) -> list[Outcome]:
-        """What did not fail."""
+        """The outcomes that are no failures."""
         return [one for _, one in self.outcomes if not one.error]
 
     @property
@@ -51,174 +79,168 @@ class Finished:
 
     @property
     def exit_code(self) -> int:
-        """Return the exit code: 0 done, 1 something failed, 130 interrupted."""
+        """The exit code: 0 done, 1 something failed, 130 interrupted."""
         return self.ended_early or (FAILED if self.failures or self.without_table else DONE)
 
-
-class Photographs:
-    """The photographs of a command with these options, and how it goes through them."""
-
-    def __init__(self, options: Command) -> None:
-        self.options = options
-        self.inputs = options.common.reading.inputs()
-        self.folder = options.results_folder
-
-    def jobs(
-        self, endings: Sequence[str] = (), beside: Callable[[Path], Sequence[Path]] = lambda name: ()
-    ) -> list[Job]:
-        """Return the jobs, with the files of each if a folder of results is named.
-
-        They are called by the photograph's stem and these ``endings``, in the order of writing, JSON last;
-        ``beside`` gives further files of a photograph by its name, below the folder. Inputs and files of
-        other programs are never replaced, nor results of another photograph of the call: that is refused.
-        """
-        inputs, read, first_of = self.inputs, self.inputs.read, dict[Path, Source]()
-        digest = digest_of(self.options)
-        near, jobs = neighbours_of(inputs.sources, self.options.timing.sequence), list[Job]()
-        named = zip(inputs.sources, inputs.names(), inputs.result_names(), strict=True)
-        for beside_it, (source, name, stem) in zip(near, named, strict=True):
-            files: tuple[Path, ...] = ()
+    def _jobs(self, endings: Sequence[str], beside: Callable[[Path], Sequence[Path]]) -> Iterator[Job]:
+        """Yield a job for each photograph, with its files if a folder of results is named."""
+        inputs, folder, digest = self.inputs, self.options.folder.output, digest_of(self.options)
+        read, first_of = inputs.read, dict[Path, Source]()
+        near = neighbours_of(inputs.sources, self.options.in_time.sequence)
+        named = zip(inputs.sources, inputs.names(), inputs.result_names(), near, strict=True)
+        for source, name, stem, neighbours in named:
+            files: list[Path] = []
             refusal: Blur2ViewError | None = None
             if source.refusal:
                 refusal = ImageError(source.refusal)
-            elif self.folder.output is not None:
-                own = (Path(f"{stem}{ending}") for ending in endings)
-                files = tuple(self.folder.output / path for path in (*beside(Path(name)), *own))
-                refusal = _conflict(source, files, read, first_of)
-            job = Job(source=source, name=name, neighbours=beside_it, options_sha256=digest)
-            jobs.append(replace(job, files=files, refusal=refusal))
-        return jobs
+            elif folder is not None:
+                own = [Path(f"{stem}{ending}") for ending in endings]
+                files = [folder / path for path in (*beside(Path(name)), *own)]
+            for path in files:
+                try:
+                    check_file(path, read)
+                except OutputError as error:
+                    refusal = error
+                if (other := first_of.setdefault(path, source)) != source:
+                    both = f"{other} and {source}"
+                    refusal = OutputError(f"{path}: would hold results of {both}; give each another -o")
+            yield Job(
+                source=source,
+                name=name,
+                files=tuple(files),
+                neighbours=neighbours,
+                refusal=refusal,
+                options_sha256=digest,
+            )
 
-    @contextmanager
-    def writing(
-        self, jobs: Iterable[Job], beside: Path | None = None, **targets: Path | None
-    ) -> Iterator[None]:
-        """Check all that the call writes, before any work; at the end remove folders that stayed empty.
+    def do(
+        self,
+        work: Callable[[Any, Any], Outcome],
+        *,
+        listed: str = "",
+        lines: bool = True,
+        total: bool = True,
+        beside: Path | None = None,
+        **targets: Path | None,
+    ) -> None:
+        """Do all photographs in order, after a check of all that is written; print and write the table.
 
-        The network is loaded. ``targets`` are files of all photographs by their options, besides the table;
-        ``beside`` is one more that the call checks itself. ModelError or OutputError of what cannot be used.
+        ``work`` takes the options and a job. A line is printed for each photograph and, if ``total``, one
+        for all; with --json instead one document, in which the records are ``listed``. ``targets`` are files
+        of all photographs by their options; ``beside`` is one that the command checks itself. It ends early,
+        after a line that says how to go on, if it is interrupted or nothing can be done any more, as on a
+        full disk. ModelError or OutputError of what cannot be used.
         """
-        network_of(self.options)  # first, so that a damaged one is named before any photograph
-        every = targets | {"csv": self.options.common.csv}
-        written = {f"--{option}": path for option, path in every.items() if path is not None}
-        paths = [path for job in jobs for path in job.files] + [one for one in [beside] if one is not None]
-        names, database = real_paths(paths), self.options.common.lens.database
-        used = self.inputs.read | real_paths([] if database is None else [database])
-        folders = {path.parent for path in (*paths, *written.values())}
-        with writable_folders(*sorted(folders)):
-            for option, target in written.items():
-                if (real := os.path.realpath(target)) in names:
-                    raise OutputError(f"{target}: two results would be one file; name another with {option}")
-                names.add(real)
-                check_file(target, used, option=option)
-            yield
-
-    def run(
-        self, jobs: Sequence[Job], work: Callable[[Any, Any], Outcome], *, lines: bool = True
-    ) -> Finished:
-        """Return what came of all photographs in order, after printing a line for each.
-
-        Ends early, after a line that says how to go on, if it is interrupted or no photograph can be done any
-        more, as on a full disk. ``work`` takes the options and a job.
-        """
-        run, start, many = Finished(), time.monotonic(), self.options.common.many
-        do = partial(in_processes, count=max(min(many.jobs or usable_cores(), len(jobs)), 1))
-        if many.dask is not None:
-            do = partial(in_cluster, address=many.dask)
-        find = self._done_before if self.folder.resume else lambda job: None
+        self._check(targets, beside)
+        start = time.monotonic()
         try:
-            with closing(do(partial(work, self.options), jobs, find)) as results:
+            with closing(self._results(work)) as results:
                 for job, outcome in results:
-                    run.outcomes.append((job, outcome))
+                    self.outcomes.append((job, outcome))
                     show_status()
-                    self._print(outcome, lines=lines and not self.folder.json, alone=len(jobs) == 1)
-                    if len(jobs) > 1:
-                        show_status(f"{len(run.outcomes)} of {plural(len(jobs), 'photograph')}")
+                    self._print(outcome, lines=lines and not self.options.folder.json)
+                    if len(self.jobs) > 1:
+                        show_status(f"{len(self.outcomes)} of {plural(len(self.jobs), 'photograph')}")
         except KeyboardInterrupt:
-            run.ended_early = INTERRUPTED
+            self.ended_early = INTERRUPTED
         except (RunError, OutputError) as error:
             complain(error)
-            run.ended_early = FAILED
+            self.ended_early = FAILED
         finally:
             show_status()
-        run.seconds = time.monotonic() - start
-        if run.ended_early == INTERRUPTED or (run.ended_early and len(jobs) > 1):
-            line = "interrupted" if run.ended_early == INTERRUPTED else "stopped"
-            if len(jobs) > 1:
-                line += f" after {len(run.outcomes)} of {plural(len(jobs), 'photograph')}"
-                line += "; the same call with --resume does the rest" * any(job.files for job in jobs)
-            print(f"blur2view: {line}", file=sys.stderr, flush=True)
-        return run
+        self.seconds = time.monotonic() - start
+        self._say_how_to_go_on()
+        if self.options.folder.json:
+            document = {listed: [one.photograph.plain() for one in self.done], "failures": self.failures}
+            print(json.dumps(document, indent=2, allow_nan=False))
+        self._write_table()
+        if total and not (self.ended_early or self.options.printing.quiet or self.options.folder.json):
+            self._print_total(counted=lines)
+
+    def _check(self, targets: Mapping[str, Path | None], beside: Path | None) -> None:
+        """Load the network, and check all that the call writes, so that errors come before any work."""
+        network_of(self.options)
+        every = {**targets, "csv": self.options.table.csv}
+        written = {f"--{option}": path for option, path in every.items() if path is not None}
+        paths = [path for job in self.jobs for path in job.files]
+        paths += [one for one in [beside] if one is not None]
+        database = self.options.lens.database
+        names, used = real_paths(paths), self.inputs.read | real_paths([] if database is None else [database])
+        for option, target in written.items():
+            if (real := os.path.realpath(target)) in names:
+                raise OutputError(f"{target}: two results would be one file; name another with {option}")
+            names.add(real)
+            check_file(target, used, option=option)
+        for folder in sorted({path.parent for path in (*paths, *written.values())}):
+            writable_folder(folder)
+
+    def _results(self, work: Callable[[Any, Any], Outcome]) -> Any:
+        """Return a generator of the jobs with their outcomes."""
+        many, find = self.options.many, self._done_before if self.options.folder.resume else lambda job: None
+        do = partial(work, self.options)
+        if many.dask is not None:
+            return in_cluster(do, self.jobs, find, address=many.dask)
+        count = max(min(many.jobs or usable_cores(), len(self.jobs)), 1)
+        return in_processes(do, self.jobs, find, count=count)
 
     def _done_before(self, job: Job) -> Outcome | None:
         """Return the outcome of a photograph whose results are of the same input and options."""
         try:
             record = Photograph.from_json(job.files[-1].read_bytes())
             record.to_json()  # with all that is derived
-        except (
-            OSError,
-            ValueError,
-            TypeError,
-            LookupError,
-            AttributeError,
-            RecursionError,
-        ):  # cut or changed
-            return None
+        except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
+            return None  # none, or cut off, or changed
         same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.options_sha256)
         if not same or not all(path.is_file() for path in job.files):
             return None
         summary = f"{printable(str(job.source))}: done before"
         return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
 
-    def _print(self, one: Outcome, *, lines: bool, alone: bool) -> None:
-        """Print what became of a photograph: why it failed, or its summary, whole if it is alone."""
-        printing = self.options.common.printing
-        whole = alone or printing.verbose
+    def _print(self, one: Outcome, *, lines: bool) -> None:
+        """Print what became of a photograph: why it failed, or its summary, whole if it is the only one."""
+        printing = self.options.printing
+        whole = len(self.jobs) == 1 or printing.verbose
         if one.error:
             complain(Blur2ViewError(one.error))
         elif lines and not printing.quiet and (whole or not one.skipped):
             summary = one.summary.split("\n")
             print("\n".join(map(printable, summary if whole else summary[:1])), flush=True)
 
-    def close(self, run: Finished, listed: str = "", *, total: bool = True) -> None:
-        """Print the records as one list of this name, if it is asked for; write the table.
+    def _say_how_to_go_on(self) -> None:
+        """Print why the run ended early, if it did, and what does the rest."""
+        count = len(self.jobs)
+        if self.ended_early == INTERRUPTED or (self.ended_early and count > 1):
+            line = "interrupted" if self.ended_early == INTERRUPTED else "stopped"
+            if count > 1:
+                line += f" after {len(self.outcomes)} of {plural(count, 'photograph')}"
+                line += "; the same call with --resume does the rest" * any(job.files for job in self.jobs)
+            print(f"blur2view: {line}", file=sys.stderr, flush=True)
 
-        Else a ``total`` says how many of several photographs were done, and what was written. A table that
-        cannot be written is one line of failure: all else is of use without it.
-        """
-        if self.folder.json:
-            done = [one.photograph.plain() for one in run.done]
-            print(json.dumps({listed: done, "failures": run.failures}, indent=2, allow_nan=False))
-        table, rows = self.options.common.csv, list(run.records.values())
-        if table is not None and rows:
+    def _write_table(self) -> None:
+        """Write the table; one that cannot be written is a line, as all else is of use without it."""
+        table = self.options.table.csv
+        if table is not None and self.records:
             try:
-                write_file(table, table_text(rows))
+                write_file(table, table_text(self.records.values()))
+                self.table = table
             except OutputError as error:
                 complain(error)
-                run.without_table, table = True, None
-        quiet = self.options.common.printing.quiet or self.folder.json
-        if run.ended_early or len(run.outcomes) < 2 or quiet or not total:
-            return
-        skipped, failed = sum(one.skipped for one in run.done), len(run.failures)
-        counts = {"done": len(run.done) - skipped, "done before": skipped, "failed": failed}
-        parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
-        line = f"{plural(len(run.outcomes), 'photograph')}: {parts} in {run.seconds:.1f} s"
-        paths = [printable(str(path)) for path in (self.folder.output, table) if path is not None]
-        print(line + f"; wrote {' and '.join(paths)}" * bool(paths and counts["done"]))
+                self.without_table = True
 
-
-def _conflict(
-    source: Source, files: Sequence[Path], read: Collection[str], first_of: dict[Path, Source]
-) -> OutputError | None:
-    """Return why the files of a photograph must not be written, if so; note whose they are."""
-    try:
-        for path in files:
-            check_file(path, read)
-            if (other := first_of.setdefault(path, source)) != source:
-                raise OutputError(f"its results would be those of {other}; use another -o")
-    except OutputError as error:
-        return OutputError(f"{source}: {error}")
-    return None
+    def _print_total(self, *, counted: bool) -> None:
+        """Print how many of several photographs were done, and what was written."""
+        skipped, failed = sum(one.skipped for one in self.done), len(self.failures)
+        counts = {"done": len(self.done) - skipped, "done before": skipped, "failed": failed}
+        several = counted and len(self.outcomes) > 1
+        folder = self.options.folder.output if several else None  # of one photograph its line names all
+        paths = [printable(str(path)) for path in (folder, self.table) if path is not None]
+        wrote = f"wrote {' and '.join(paths)}" * bool(paths and (counts["done"] or not several))
+        if several:
+            parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
+            total = f"{plural(len(self.outcomes), 'photograph')}: {parts} in {self.seconds:.1f} s"
+            wrote = "; ".join(one for one in (total, wrote) if one)
+        if wrote:
+            print(wrote)
 
 
 def wrote(job: Job, endings: Sequence[str]) -> str:
@@ -229,3 +251,121 @@ def wrote(job: Job, endings: Sequence[str]) -> str:
     listed = ",".join(ending.removeprefix(".") for ending in reversed(endings))
     others = [printable(str(path)) for path in job.files[: -len(endings)]]
     return "; wrote " + ", ".join([f"{name}.{{{listed}}}", *others])
+
+
+def digest_of(options: Command) -> str:
+    """Return the SHA-256 of all that results depend on besides photographs: options, network, version.
+
+    Those options are the groups of the camera, of the estimate and of time, and a command's own but paths.
+    """
+    files = model_path(options.estimating.model), options.lens.database
+    digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
+    own = {one.name: getattr(options, one.name) for one in fields(options) if one.type != Path | None}
+    own = {name: one for name, one in own.items() if not isinstance(one, Path) and not is_dataclass(one)}
+    groups = options.lens, options.estimating, options.in_time
+    every = type(options).__name__, __version__, digests, groups, own
+    return hashlib.sha256(repr(every).encode()).hexdigest()
+
+
+def network_of(options: Command) -> SmearNetwork:
+    """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
+    return _network(options.estimating.model, options.estimating.provider)
+
+
+@lru_cache(maxsize=1)
+def _network(model: str | None, provider: str | None) -> SmearNetwork:
+    threads = usable_cores() if parent_process() is None else 1  # on which bytes do not depend
+    return SmearNetwork(model, threads=threads, providers=() if provider is None else (provider,))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimated:
+    """The estimate of a photograph's file, its pixels, and what options and file add to its record."""
+
+    estimate: Estimate
+    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
+    stated: Mapping[str, Any]
+
+    def record(self, mask: MotionMask | None = None) -> Photograph:
+        """Return the record of the photograph, and of what moves in it, if that was asked."""
+        return Photograph.of(self.estimate, mask=mask, **self.stated).of_use()
+
+
+def estimated(
+    options: Command,
+    job: Job,
+    *,
+    as_stored: bool = False,
+    camera_of: CameraOf | None = None,
+    detail: Detail = Detail.GEOMETRY,
+) -> Estimated:
+    """Return the estimate of a photograph, in the order in time that its neighbours decide.
+
+    The generator of random numbers starts anew, so that a result does not depend on photographs before it.
+    ``as_stored`` is that of `read_image`, ``detail`` that of `estimate`; ``camera_of`` gives intrinsics, by
+    default those of options or EXIF. ImageError, CameraError or ModelError if one cannot be used.
+    """
+    source, path, estimating = job.source, Path(str(job.source)), options.estimating
+    image = read_pixels(path, as_stored=as_stored, content=job.content)
+    exif = read_exif(path, job.content)
+    exposure_s = options.in_time.exposure or exif.exposure_s
+    found = estimate(
+        image,
+        network=network_of(options),
+        select=estimating.select(),
+        options=estimating.robust(),
+        rng=np.random.default_rng(estimating.seed),
+        camera=(camera_of or options.lens.camera_of)(path, image.shape[1::-1], exif),
+        shutter=_shutter(source, options.in_time.readout, exposure_s, exif),
+        detail=detail,
+    )
+    stated = {
+        "name": job.name,
+        "frame": source.frame,
+        "timestamp_s": timestamp_of(source.name) if source.time_s is None else source.time_s,
+        "exposure_s": exposure_s,
+        "beta": estimating.beta,
+        "max_error_px": estimating.max_error,
+        "seed": estimating.seed,
+        "version": __version__,
+        "input_sha256": job.input_sha256,
+        "options_sha256": job.options_sha256,
+    }
+    return Estimated(estimate=_in_time(found, job, as_stored), image=image, stated=stated)
+
+
+def _shutter(
+    source: Source, readout_s: float | None, exposure_s: float | None, exif: ExifValues
+) -> RollingShutter | None:
+    """Return the rolling shutter of a photograph, None where the options name none."""
+    if not readout_s:
+        return None
+    if exposure_s is None:
+        raise CameraError(f"{source}: --readout needs the exposure time, EXIF names none; add --exposure S")
+    towards = exif.rows_towards if source.frame is None else rows_towards(source.path)
+    return RollingShutter(readout_s=readout_s, exposure_s=exposure_s, towards=towards)
+
+
+def _in_time(found: Estimate, job: Job, as_stored: bool) -> Estimate:
+    """Return an estimate in the order that the photographs before and after it decide."""
+    matches, here = dict[int, Matches](), (job.source, job.content)
+    for steps, near in job.neighbours:
+        if near not in job.contents:  # it cannot be read, and has a line of its own
+            continue
+        with suppress(Blur2ViewError):  # likewise
+            there = near, job.contents[near]
+            pair = (there, here) if steps < 0 else (here, there)
+            earlier, later = _matched(*pair, as_stored)
+            matches[steps] = (later, earlier) if steps < 0 else (earlier, later)
+    return in_time(found, matches) if job.neighbours else found
+
+
+@lru_cache(maxsize=2)
+def _matched(earlier: Content, later: Content, as_stored: bool) -> Matches:
+    """Return matched pixels of two photographs, which each of them asks for."""
+    return match_features(_features(*earlier, as_stored), _features(*later, as_stored))
+
+
+@lru_cache(maxsize=3)
+def _features(source: Source, content: bytes, as_stored: bool) -> Features:
+    return features_of(read_image(source.path, as_stored=as_stored, content=content))

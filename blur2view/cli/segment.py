@@ -9,17 +9,16 @@ from typing import Annotated
 import numpy as np
 
 from blur2view.arrays import AnyArray
+from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder
 from blur2view.cli.parser import group, one_of, option, probability
-from blur2view.cli.run import FAILURES, Photographs, wrote
+from blur2view.cli.run import FAILURES, Run, estimated, wrote
 from blur2view.cli.terminal import printable
-from blur2view.cli.work import estimated, record_of
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
 from blur2view.movers.mask import segment
 from blur2view.movers.moving import THRESHOLD
 from blur2view.results.overlay import draw_motion, mask_verdict, png
 from blur2view.results.photograph import explanations
-from blur2view.runs.jobs import Job, Outcome
 
 ENDINGS = (".mask.png", ".moving.png", ".motion.png", ".motion.json")
 FILES = """
@@ -58,6 +57,7 @@ class SegmentOptions(Command):
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.masks is not None and self.folder.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
 
@@ -77,20 +77,17 @@ class SegmentOptions(Command):
 
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        photographs, programs = Photographs(self), self.programs
-        jobs = photographs.jobs(ENDINGS, lambda name: [FOLDER / one.path(name) for one in programs])
-        with photographs.writing(jobs):
-            finished = photographs.run(jobs, segment_one)
-            photographs.close(finished, "masks")
-        return finished.exit_code
+        run = Run(self, ENDINGS, lambda name: [FOLDER / one.path(name) for one in self.programs])
+        run.do(segment_one, listed="masks")
+        return run.exit_code
 
 
 def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
     one = estimated(options, job)
-    rng = np.random.default_rng(options.common.estimating.seed)
+    rng = np.random.default_rng(options.estimating.seed)
     mask = segment(one.estimate, one.image, rng, threshold=options.threshold)
-    record = record_of(options, one, job, mask=mask)
+    record = one.record(mask)
     files = {}
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF

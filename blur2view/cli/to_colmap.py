@@ -3,15 +3,16 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
-from blur2view.cli.options import Command
+from blur2view.cli.jobs import Job, Outcome
+from blur2view.cli.options import Command, InTime
 from blur2view.cli.parser import flag, option, rare_option, required
-from blur2view.cli.run import Photographs
+from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.cli.work import estimated, record_of
 from blur2view.colmap.cameras import camera_of_database
 from blur2view.colmap.database import (
     holds_views_alone,
@@ -25,7 +26,6 @@ from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
-from blur2view.runs.jobs import Job, Outcome
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -94,10 +94,16 @@ class ToColmapOptions(Command):
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.link and not self.backup:
             raise ValueError("--no-backup goes with --link")
-        if self.link and self.common.many.dask is not None:
+        if self.link and self.many.dask is not None:
             raise ValueError("--link goes without --dask, whose workers see no database")
+
+    @cached_property
+    def in_time(self) -> InTime:  # type: ignore[override]
+        """The order in time, which is all of time that has an option."""
+        return InTime(sequence=self.sequence)
 
     @staticmethod
     def tables() -> dict[str, str | Mapping[str, str]]:
@@ -109,40 +115,37 @@ class ToColmapOptions(Command):
 
         A run that ends early writes nothing.
         """
-        photographs, db = Photographs(self), self.db
-        project = db if self.link else None
-        jobs, backup = linked_jobs(photographs.jobs(), project), None
+        run, db, backup = Run(self), self.db, None
+        run.jobs = jobs = linked_jobs(run.jobs, db if self.link else None)
         if not self.link:
             refuse_existing(db, replace=holds_views_alone(db))
-        with photographs.writing(jobs, db):
-            by_name = {job.name: job for job in jobs if job.refusal is None}
-            finished = photographs.run(jobs, views_one, lines=False)
-            views: list[ExposureViews] = [one.besides["views"] for one in finished.done]
-            photographs.close(finished, total=False)
-            if finished.ended_early or not views:
-                return finished.exit_code
-            with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
-                if self.link:
-                    links = [(plan, one) for one in views if (plan := by_name[one.name].plan) is not None]
-                    backup = write_links(db, links, backup=self.backup)
-                else:
-                    write_database(db, views, replace=True)
+        by_name = {job.name: job for job in jobs if job.refusal is None}
+        run.do(views_one, lines=False, beside=db)
+        views = [one.views for one in run.done if one.views is not None]
+        if run.ended_early or not views:
+            return run.exit_code
+        with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
+            if self.link:
+                links = [(plan, one) for one in views if (plan := by_name[one.name].plan) is not None]
+                backup = write_links(db, links, backup=self.backup)
+            else:
+                write_database(db, views, replace=True)
         records = [views_record(by_name[one.name], one) for one in views]
         if self.json:
             document = {
                 "target": str(db),
                 "backup": None if backup is None else str(backup),
                 "photographs": records,
-                "failures": finished.failures,
+                "failures": run.failures,
             }
             print(json.dumps(document, indent=2, allow_nan=False))
-        elif not self.common.printing.quiet:
+        elif not self.printing.quiet:
             print("\n".join(self._summary(records, backup)))
-        return finished.exit_code
+        return run.exit_code
 
     def _summary(self, records: list[dict[str, Any]], backup: Path | None) -> list[str]:
         """Return a line for each photograph, and one that says what was written."""
-        lines = [views_line(one, verbose=self.common.printing.verbose) for one in records]
+        lines = [views_line(one, verbose=self.printing.verbose) for one in records]
         undecided = sum(one["num_matches"] > 0 and not one["translation_known"] for one in records)
         if undecided:
             why = "nothing is lost, as the depth of their points comes from your other photographs"
@@ -157,7 +160,7 @@ class ToColmapOptions(Command):
 
 def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
     """Return the record of one photograph, and its views."""
-    plan, lens = job.plan, options.common.lens
+    plan, lens = job.plan, options.lens
 
     def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
         stated = lens.camera_of(path, size, exif)
@@ -169,9 +172,9 @@ def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
     if plan is None:
         views = views_of(job.name, one.estimate)
     else:
-        robust = options.common.estimating.robust()
+        robust = options.estimating.robust()
         views = keypoint_views(job.name, plan.keypoints, one.estimate, robust)
-    return Outcome(photograph=record_of(options, one, job), besides={"views": views})
+    return Outcome(photograph=one.record(), views=views)
 
 
 def _project_camera(

@@ -18,8 +18,8 @@ from blur2view.colmap.project import smear_lengths
 from blur2view.colmap.transforms import PLY_KEY, keep_photographs, point_cloud, transforms, with_views
 from blur2view.errors import OutputError
 from blur2view.exposure.views import OPEN
+from blur2view.files import check_file, is_ours, unwritable, write_beside
 from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
-from blur2view.output_files import check_file, is_ours, unwritable, write_beside
 from blur2view.results.overlay import png
 
 MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
@@ -115,8 +115,7 @@ def _write_transforms(options: ToTransformsOptions) -> str:
         files[cloud] = point_cloud(model)
     content = {"generator": f"blur2view {__version__}", **content, "frames": list(frames.values())}
     files[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
-    for folder in sorted({path.parent for path in files}, reverse=True):
-        write_beside({path: data for path, data in files.items() if path.parent == folder})
+    write_beside(files)
     moving = ("transform_matrix_start", "camera_linear_velocity")  # of instant-ngp, and of nerfstudio
     still = sum(not any(any(frame.get(key, ())) for key in moving) for frame in frames.values())
     line = plural(len(frames), "frame") + " and their masks" * (options.masks is not None)

@@ -10,19 +10,18 @@ from typing import Annotated
 
 import cv2
 
+from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import flag, length, option, radius
-from blur2view.cli.run import Finished, Photographs
+from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import plural, printable
-from blur2view.cli.work import estimated, record_of
 from blur2view.errors import OutputError
+from blur2view.files import write_file
 from blur2view.images.inputs import Source
 from blur2view.images.video import read_frame
 from blur2view.networks.protocol import Detail
-from blur2view.output_files import write_file
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
-from blur2view.runs.jobs import Job, Outcome
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
 COUNTED = {
@@ -89,6 +88,7 @@ class TriageOptions(Command):
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.best or self.every_best) and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
 
@@ -102,20 +102,17 @@ class TriageOptions(Command):
 
         A run that ends early writes the table of what is done.
         """
-        photographs = Photographs(self)
-        jobs = photographs.jobs()
-        with photographs.writing(jobs, self.extract, keep=self.keep):
-            if self.extract is not None:
-                refuse_filled(self.extract)
-            finished = photographs.run(jobs, look_at)
-            photographs.close(finished, total=False)
-            if finished.done and not finished.ended_early:
-                self._write(finished)
-        return finished.exit_code
+        run = Run(self)
+        if self.extract is not None:
+            refuse_filled(self.extract)
+        run.do(look_at, total=False, beside=self.extract, keep=self.keep)
+        if run.done and not run.ended_early:
+            self._write(run)
+        return run.exit_code
 
-    def _write(self, finished: Finished) -> None:
+    def _write(self, run: Run) -> None:
         """Write list and pictures, and print the closing line."""
-        records = finished.records
+        records = run.records
         names = {job.source: job.name for job in records}
         kept = self._selected({job.source: one for job, one in records.items() if not one.error})
         if self.keep is not None:
@@ -123,7 +120,7 @@ class TriageOptions(Command):
             write_file(self.keep, text.encode("utf-8", "surrogateescape"))
         if self.extract is not None:
             extract(self.extract, {one: names[one] for one in kept})
-        if self.common.printing.quiet:
+        if self.printing.quiet:
             return
         counts = Counter(str(one.use) for one in records.values())
         parts = [", ".join(f"{counts[use]} {words}" for use, words in COUNTED.items() if counts[use])]
@@ -131,14 +128,10 @@ class TriageOptions(Command):
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
             parts.append(f"{len(kept)} kept" if kept else f"none is kept: {remedy}")
-        written = [
-            None if finished.without_table else self.common.csv,
-            self.keep,
-            self.extract if kept else None,
-        ]
+        written = run.table, self.keep, self.extract if kept else None
         paths = " and ".join(printable(str(path)) for path in written if path is not None)
         parts += [f"wrote {paths}"] * bool(paths)
-        print(f"{plural(len(records), 'photograph')} in {finished.seconds:.1f} s: {'; '.join(parts)}")
+        print(f"{plural(len(records), 'photograph')} in {run.seconds:.1f} s: {'; '.join(parts)}")
 
     def _selected(self, read: Mapping[Source, Photograph]) -> list[Source]:
         """Return the photographs to keep, in order."""
@@ -162,7 +155,7 @@ class TriageOptions(Command):
 def look_at(options: TriageOptions, job: Job) -> Outcome:
     """Return the record of one photograph, which is looked at less closely: of its blur alone."""
     one = estimated(options, job, detail=Detail.RANKING)
-    record = record_of(options, one, job).of_use(options.max_smear, options.max_defocus).of_blur_alone()
+    record = one.record().of_use(options.max_smear, options.max_defocus).of_blur_alone()
     return Outcome(photograph=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
 
 

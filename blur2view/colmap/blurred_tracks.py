@@ -22,7 +22,7 @@ from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
 from blur2view.colmap.project import image_names, open_read_only
 from blur2view.colmap.recovery import FrameSequence
 from blur2view.errors import DatabaseError
-from blur2view.output_files import half_written
+from blur2view.files import half_written
 
 PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame
 CORNERS, QUALITY, SIGMA_PX = 800, 0.005, 2.0  # cv2.goodFeaturesToTrack of a frame after smoothing

@@ -16,8 +16,8 @@ from blur2view.camera import Camera, colmap_camera, to_colmap
 from blur2view.colmap.project import LOGS, MAX_IMAGES, PUT_VIEW, ensure_table, open_read_only, storable
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
+from blur2view.files import write_files
 from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
-from blur2view.output_files import write_files
 from blur2view.two_view.constants import GUESSED_FOCAL
 
 # A row that is not of views, and of matches that are not of one photograph's both views.

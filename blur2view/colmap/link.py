@@ -38,10 +38,10 @@ from blur2view.colmap.project import (
 )
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews
+from blur2view.files import half_written
 from blur2view.geometry.epipolar import cross_matrix, fundamental_from_pose, symmetric_skew, unit_norm
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.output_files import half_written
 
 COLUMNS = {  # what pycolmap writes of views, and every version of COLMAP's database has
     "keypoints": "image_id, rows, cols, data",

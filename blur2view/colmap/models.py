@@ -11,8 +11,7 @@ import numpy as np
 from blur2view.arrays import Array
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
-from blur2view.input_files import open_regular, read_regular
-from blur2view.output_files import writable_folders
+from blur2view.files import open_regular, read_regular, writable_folder
 
 FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
@@ -125,12 +124,13 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
     """Write a model and COLMAP's project.ini in place of an earlier one when all is there, or OutputError."""
     paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
     lines = [SIGN, *(f"{key}={path.absolute()}" for key, path in paths.items())]
-    with writable_folders(folder), tempfile.TemporaryDirectory(dir=folder) as name:
+    with tempfile.TemporaryDirectory(dir=writable_folder(folder)) as name:
         beside = Path(name)
         try:
             model.write(beside)
             (beside / "room").write_bytes(bytes(ROOM))  # pycolmap does not say that a disk is full
             (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
+            folder.mkdir(parents=True, exist_ok=True)
             for file in (PROJECT_FILE, *FILES):  # first what says whose they are, if it is killed here
                 (beside / file).replace(folder / file)
         except (OSError, ValueError, RuntimeError) as error:

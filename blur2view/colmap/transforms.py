@@ -34,8 +34,8 @@ from blur2view.colmap.models import DATABASE, noted, observed
 from blur2view.colmap.project import smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN
+from blur2view.files import SIGNED_BY
 from blur2view.geometry.pose import rotation_vector
-from blur2view.output_files import SIGNED_BY
 
 OPENGL: Array = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes of OpenGL in those of COLMAP
 PLAIN = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV")

@@ -15,8 +15,8 @@ from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
 from blur2view.arrays import AnyArray, over_backdrop
 from blur2view.errors import ImageError, within_memory
+from blur2view.files import MAX_PIXELS, open_picture, read_regular
 from blur2view.images.video import frame_numbers, is_video
-from blur2view.input_files import MAX_PIXELS, open_picture, read_regular
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 MIN_SIDE_PX = 16  # bound: anything smaller shows no smear

@@ -14,10 +14,9 @@ from typing import BinaryIO, Self
 import cv2
 
 from blur2view.errors import ImageError
+from blur2view.files import is_ours, read_regular, read_stream, real_paths
 from blur2view.images.image import PHOTOGRAPH_SUFFIXES, read_content
 from blur2view.images.video import frame_numbers, is_video, read_frame
-from blur2view.input_files import read_regular, read_stream
-from blur2view.output_files import is_ours, real_paths
 
 STANDARD_INPUT, LIST, COMMENT = "-", "@", "#"
 DIGITS, MAX_DIGITS = 6, 18  # of a frame's number: as it is written, and bound of what is read

@@ -11,7 +11,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
-from blur2view.input_files import read_regular
+from blur2view.files import read_regular
 
 MAX_FILE_BYTES = 1 << 28  # the shipped networks have 10 MB at most
 BYTES_A_CORE = 1 << 29  # of what networks compute; a piece of a photograph takes half of it

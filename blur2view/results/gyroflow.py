@@ -12,7 +12,7 @@ import io
 from collections.abc import Iterable
 
 from blur2view.errors import OutputError
-from blur2view.output_files import SIGNED_BY
+from blur2view.files import SIGNED_BY
 from blur2view.results.photograph import Photograph
 
 TICK_S = 1e-6  # of the column of times

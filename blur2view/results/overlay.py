@@ -14,10 +14,10 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from blur2view.arrays import TINY, AnyArray, Array
+from blur2view.files import SIGNED_BY
 from blur2view.geometry.epipolar import epipoles, homogeneous
 from blur2view.movers.mask import MotionLabel, MotionMask
 from blur2view.networks.smear_network import floats_of, photograph_of
-from blur2view.output_files import SIGNED_BY
 from blur2view.pipeline import Estimate
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import fit_line, percent
@@ -227,7 +227,7 @@ def captioned(picture: Picture, head: str, text: str) -> Picture:
 
 
 def png(picture: AnyArray) -> bytes:
-    """Return a picture as a PNG that says who wrote it, which `output_files.is_ours` looks for."""
+    """Return a picture as a PNG that says who wrote it, which `files.is_ours` looks for."""
     text, stream = PngInfo(), BytesIO()
     text.add_text("Software", SIGNED_BY)
     Image.fromarray(picture).save(stream, "PNG", compress_level=_PNG_EFFORT, pnginfo=text)

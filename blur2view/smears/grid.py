@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
-from blur2view.input_files import open_regular
+from blur2view.files import open_regular
 from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP
 from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel, of_kinds
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.runs import executors
+from blur2view.cli import jobs
 from tests.cli.test_ended_early import wait_for
 from tests.support.calls import call_program
 from tests.support.many_photographs import contents, environment, finish, start, write_photographs
@@ -83,7 +83,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
 def test_nobody_at_the_address_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(executors, "CONNECT_S", 1)
+    monkeypatch.setattr(jobs, "CONNECT_S", 1)
     (photograph,) = write_photographs(tmp_path, 1)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         for port in (9, silent.getsockname()[1]):

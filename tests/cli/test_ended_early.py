@@ -9,12 +9,11 @@ from typing import Any
 
 import pytest
 
+from blur2view import files
 from blur2view.cli import run as command
-from blur2view.cli import work
 from blur2view.errors import OutputError
+from blur2view.files import half_written, write_files
 from blur2view.images.image import read_pixels
-from blur2view.output_files import half_written, write_files
-from blur2view.runs import jobs
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
 
@@ -38,7 +37,7 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
         write_files(files)
 
     with monkeypatch.context() as patched:
-        patched.setattr(jobs, "write_files", full)
+        patched.setattr(files, "write_files", full)
         error, stopped = run(folder, "-o", tmp_path / "out").lines
     assert "No space left on device" in error
     assert stopped.startswith("blur2view: stopped after 3 of 5 photographs")
@@ -68,7 +67,7 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
         return read_pixels(path, **options)
 
     with monkeypatch.context() as patched:
-        patched.setattr(work, "read_pixels", interrupt)
+        patched.setattr(command, "read_pixels", interrupt)
         done = call("estimate", folder, "-o", tmp_path / "out")
         assert call("report", folder, "--no-mask", "-o", tmp_path / "page.html") == 130
         assert call("estimate", folder / "003.png").err == "blur2view: interrupted\n"

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blur2view.cli import work
+from blur2view.cli import run as over_photographs
 from blur2view.pipeline import estimate
 from tests.support.calls import Call
 from tests.support.many_photographs import command, environment
@@ -29,7 +29,7 @@ def test_too_little_memory_costs_one_photograph(
             raise error
         return estimate(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(work, "estimate", stumble)
+    monkeypatch.setattr(over_photographs, "estimate", stumble)
     printed = run(moving, still)
     assert printed == 1
     assert printed.err == f"blur2view: {moving}: does not fit in memory; resize it\n"

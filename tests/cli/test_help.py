@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.cli import commands as cli
 from blur2view.cli.estimate import EstimateOptions
-from blur2view.cli.options import Common, Estimating, Printing, Reading
+from blur2view.cli.options import Estimating, Printing, Reading
 from blur2view.results.photograph import explanations
 from tests.support.calls import call_program
 
@@ -23,8 +23,8 @@ def test_options_are_read_on_both_sides_of_photographs_and_wrong_ones_named(
     parser = cli.parser_of("estimate")
     options = parser.read(["a", "--seed", "7", "-v", "b", "--", "-c", "-o.jpg"])
     reading, estimating = Reading(images=["a", "b", "./-c", "./-o.jpg"]), Estimating(seed=7)
-    common = Common(reading=reading, estimating=estimating, printing=Printing(verbose=True))
-    assert options == EstimateOptions(common=common)
+    printing = Printing(verbose=True)
+    assert options == EstimateOptions(reading=reading, estimating=estimating, printing=printing)
     with pytest.raises(SystemExit, match="2"):
         parser.read(["a", "--beta", "x"])
     complaint = "blur2view estimate: --beta: expected a number, got 'x' (see blur2view estimate --help)\n"

@@ -30,7 +30,6 @@ MISTAKES = [
     ("to-colmap a.png --db project.db --link", "project.db: "),
     ("estimate a.png --resume", "name them with -o"),
     ("estimate ''", "an argument is empty; is it a variable that is not set?"),
-    ("estimate a\0.png", "a\\x00.png: "),
     ("estimate a.png -o o2 --csv o2/a.json", "two results would be one file"),
     ("triage @names.txt --keep names.txt", "would replace an input"),
     ("triage a.png --keep endless", "endless: is no regular file"),

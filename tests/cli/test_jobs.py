@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from blur2view.cli.jobs import Job, Outcome, in_processes, neighbours_of
 from blur2view.errors import ImageError
 from blur2view.images.inputs import Source
 from blur2view.results.photograph import Photograph
-from blur2view.runs.executors import in_processes
-from blur2view.runs.jobs import Job, Outcome, neighbours_of
 
 
 @dataclass
@@ -27,8 +26,7 @@ class CountWork:
             raise ImageError(f"{job.source}: fails")
         if job.content == b"die":
             os._exit(9)
-        besides = {"process": os.getpid(), "bytes": len(job.content)}
-        return Outcome(photograph=Photograph(name=job.name), besides=besides)
+        return Outcome(photograph=Photograph(name=job.name), summary=f"{os.getpid()} {len(job.content)}")
 
 
 def results(folder: Path, *words: str, processes: int = 2) -> list[Outcome]:
@@ -45,7 +43,7 @@ def results(folder: Path, *words: str, processes: int = 2) -> list[Outcome]:
 
 def lengths(found: list[Outcome]) -> list[int | None]:
     """Return the numbers of bytes, None of what failed."""
-    return [None if one.error else one.besides["bytes"] for one in found]
+    return [None if one.error else int(one.summary.split()[1]) for one in found]
 
 
 @pytest.mark.slow
@@ -53,7 +51,7 @@ def lengths(found: list[Outcome]) -> list[int | None]:
 def test_results_come_in_order(tmp_path: Path, processes: int) -> None:
     found = results(tmp_path, "a", "bb", "fail", "dddd", "eeeee", processes=processes)
     assert lengths(found) == [1, 2, None, 4, 5]
-    workers = {one.besides["process"] for one in found if not one.error}
+    workers = {int(one.summary.split()[0]) for one in found if not one.error}
     assert len(workers) == processes and (os.getpid() in workers) == (processes == 1)
 
 

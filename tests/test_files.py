@@ -1,4 +1,4 @@
-"""Files that are written: what a killed call leaves, and what cannot be written."""
+"""Files: nothing is waited for, nothing without end is read; what a killed call leaves is replaced."""
 
 import errno
 import os
@@ -8,9 +8,28 @@ import pytest
 
 from blur2view.colmap.database import write_database
 from blur2view.errors import OutputError
-from blur2view.output_files import check_file, half_written, unwritable, write_file
+from blur2view.files import check_file, half_written, open_regular, read_regular, unwritable, write_file
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project, some_views
+
+LINUX = Path("/proc/self/mem").exists()
+
+
+def test_content_comes_back_whole(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(bytes(range(256)))
+    assert read_regular(tmp_path / "a", 256) == bytes(range(256))
+    with pytest.raises(OSError, match="larger than 0 MiB"):
+        read_regular(tmp_path / "a", 255)
+
+
+@pytest.mark.skipif(not LINUX, reason="these files are Linux's")
+@pytest.mark.parametrize(
+    "name", ["/dev/zero", "/dev/tty", "/proc/kmsg", "/proc/self/comm", "pipe", ".", "absent", "a\0b"]
+)
+def test_what_may_never_end_is_not_opened(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError):
+        open_regular(tmp_path / name)
 
 
 def test_the_next_call_replaces_what_a_killed_one_left_half_written(tmp_path: Path) -> None:

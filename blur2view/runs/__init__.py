@@ -1,1 +1,0 @@
-"""Many photographs: jobs in order, and what does them."""
