@@ -96,7 +96,7 @@ def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
         write_database(path, [make_views()])
     assert path.read_text() == "mine"
     with pytest.raises(DatabaseError, match="cannot be written"):
-        write_database(tmp_path / "none" / "new.db", [make_views()])
+        write_database(path / "new.db", [make_views()])
 
 
 OPENED = "import os, sys, pycolmap; a = pycolmap.Database.open('new.db'); a.write_camera(a.read_camera(1)); "
