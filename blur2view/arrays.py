@@ -10,14 +10,6 @@ AnyArray = NDArray[Any]
 """Of any dtype: pictures, masks, float32 maps."""
 TINY = 1e-30
 
-BACKDROP = np.float32(0.5)
-"""What a transparent pixel shows: mid-grey makes the weakest edge against an unknown photograph."""
-
-
-def over_backdrop(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return pixels (H, W, C + 1) in [0, 1], of which the last is alpha, as (H, W, C) over the backdrop."""
-    return np.asarray(BACKDROP + (values[..., :-1] - BACKDROP) * values[..., -1:], np.float32)
-
 
 def require(name: str, value: object, kind: type, remedy: str) -> None:
     """Raise ValueError, with a remedy, unless the argument of this name is an instance of a class."""

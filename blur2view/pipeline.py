@@ -13,11 +13,12 @@ from blur2view.geometry.pose import AngularVelocity
 from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_content, read_pixels
+from blur2view.images.pixels import photograph_of
 from blur2view.movers.mask import mask_of
 from blur2view.movers.moving import Moving, moving_in
 from blur2view.networks.model_file import Execution
 from blur2view.networks.protocol import Detail, SmearReader
-from blur2view.networks.smear_network import SmearNetwork, photograph_of
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.threads import one_thread
 from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close, smeared_share
 from blur2view.smears.grid import SmearGrid

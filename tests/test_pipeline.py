@@ -13,7 +13,8 @@ from blur2view.camera import Camera
 from blur2view.errors import ImageError
 from blur2view.exposure.sequence import estimate_frames
 from blur2view.geometry.pose import rotation_vector
-from blur2view.networks.smear_network import SmearNetwork, rgb_of
+from blur2view.images.pixels import rgb_of
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph
 from blur2view.smears.matches import select_matches

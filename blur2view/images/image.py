@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 
-from blur2view.arrays import AnyArray, over_backdrop
+from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError, within_memory
 from blur2view.files import MAX_PIXELS, open_picture, read_regular
+from blur2view.images.pixels import floats_of, over_backdrop
 from blur2view.images.video import frame_numbers, is_video
 
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
@@ -50,7 +51,7 @@ def read_image(
     """
     pixels = read_pixels(path, as_stored=as_stored, content=content)
     with within_memory(Path(path)):
-        return pixels if pixels.dtype == np.float32 else _scaled(pixels)
+        return floats_of(pixels)
 
 
 def read_pixels(
@@ -68,7 +69,7 @@ def read_pixels(
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
         values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored))
         if values.shape[2] == 4:
-            values = over_backdrop(_scaled(values))
+            values = over_backdrop(floats_of(values))
         return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
 
 
@@ -86,11 +87,6 @@ def read_content(path: Path) -> bytes:
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
-
-
-def _scaled(pixels: AnyArray) -> NDArray[np.float32]:
-    """Return pixels of 8 or 16 bits as floats in [0, 1]."""
-    return np.divide(pixels, np.float32(np.iinfo(pixels.dtype).max), dtype=np.float32)
 
 
 def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:

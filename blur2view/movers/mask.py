@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
+from blur2view.images.pixels import photograph_of, white_of
 from blur2view.movers.moving import THRESHOLD, Moving, moving_in
 from blur2view.networks.model_file import Execution
-from blur2view.networks.smear_network import photograph_of, white_of
 from blur2view.networks.threads import one_thread
 from blur2view.smears.grid import SmearGrid
 

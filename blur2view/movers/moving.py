@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
+from blur2view.images.pixels import brightened, gain_of, rgb_of
 from blur2view.movers.evidence import (
     PLACE_PX,
     Cells,
@@ -27,7 +28,7 @@ from blur2view.movers.evidence import (
 )
 from blur2view.networks.model_file import BLUR, UNET, Execution, shipped
 from blur2view.networks.octave_reader import LARGE_PX
-from blur2view.networks.smear_network import SmearNetwork, brightened, gain_of, rgb_of
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.spectra import STEP
 from blur2view.smears.grid import SmearGrid
 
@@ -109,7 +110,7 @@ def moving_in(
     Parameters
     ----------
     image : ndarray of shape (H, W, 3) or (H, W)
-        As of `blur2view.networks.smear_network.rgb_of`; with more than `LARGE_PX` it is halved.
+        As of `blur2view.images.pixels.photograph_of`; with more than `LARGE_PX` it is halved.
     grid : SmearGrid
         Its smears. They are read anew of a halved photograph, or where another network read them.
     rng : numpy.random.Generator

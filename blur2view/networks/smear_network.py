@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from blur2view.arrays import AnyArray, over_backdrop
+from blur2view.arrays import AnyArray
+from blur2view.images.pixels import floats_of, gain_of, photograph_of
 from blur2view.networks.model_file import SMEAR, Execution, OnnxNetwork, model_path, shipped, usable_cores
 from blur2view.networks.octave_reader import LARGE_PX, LEAST_PX, VALUES, octave_count, octaves, read_octaves
 from blur2view.networks.protocol import Detail
@@ -28,11 +28,6 @@ LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}  # where not every wind
 FLAT_PX = 33  # where at most one grey level of 255 is seen within this many pixels nothing can be measured
 UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2  # of such cells: constant pictures, burnt skies
 STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as RGB floats
-# Which of a photograph's values says how bright it is, what it is brought to, and by how much at most.
-QUANTILE, BRIGHT, LARGEST_GAIN = 0.995, 0.9, 256.0
-SAMPLES = 1_000_000  # values at least, where there are as many, that the quantile is taken of
-LEVELS_OF_8_BITS = np.arange(256, dtype=np.float32) / np.float32(255)
-EXPECTED = "expected a photograph (H, W, 3) RGB or (H, W) grey, of uint8, uint16 or floats in [0, 1]"
 
 
 class SmearNetwork:
@@ -76,10 +71,10 @@ class SmearNetwork:
     def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
         """Return the smear and its sigma at every cell of the network's grid, in the image's pixels.
 
-        Of a photograph as :func:`rgb_of` takes it; of a large one some windows, spread over it, as many as
-        ``detail`` needs. Without any texture the smear is zero, the sigmas are ``UNSEEN_SIGMA_PX`` and
-        ``UNSEEN_SIGMA_RAD``, and the kind of blur is unknown. ValueError if it is no such image; ModelError
-        if the network breaks its format's promise.
+        Of a large photograph it reads some windows, spread over it, as many as ``detail`` needs. Without any
+        texture the smear is zero, the sigmas are ``UNSEEN_SIGMA_PX`` and ``UNSEEN_SIGMA_RAD``, and the kind
+        of blur is unknown. ValueError if it is no photograph as `photograph_of` takes it; ModelError if the
+        network breaks its format's promise.
         """
         image = photograph_of(image)
         apart = STEP << _spread(image.shape, Detail(detail))  # a word will do
@@ -114,68 +109,6 @@ def _spread(shape: tuple[int, ...], detail: Detail) -> int:
     if detail is Detail.GEOMETRY and pixels <= LARGE_PX:
         return 0
     return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
-
-
-def rgb_of(image: AnyArray | Image.Image) -> Floats:
-    """Return a photograph as the network reads it: (H, W, 3), float32, sRGB-coded RGB in [0, 1], contiguous.
-
-    Of (H, W), (H, W, 1), (H, W, 3) RGB (OpenCV's BGR as ``image[..., ::-1]``) or (H, W, 4), transparent on
-    mid-grey; of uint8, uint16 or floats in [0, 1]; or a picture of Pillow. ValueError of anything else.
-    """
-    return floats_of(photograph_of(image))
-
-
-def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
-    """Return what `rgb_of` takes as an array (H, W, 3) or (H, W), in its bits, or raise its ValueError."""
-    if isinstance(image, Image.Image):
-        deep, mode = image.mode[0] in "IF", "RGBA" if image.has_transparency_data else "RGB"
-        image = np.asarray(image if deep else image.convert(mode))
-    if not isinstance(image, np.ndarray):
-        raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
-    integer = image.dtype in (np.uint8, np.uint16)
-    has_shape = image.shape[2:] in ((), (1,), (3,), (4,)) and image.ndim > 1 and image.size
-    if not has_shape or not (integer or np.issubdtype(image.dtype, np.floating)):
-        raise ValueError(f"{EXPECTED}, got {image.dtype} {image.shape}")
-    if not (integer or (image.min() >= 0 and image.max() <= 1)):  # NaN if any value is
-        raise ValueError(f"expected finite values in [0, 1], got {image.min():.4g} to {image.max():.4g}")
-    if image.shape[2:] == (4,):
-        image = over_backdrop(np.asarray(image / np.float32(white_of(image)), np.float32))
-    if not integer:
-        image = np.asarray(image, np.float32)
-    return image[..., 0] if image.shape[2:] == (1,) else image
-
-
-def white_of(image: AnyArray) -> int:
-    """Return the value of white in an array of integers, or of floats in [0, 1]."""
-    return np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1
-
-
-def floats_of(image: AnyArray, gain: float = 1.0) -> Floats:
-    """Return what `photograph_of` returns, or a part of it, as RGB (H, W, 3) in [0, 1], brightened."""
-    if image.dtype == np.uint8:  # looked up: a third of the time
-        values = np.asarray(
-            cv2.LUT(np.ascontiguousarray(image), brightened(LEVELS_OF_8_BITS, gain)), np.float32
-        )
-    else:
-        values = np.ascontiguousarray(image, np.float32)
-        if image.dtype == np.uint16:
-            values = values / np.float32(65535)
-        values = brightened(values, gain)
-    return values if values.ndim == 3 else np.repeat(values[..., None], 3, axis=2)
-
-
-def gain_of(image: AnyArray, brightness: float = BRIGHT) -> float:
-    """Return the factor, 1 at least, of the coded values of a photograph that makes it so bright."""
-    every = max(int(np.sqrt(3 * image.shape[0] * image.shape[1] / SAMPLES)), 1)
-    values = image[::every, ::every].reshape(-1)
-    rank = min(int(QUANTILE * len(values)), len(values) - 1)
-    bright = float(np.float32(np.partition(values, rank)[rank]) / np.float32(white_of(image)))
-    return min(max(brightness / max(bright, 1e-6), 1.0), LARGEST_GAIN)
-
-
-def brightened(image: Floats, gain: float) -> Floats:
-    """Return a photograph, 0 to 1, brighter by a factor; the same array if it is 1."""
-    return image if gain == 1 else np.minimum(image * np.float32(gain), np.float32(1))
 
 
 def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:

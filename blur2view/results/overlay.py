@@ -16,8 +16,8 @@ from PIL.PngImagePlugin import PngInfo
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.files import SIGNED_BY
 from blur2view.geometry.epipolar import epipoles, homogeneous
+from blur2view.images.pixels import floats_of, photograph_of
 from blur2view.movers.mask import MotionLabel, MotionMask
-from blur2view.networks.smear_network import floats_of, photograph_of
 from blur2view.pipeline import Estimate
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import fit_line, percent

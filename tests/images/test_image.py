@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
 
-from blur2view.arrays import BACKDROP
 from blur2view.errors import ImageError
 from blur2view.images.image import read_image
+from blur2view.images.pixels import BACKDROP
 
 RGB8 = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
 RGB16 = np.random.default_rng(1).integers(0, 65536, (20, 30, 3), dtype=np.uint16)

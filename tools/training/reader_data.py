@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from blur2view.arrays import AnyArray as Array
-from blur2view.networks.smear_network import gain_of
+from blur2view.images.pixels import gain_of
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example, write_shards

@@ -22,9 +22,10 @@ from torch import Tensor
 from torch.nn import functional as nnf
 
 from blur2view.arrays import AnyArray
+from blur2view.images.pixels import floats_of, gain_of, rgb_of
 from blur2view.movers.evidence import Cells, at_places, camera_field, cell_values, of_cells, of_places
 from blur2view.movers.moving import LEFT, at_cells, first_axis
-from blur2view.networks.smear_network import SmearNetwork, floats_of, gain_of, rgb_of
+from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.spectra import STEP
 from tools.arguments import Existing, run
 from tools.datasets.shards import Example

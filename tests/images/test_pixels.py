@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.networks.smear_network import LARGEST_GAIN, brightened, gain_of
+from blur2view.images.pixels import MAX_GAIN, brightened, gain_of
 
 
 def test_a_darker_photograph_becomes_the_same_and_lamps_do_not_count() -> None:
@@ -15,7 +15,7 @@ def test_a_darker_photograph_becomes_the_same_and_lamps_do_not_count() -> None:
     dark = np.full((100, 100, 3), 0.09, np.float32)
     dark[:5, :5] = 1
     assert gain_of(dark) == pytest.approx(10) and gain_of(bright, 0) == 1
-    assert gain_of(np.zeros((9, 9), np.float32)) == LARGEST_GAIN
+    assert gain_of(np.zeros((9, 9), np.float32)) == MAX_GAIN
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
