@@ -186,7 +186,8 @@ class CommandParser(Parser):
     """The parser of a command's dataclass.
 
     Its help has the options that are not rare, in a few words each, and the examples; with ``everything`` all
-    of them, and the ``tables()`` of the command: titles with lines "name: explanation", or mappings of these.
+    of them, and the ``tables()`` of the command, if any: titles with lines "name: explanation", or mappings
+    of these.
     """
 
     def __init__(self, command: str, kind: Any, *, everything: bool = False) -> None:
@@ -202,7 +203,7 @@ class CommandParser(Parser):
         needed = [(*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}") for one in actions]
         self.usage = " ".join([self.prog, "[OPTIONS]", *(" ".join(one) for one in needed)])
         if everything:
-            for title, rows in (kind.tables() | {"exit codes": EXIT_CODES}).items():
+            for title, rows in (getattr(kind, "tables", dict)() | {"exit codes": EXIT_CODES}).items():
                 self.add_table(title, rows)
 
     def _add(self, kind: Any, title: str, about: str = "") -> None:

@@ -38,11 +38,6 @@ class ReportOptions(Command):
         "blur2view report a.jpg --focal 525 --no-mask",
     )
 
-    @staticmethod
-    def tables() -> dict[str, str]:
-        """Return what --help-all lists besides options: nothing."""
-        return {}
-
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing the page of what is done."""
         run, page = Run(self), self.output
@@ -56,7 +51,7 @@ class ReportOptions(Command):
 
 
 def entry_one(options: ReportOptions, job: Job) -> Outcome:
-    """Return the record of one photograph, and what the page shows of it."""
+    """Return the record of one photograph, and its section of the page."""
     one, found = estimated(options, job), None
     if options.mask:
         found = segment(one.estimate, one.image, np.random.default_rng(options.estimating.seed))

@@ -26,30 +26,29 @@ Picture = NDArray[np.uint8]  # (H, W, 3) or, of a layer, (H, W, 4)
 INK, PAPER, FAINT, BLACK, WHITE = (235, 235, 235), (26, 26, 30), (165, 165, 165), (0, 0, 0), (255, 255, 255)
 PINK = (255, 70, 170)
 TEXT_SIZE_PX, HEAD_SIZE_PX, LEADING = 13, 17, 1.3
-LETTER = 0.5  # width of a letter over the size of its font, with a margin
+LETTER = 0.5  # width of a letter over the size of its font, with a margin (bound)
 _font = cache(ImageFont.load_default)  # Pillow's own: OpenCV 4 and 5 have different ones
 # The longer side of the drawn photograph: small ones are enlarged until a smear can be seen, large ones
 # reduced so that the file stays a picture to look at.
 MIN_SIDE_PX, MAX_SIDE_PX = 640, 1280
-# Pictures are for looking at: the fastest deflate takes two thirds of the time of 3 of 9, for 5 % more bytes.
-_PNG_EFFORT = 1
+_PNG_EFFORT = 1  # of 9: two thirds of the time of 3, for 5 % more bytes
 _SHIFT = 4  # OpenCV draws with 1/16 px
-SMEAR_SPACING_PX = 26  # at most one smear in a square of this side or more: the photograph stays visible
+SMEAR_SPACING_PX = 26  # smallest side of a square with one smear: the photograph stays visible
 SQUARES = 14  # of the picture, in each of which the longest smear gets its epipolar line
 LINE_OPACITY, MOVING_OPACITY, UNSEEN_OPACITY = 0.6, 0.55, 0.55
 HATCH_PX = 12
 PALE = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 20)])
 """From RGB to RGB on which colours stand out: grey, some colour and a constant."""
-LEAST_SHARE = 0.005  # of the photograph that is worth a word
+MIN_SHARE = 0.005  # of the photograph: a smaller unobservable part is not mentioned
 
 
 def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = None) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
-    Inlier smears are coloured by orientation, outliers grey; those no longer than their standard deviation
-    are not drawn. Where no H explains the smears, too, white lines are epipolar lines of F through a spread
-    of inliers, and rings mark the epipoles in the picture. The panel below holds the verdict, that of the
-    record ``one`` if it is given.
+    Inlier smears are coloured by orientation, outliers grey; smears shorter than their standard deviation are
+    not drawn. White lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles,
+    unless a homography explains the smears, too. The panel below holds the verdict of the record ``one``, by
+    default that of the estimate.
 
     ``image`` is the photograph as it was estimated, (H, W, 3) or (H, W). Returns (H', W', 3), uint8 RGB; the
     photograph's longer side becomes 640 to 1280 pixels. ValueError if the estimate is of another size.
@@ -59,18 +58,16 @@ def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = N
     one = one or Photograph.of(estimate, name="")
     lines, smears = line_layer(estimate), smear_layer(estimate)
     fits = bool(estimate.geometry.inlier_mask.any())
-    words = ["coloured by direction: smears that fit"] * fits + [
-        "grey: smears that do not" if fits else "grey: smears"
-    ] * bool(smears.any())
+    words = ["coloured by direction: smears that fit"] * fits
+    words += ["grey: smears that do not" if fits else "grey: smears"] * bool(smears.any())
     words += ["white: epipolar lines, rings: epipoles"] * bool(lines.any())
     text = f"{fit_line(one)}{f' (COLMAP: {one.config})' * one.moved()}. {'; '.join(words).capitalize()}"
-    return captioned(
-        over(over(cv2.transform(shown(photograph_of(image)), PALE), lines), smears), one.verdict, text
-    )
+    pale = cv2.transform(shown(photograph_of(image)), PALE)
+    return captioned(over(pale, lines, smears), one.verdict, text)
 
 
 def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
-    """Return the picture of a motion mask over its photograph (H, W, 3), as uint8 RGB.
+    """Return the picture of a motion mask over its photograph (H, W, 3), uint8 RGB.
 
     What moves is pink with a white rim; where motion is unobservable the photograph is dark and hatched.
     """
@@ -78,56 +75,57 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
     words = ["pink moves"] * bool(mask.shares["moving"])
     words += ["hatched is unobservable"] * bool(mask.shares["unobservable"])
-    return captioned(
-        over(shown(image), mask_layer(mask)), mask_verdict(mask), "; ".join([*words, mask.reason])
-    )
+    text = "; ".join([*words, mask.reason])
+    return captioned(over(shown(image), mask_layer(mask)), mask_verdict(mask), text)
 
 
 def mask_verdict(mask: MotionMask) -> str:
-    """Return how much moves and how much is unobservable, as a sentence."""
+    """Return the shares that move and that are unobservable, as a sentence."""
     unseen, count = mask.shares["unobservable"], len(mask.regions)
     if unseen == 1:
         return "Motion is unobservable everywhere"
     parts = f"{count} moving part{'s' * (count > 1)}, {percent(mask.shares['moving'])} of the photograph"
-    hidden = f"; motion is unobservable in {percent(unseen)}" * (unseen >= LEAST_SHARE)
+    hidden = f"; motion is unobservable in {percent(unseen)}" * (unseen >= MIN_SHARE)
     return (parts if count else "No mover found") + hidden
 
 
 def scale_of(shape: tuple[int, ...]) -> float:
-    """Return the pixels of a picture to look at per pixel of a photograph of shape (H, W, ...)."""
+    """Return the scale from a photograph of shape (H, W, ...) to its picture."""
     longer = max(shape[:2])
     return min(max(longer, MIN_SIDE_PX), MAX_SIDE_PX) / longer
 
 
 def size_of(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return the width and height of such a picture."""
+    """Return the width and height of the picture of a photograph of shape (H, W, ...)."""
     return max(round(shape[1] * scale_of(shape)), 1), max(round(shape[0] * scale_of(shape)), 1)
 
 
 def on_picture(points: Array, shape: tuple[int, ...]) -> Array:
-    """Return points (..., 2) of the photograph on such a picture; its corners are the picture's corners."""
+    """Return pixels (..., 2) of a photograph as pixels of its picture; the corners coincide."""
     return (points + 0.5) * scale_of(shape) - 0.5
 
 
 def shown(image: AnyArray) -> Picture:
-    """Return the photograph (H, W, 3) or (H, W) to look at, as uint8 RGB."""
+    """Return the picture of a photograph (H, W, 3) or (H, W), uint8 RGB."""
     interpolation = cv2.INTER_AREA if scale_of(image.shape) < 1 else cv2.INTER_LINEAR
     small = cv2.resize(image, size_of(image.shape), interpolation=interpolation)
     return np.round(255 * np.clip(floats_of(small), 0, 1)).astype(np.uint8)
 
 
-def over(picture: AnyArray, layer: Picture) -> Picture:
-    """Return a picture (H, W, 3) under a layer (H, W, 4)."""
-    through = 1 - layer[..., 3:] / np.float32(255)
-    return np.round(picture * through + layer[..., :3]).astype(np.uint8)
+def over(picture: AnyArray, *layers: Picture) -> Picture:
+    """Return a picture (H, W, 3) under layers (H, W, 4), the last on top."""
+    for layer in layers:
+        through = 1 - layer[..., 3:] / np.float32(255)
+        picture = np.round(picture * through + layer[..., :3])
+    return picture.astype(np.uint8)
 
 
 def smear_layer(estimate: Estimate) -> Picture:
-    """Return the smears that exceed their errors, inliers coloured, on a dark rim, above grey outliers."""
+    """Return the layer of smears that exceed their errors: inliers coloured, on dark rims, above outliers."""
     matches, fits, shape = estimate.matches, estimate.geometry.inlier_mask, estimate.grid.shape
     layer, certainty = blank(shape), matches.length_px / (matches.sigma_px + 0.1)
     typical = float(np.median(matches.length_px)) * scale_of(shape) if len(matches) else 0.0
-    spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # long smears need more room
+    spacing = max(SMEAR_SPACING_PX, 0.5 * typical)  # room for long smears
     spread = spread_subset(on_picture(matches.midpoint, shape), certainty, spacing)
     drawn = spread[certainty[spread] >= 1]
     ends, colours = on_picture(matches.ends, shape), orientation_colours(matches.displacement)
@@ -139,7 +137,7 @@ def smear_layer(estimate: Estimate) -> Picture:
 
 
 def line_layer(estimate: Estimate) -> Picture:
-    """Return epipolar lines of inliers and rings about epipoles; none beside H, nor of a distorting lens."""
+    """Return the layer of epipolar lines of inliers and of epipoles; empty with H or a distorting lens."""
     matches, geometry, shape = estimate.matches, estimate.geometry, estimate.grid.shape
     layer, F = blank(shape), geometry.F
     if F is None or geometry.H is not None or (estimate.camera is not None and estimate.camera.distorted):
@@ -148,13 +146,13 @@ def line_layer(estimate: Estimate) -> Picture:
     spread = spread_subset(on_picture(matches.midpoint[inliers], shape), matches.length_px[inliers], spacing)
     chosen = inliers[spread]
     open_ends = matches.ends[chosen, geometry.second_end_is_open[chosen].astype(int)]
-    for a, b, c in homogeneous(open_ends) @ F.T:
-        normal = np.array([a, b]) / max(np.hypot(a, b), TINY)
-        foot, along = -c / max(np.hypot(a, b), TINY) * normal, np.array([-normal[1], normal[0]])
+    for line in homogeneous(open_ends) @ F.T:
+        a, b, c = line / max(np.hypot(*line[:2]), TINY)
+        foot, along = -c * np.array([a, b]), np.array([-b, a])
         reach = (np.abs(foot).sum() + sum(shape)) * along
         draw_line(layer, on_picture(np.stack([foot - reach, foot + reach]), shape), WHITE, 1, LINE_OPACITY)
     for x, y, z in epipoles(F):
-        place = np.array([x, y]) / z if abs(z) > TINY else np.array([np.inf, np.inf])
+        place = np.array([x, y]) / (z if abs(z) > TINY else TINY)
         if (place >= -0.5).all() and (place < np.array(shape[::-1]) - 0.5).all():
             centre = on_picture(place, shape).round().astype(int).tolist()
             for colour, thickness in ((BLACK, 4), (WHITE, 2)):
@@ -163,7 +161,7 @@ def line_layer(estimate: Estimate) -> Picture:
 
 
 def mask_layer(mask: MotionMask) -> Picture:
-    """Return what moves in pink with a white rim, and what is unobservable dark and hatched."""
+    """Return the layer of a motion mask: moving parts pink with a white rim, unobservable ones hatched."""
     shape = mask.labels.shape
     layer, labels = blank(shape), cv2.resize(mask.labels, size_of(shape), interpolation=cv2.INTER_NEAREST)
     moving, unseen = labels == MotionLabel.MOVING, labels == MotionLabel.UNOBSERVABLE
@@ -177,18 +175,18 @@ def mask_layer(mask: MotionMask) -> Picture:
 
 
 def blank(shape: tuple[int, ...]) -> Picture:
-    """Return a transparent layer over a photograph of shape (H, W, ...)."""
+    """Return a transparent layer for a photograph of shape (H, W, ...)."""
     width, height = size_of(shape)
     return np.zeros((height, width, 4), np.uint8)
 
 
 def opaque(colour: ArrayLike, opacity: float = 1.0) -> list[float]:
-    """Return the values of a layer of this colour and opacity."""
+    """Return the RGBA value of a colour with an opacity in a layer."""
     return [round(opacity * value) for value in (*np.ravel(colour).tolist(), 255)]
 
 
 def spread_subset(points: Array, quality: NDArray[np.floating], spacing: float) -> NDArray[np.intp]:
-    """Return the index of the best point (N, 2) in every square of side ``spacing``, in increasing order."""
+    """Return the indices, increasing, of the best point (N, 2) in every square of side ``spacing``."""
     best_first = np.argsort(-quality, kind="stable")
     squares = np.floor(points[best_first] / spacing).astype(np.int64)
     _, first = np.unique(squares, axis=0, return_index=True)
@@ -196,7 +194,7 @@ def spread_subset(points: Array, quality: NDArray[np.floating], spacing: float) 
 
 
 def orientation_colours(displacement: Array) -> Picture:
-    """Return vivid colours (N, 3) of the orientations of smears (N, 2), the same for d and -d."""
+    """Return colours (N, 3) by the orientation of smears d (N, 2), the same for d and -d."""
     hsv = np.full((len(displacement), 1, 3), 190, np.uint8)  # a little pale: full blue would be dark
     degrees = np.degrees(np.arctan2(displacement[:, 1], displacement[:, 0])) % 180
     hsv[:, 0, 0], hsv[:, 0, 2] = degrees.astype(np.uint8) % 180, 255  # OpenCV's hue is 0 to 179
@@ -204,13 +202,13 @@ def orientation_colours(displacement: Array) -> Picture:
 
 
 def draw_line(layer: Picture, ends: Array, colour: ArrayLike, thickness: int, opacity: float = 1.0) -> None:
-    """Draw an anti-aliased line with sub-pixel ends (2, 2), clipped to what OpenCV's integers hold."""
+    """Draw an anti-aliased line between sub-pixel ends (2, 2), clipped to the range of OpenCV's integers."""
     start, end = np.clip(ends * 2**_SHIFT, -(2**30), 2**30).round().astype(int).tolist()
     cv2.line(layer, start, end, opaque(colour, opacity), thickness, cv2.LINE_AA, _SHIFT)
 
 
 def captioned(picture: Picture, head: str, text: str) -> Picture:
-    """Return a picture over its caption, words in two sizes; a narrow one gets room on both sides."""
+    """Return a picture above its caption, a head and a text; a narrow one gets margins."""
     (height, shown_px), width = picture.shape[:2], max(picture.shape[1], MIN_SIDE_PX)
     lines = []
     for words, size in ((head, HEAD_SIZE_PX), (text, TEXT_SIZE_PX)):
@@ -227,7 +225,7 @@ def captioned(picture: Picture, head: str, text: str) -> Picture:
 
 
 def png(picture: AnyArray) -> bytes:
-    """Return a picture as a PNG that says who wrote it, which `files.is_ours` looks for."""
+    """Return a picture as PNG, signed so that `files.is_ours` recognises it."""
     text, stream = PngInfo(), BytesIO()
     text.add_text("Software", SIGNED_BY)
     Image.fromarray(picture).save(stream, "PNG", compress_level=_PNG_EFFORT, pnginfo=text)

@@ -47,7 +47,7 @@ label { margin-right: 16px; }
 def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
     """Return the HTML of a photograph: its verdict, its picture under layers, its record.
 
-    ``image`` (H, W, 3) is the photograph as it was estimated, ``mask`` what moves in it, if that was asked.
+    ``image`` (H, W, 3) is the photograph as it was estimated, ``mask`` its motion mask, if it was asked for.
     """
     layers = {"smears": smear_layer(estimate), "lines": line_layer(estimate)}
     layers |= {} if mask is None else {"moves": mask_layer(mask)}
@@ -73,7 +73,7 @@ def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMa
 
 
 def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes:
-    """Return the page, UTF-8, of records with their `section`, empty if they failed.
+    """Return the page, UTF-8, of records with their `section`, which is empty if they failed.
 
     Equal records give equal bytes. A Content-Security-Policy forbids the page to load or run anything.
     """
@@ -107,7 +107,7 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
 
 
 def _facts(one: Photograph) -> Iterable[str]:
-    """Yield the rows of what the record says beside the picture; a row's title explains it."""
+    """Yield a table row for every field beside the picture, with its explanation as title."""
     for name, _, text in entries():
         value = getattr(one, name)
         if name in ELSEWHERE or value is None or value is False or value == "" or isinstance(value, dict):
@@ -119,7 +119,7 @@ def _facts(one: Photograph) -> Iterable[str]:
 
 
 def _uncertainty(estimate: Estimate) -> Picture:
-    """Return the map of the smears' deviations, on a logarithmic scale, as a layer."""
+    """Return the layer of the smears' standard deviations, on a logarithmic scale."""
     grid = estimate.grid
     sigma = np.log(np.maximum(grid.smears().sigma_px, 1e-3))
     low, high = np.percentile(sigma, [2, 98])
@@ -131,10 +131,11 @@ def _uncertainty(estimate: Estimate) -> Picture:
 
 
 def _straight(layer: Picture) -> Picture:
-    """Return a layer as PNG has it: its colours not multiplied by its opacity."""
+    """Return a layer as PNG stores it: its colours not multiplied by its opacity."""
     colours = layer[..., :3] * np.float32(255) / np.maximum(layer[..., 3:], 1)
     return np.dstack([np.minimum(colours, 255).round().astype(np.uint8), layer[..., 3]])
 
 
 def _uri(kind: str, content: bytes) -> str:
+    """Return content as a data URI of a media type."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
