@@ -1,13 +1,13 @@
 """The public names: read by type checkers, and by `blur2view` itself, which imports each when it is used."""
 
 from blur2view.camera import Camera as Camera
-from blur2view.colmap.cameras import camera_of_database as camera_of_database
 from blur2view.colmap.database import write_database as write_database
 from blur2view.colmap.mapping import blurred_options as blurred_options
 from blur2view.colmap.mapping import global_options as global_options
 from blur2view.colmap.mapping import mapper_options as mapper_options
 from blur2view.colmap.placement import Placement as Placement
 from blur2view.colmap.placement import place_views as place_views
+from blur2view.colmap.project import camera_of_database as camera_of_database
 from blur2view.errors import Blur2ViewError as Blur2ViewError
 from blur2view.errors import CameraError as CameraError
 from blur2view.errors import DatabaseError as DatabaseError

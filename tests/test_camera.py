@@ -11,7 +11,7 @@ from PIL import Image
 from blur2view.arrays import Array
 from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, read_exif, to_colmap
 from blur2view.cli.options import Lens
-from blur2view.colmap.cameras import camera_of_database
+from blur2view.colmap.project import camera_of_database
 from blur2view.errors import CameraError
 from tests.support.colmap_projects import run_sql
 from tests.support.many_photographs import exif_of

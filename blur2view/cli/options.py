@@ -23,7 +23,7 @@ from blur2view.cli.parser import (
     seconds,
     whole,
 )
-from blur2view.colmap.cameras import camera_of_database, database_named
+from blur2view.colmap.project import camera_of_database, database_named
 from blur2view.errors import CameraError
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import Inputs, list_photographs

@@ -13,20 +13,13 @@ from blur2view.cli.options import Command, InTime
 from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.database import (
-    holds_views_alone,
-    matched,
-    refuse_existing,
-    translation_known,
-    write_database,
-)
-from blur2view.colmap.link import ProjectImage, plan_links, write_links
+from blur2view.colmap.database import ProjectImage, check_target, plan_links, write_database, write_links
 from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
 
+NO_UTF8 = "its name is no UTF-8, which a database needs; rename it"
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
@@ -58,7 +51,7 @@ failures: (list) Photographs that failed: image, error.
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinkJob(Job):
+class ViewsJob(Job):
     """A photograph with its image in a project, if it is to be linked."""
 
     plan: ProjectImage | None = None
@@ -116,21 +109,21 @@ class ToColmapOptions(Command):
         A run that ends early writes nothing.
         """
         run, db, backup = Run(self), self.db, None
-        run.jobs = jobs = linked_jobs(run.jobs, db if self.link else None)
+        run.jobs = jobs = view_jobs(run.jobs, db if self.link else None)
         if not self.link:
-            refuse_existing(db, replace=holds_views_alone(db))
+            check_target(db)
         by_name = {job.name: job for job in jobs if job.refusal is None}
         run.do(views_one, lines=False, beside=db)
-        views = [one.views for one in run.done if one.views is not None]
-        if run.ended_early or not views:
+        done = [(by_name[one.views.name], one.views) for one in run.done if one.views is not None]
+        if run.ended_early or not done:
             return run.exit_code
-        with waiting(f"writing {plural(len(views), 'photograph')} to {db}"):
+        with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
             if self.link:
-                links = [(plan, one) for one in views if (plan := by_name[one.name].plan) is not None]
+                links = [(job.plan, views) for job, views in done if job.plan is not None]
                 backup = write_links(db, links, backup=self.backup)
             else:
-                write_database(db, views, replace=True)
-        records = [views_record(by_name[one.name], one) for one in views]
+                write_database(db, [views for _, views in done])
+        records = [views_record(job, views) for job, views in done]
         if self.json:
             document = {
                 "target": str(db),
@@ -158,7 +151,7 @@ class ToColmapOptions(Command):
         return [*lines, f"{printable(str(self.db))}: wrote {count}{kept}"]
 
 
-def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
+def views_one(options: ToColmapOptions, job: ViewsJob) -> Outcome:
     """Return the record of one photograph, and its views."""
     plan, lens = job.plan, options.lens
 
@@ -166,7 +159,14 @@ def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
         stated = lens.camera_of(path, size, exif)
         if plan is None:
             return stated
-        return _project_camera(plan, options.db, path, size, stated, hint=not lens.stated)
+        own = plan.camera
+        if (own.width, own.height) != size:
+            raise CameraError(
+                f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
+                "; give the photograph that the features are from"
+            )
+        hint = plan.prior_focal and not lens.stated
+        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else stated
 
     one = estimated(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
     if plan is None:
@@ -177,38 +177,26 @@ def views_one(options: ToColmapOptions, job: LinkJob) -> Outcome:
     return Outcome(photograph=one.record(), views=views)
 
 
-def _project_camera(
-    plan: ProjectImage, project: Path, path: Path, size: tuple[int, int], stated: Camera | None, *, hint: bool
-) -> Camera | None:
-    """Return the intrinsics of the options; else the project's, as a hint; else those of EXIF."""
-    own = camera_of_database(project, plan.camera_id)
-    if (own.width, own.height) != size:
-        raise CameraError(
-            f"{path}: is of {size[0]}x{size[1]} pixels, in {project} of {own.width}x{own.height}"
-            "; give the photograph that the features are from"
-        )
-    return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if plan.prior_focal and hint else stated
-
-
-def linked_jobs(jobs: Sequence[Job], project: Path | None) -> list[LinkJob]:
+def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[ViewsJob]:
     """Return the jobs, with their images in a user's project if one is given."""
-    plans: Sequence[ProjectImage | DatabaseError | None] = [None] * len(jobs)
+    plans: Sequence[ProjectImage | DatabaseError | None] = [
+        None if storable(job.name) else DatabaseError(f"{job.source}: {NO_UTF8}") for job in jobs
+    ]
     if project is not None:
         plans = plan_links(project, [Path(str(job.source)) for job in jobs])
-    linked = []
+    made = []
     for job, plan in zip(jobs, plans, strict=True):
-        refusal = plan if isinstance(plan, DatabaseError) else None
-        if plan is None and not storable(job.name):
-            refusal = DatabaseError(f"{job.source}: its name is no UTF-8, which a database needs; rename it")
-        image = None if isinstance(plan, DatabaseError) else plan
-        changed = {"name": job.name if image is None else image.name, "refusal": job.refusal or refusal}
-        linked.append(LinkJob(**vars(job) | changed, plan=image))
-    return linked
+        if isinstance(plan, DatabaseError):
+            made.append(ViewsJob(**vars(job) | {"refusal": job.refusal or plan}))
+        else:
+            name = job.name if plan is None else plan.name
+            made.append(ViewsJob(**vars(job) | {"name": name, "plan": plan}))
+    return made
 
 
-def views_record(job: LinkJob, views: ExposureViews) -> dict[str, Any]:
-    """Return what is said of a photograph's views, in JSON's types."""
-    geometry, plan, count = views.geometry, job.plan, len(matched(views))
+def views_record(job: ViewsJob, views: ExposureViews) -> dict[str, Any]:
+    """Return the entry of a photograph's views in the JSON document."""
+    geometry, plan, count = views.geometry, job.plan, len(views.matched)
     unsure = plan is not None and not count and not (geometry.F is None and geometry.H is None)
     return {
         "image": str(job.source),
@@ -221,7 +209,7 @@ def views_record(job: LinkJob, views: ExposureViews) -> dict[str, Any]:
         "num_keypoints": len(views.points_open),
         "num_matches": count,
         "num_inliers": int(geometry.inlier_mask.sum()) if count else 0,
-        "translation_known": translation_known(geometry),
+        "translation_known": views.translation_known,
         "time_known": views.time.known,
         "time_confidence": views.time.confidence,
     }

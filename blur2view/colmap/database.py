@@ -1,58 +1,98 @@
-"""Both virtual images of blurred photographs in a COLMAP database: a fresh one, written by pycolmap."""
+"""Both virtual images of blurred photographs in COLMAP's databases: in a fresh one, or in a user's project.
+
+A fresh database holds nothing else. A project holds the photographs and their features; to each photograph it
+gets two images, their keypoints, and three pairs: photograph-open, photograph-close, open-close. The user's
+rows are read, never written: views go in by plain INSERT, which no row can be lost to. Views that an earlier
+call wrote are written anew. Keypoints, matches and geometries are made by pycolmap.
+"""
 
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
+from datetime import datetime
+from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.camera import Camera, colmap_camera, to_colmap
-from blur2view.colmap.project import LOGS, MAX_IMAGES, PUT_VIEW, ensure_table, open_read_only, storable
+from blur2view.camera import Camera, colmap_camera, from_colmap, to_colmap
+from blur2view.colmap.project import (
+    CAMERA_SENSOR,
+    LOGS,
+    check_schema,
+    connect,
+    ensure_table,
+    has_frames,
+    image_names,
+    longest_suffix,
+    open_for_writing,
+    open_read_only,
+    own_views,
+    pair_id,
+    read_camera,
+    read_keypoints,
+    rig_of,
+    storable,
+)
 from blur2view.errors import DatabaseError
-from blur2view.exposure.views import ExposureViews
-from blur2view.files import write_files
-from blur2view.geometry.two_view_geometry import Parallax, TwoViewGeometry
+from blur2view.exposure.views import CLOSE, OPEN, ExposureViews, half_geometry
+from blur2view.files import half_written, write_files
+from blur2view.geometry.two_view_geometry import TwoViewGeometry
 from blur2view.two_view.constants import GUESSED_FOCAL
 
-# A row that is not of views, and of matches that are not of one photograph's both views.
-NO_VIEWS = f"""
-WITH pairs AS (SELECT {MAX_IMAGES} * min(image_id) + max(image_id) FROM blur2view_views
-  GROUP BY photograph HAVING count(*) = 2)
-SELECT 1 FROM images WHERE image_id NOT IN (SELECT image_id FROM blur2view_views)
-UNION ALL SELECT 1 FROM descriptors
-UNION ALL SELECT 1 FROM matches WHERE pair_id NOT IN pairs
-UNION ALL SELECT 1 FROM two_view_geometries WHERE pair_id NOT IN pairs
-LIMIT 1"""
+# Whether every image is a view, and no other pairs are matched than both views of a photograph.
+VIEWS_ALONE = """
+SELECT NOT EXISTS (SELECT 1 FROM images WHERE image_id NOT IN (SELECT image_id FROM blur2view_views))
+  AND (SELECT count(*) FROM matches) <= (SELECT count(DISTINCT photograph) FROM blur2view_views)"""
+COLUMNS = {  # that pycolmap writes of views, and every version of COLMAP's database has
+    "keypoints": "image_id, rows, cols, data",
+    "matches": "pair_id, rows, cols, data",
+    "two_view_geometries": "pair_id, rows, cols, data, config, F, E, H, qvec, tvec",
+}
 
 Pair = tuple[int, int]
+Placed = tuple[ExposureViews, int, int | None]
+"""Views, the id of their camera, and that of the photograph's image, which a fresh database has not."""
 
 
-def write_database(
-    path: str | os.PathLike[str], photographs: Sequence[ExposureViews], *, replace: bool = False
-) -> None:
+def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureViews]) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
-    Without F and H nothing is matched. DatabaseError if the file exists, without ``replace``, or cannot be
-    written; ValueError if two photographs have one name, or a name is no UTF-8.
+    Without F and H nothing is matched. A database of nothing but views is replaced. DatabaseError if any
+    other file is there, or it cannot be written; ValueError if two photographs have one name, or a name is
+    no UTF-8.
     """
     names, path = [views.name for views in photographs], Path(path)
     if len(set(names)) != len(names) or not all(map(storable, names)):
         raise ValueError(f"photographs must have different names, all of them UTF-8, got {names}")
-    refuse_existing(path, replace=replace)
+    check_target(path)
     try:
-        content = _views_alone(photographs)
-        refuse_existing(path, replace=replace)  # may have come meanwhile
-        target = path.resolve()  # a link stays one
-        write_files({target: content})
+        write_files({path.resolve(): _views_alone(photographs)})  # a link stays one
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
+
+
+def check_target(path: Path) -> None:
+    """Raise DatabaseError if a file holds more than views, or a log lies there, which SQLite would apply."""
+    for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):
+        if os.path.lexists(log):
+            why = "of a program that uses the database or was killed; close it, or open it once with COLMAP"
+            raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
+    if os.path.lexists(path):
+        try:
+            with open_read_only(path) as database:
+                alone = database.execute(VIEWS_ALONE).fetchone()[0]
+        except DatabaseError:
+            alone = False
+        if not alone:
+            remedy = "choose another --db, or add to a project of yours with --link"
+            raise DatabaseError(f"{path}: exists; {remedy}")
 
 
 def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
@@ -60,61 +100,24 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
     import pycolmap
 
     cameras: list[Any] = []
-    ids: list[Pair] = []
+    placed: list[Placed] = []
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "rows.db"
-        with pycolmap.Database.open(path) as opened, pycolmap.DatabaseTransaction(opened):
+        path = Path(folder) / "new.db"
+        with pycolmap.Database.open(path) as opened:
             for views in photographs:
                 camera = colmap_camera_of(views.camera, views.size)
                 if camera not in cameras:
                     cameras.append(camera)
-                    rig = pycolmap.Rig()
-                    number = opened.write_camera(camera)
+                    rig, number = pycolmap.Rig(), opened.write_camera(camera)
                     rig.add_ref_sensor(pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=number))
                     opened.write_rig(rig)
-                first, last = (_write_image(opened, name, 1 + cameras.index(camera)) for name in views.names)
-                ids.append((first, last))
-                # COLMAP's mapper looks at no configuration: it would make points from a pure rotation
-                known = len(matched(views)) > 0 and translation_known(views.geometry)
-                inliers = views.geometry.inlier_mask & known
-                write_rows(opened, views, ids[-1], {ids[-1]: replace(views.geometry, inlier_mask=inliers)})
-        with closing(sqlite3.connect(path, isolation_level=None)) as database:
+                placed.append((views, 1 + cameras.index(camera), None))
+        with closing(connect(path, "mode=rw")) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
             database.execute("BEGIN")
-            ensure_table(database)
-            for views, pair in zip(photographs, ids, strict=True):
-                put_views(database, views, pair)
+            _put_views(database, placed)
             database.execute("COMMIT")
         return path.read_bytes()
-
-
-def _write_image(opened: Any, name: str, camera_id: int) -> int:
-    """Write an image of a camera, whose rig has its id, with a frame of its own; return its id."""
-    import pycolmap
-
-    image = pycolmap.Image(name=name, camera_id=camera_id)
-    image.image_id = opened.write_image(image)
-    frame = pycolmap.Frame(rig_id=camera_id)
-    frame.add_data_id(image.data_id)
-    opened.write_frame(frame)
-    return int(image.image_id)
-
-
-def write_rows(opened: Any, views: ExposureViews, ids: Pair, pairs: Mapping[Pair, TwoViewGeometry]) -> None:
-    """Write keypoints of both images, and usable matches and geometry of pairs, into a pycolmap.Database."""
-    for image_id, points in zip(ids, (views.points_open, views.points_close), strict=True):
-        opened.write_keypoints(image_id, to_colmap(points).astype(np.float32))
-    matches = np.stack([matched(views)] * 2, axis=1).astype(np.uint32)
-    for pair, geometry in pairs.items():
-        opened.write_matches(*pair, matches)
-        opened.write_two_view_geometry(*pair, geometry.to_pycolmap())
-
-
-def put_views(database: sqlite3.Connection, views: ExposureViews, ids: Pair) -> None:
-    """List both images of a photograph in the table ``blur2view_views``."""
-    known = views.geometry.config.name, int(views.time.known), views.time.confidence, views.smear_px
-    for image_id, role in zip(ids, ("open", "close"), strict=True):
-        database.execute(PUT_VIEW, (image_id, views.name, role, *known))
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
@@ -128,34 +131,174 @@ def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
     return stored
 
 
-def refuse_existing(path: Path, *, replace: bool = False) -> None:
-    """Raise a DatabaseError of what is not to be replaced, or of a log that SQLite would apply to it."""
-    if os.path.lexists(path) and not replace:
-        raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
-    for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):
-        if os.path.lexists(log):
-            why = "of a program that uses the database or was killed; close it, or open it once with COLMAP"
-            raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
+class ProjectImage(NamedTuple):
+    """One image of a project, as it was read."""
+
+    image_id: int
+    camera_id: int
+    name: str
+    camera: Camera
+    prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
+    keypoints: NDArray[np.float64]  # our pixels (N, 2)
+    linked: bool  # whether an earlier call has written its views
 
 
-def holds_views_alone(path: Path) -> bool:
-    """Return whether a file is a database that holds nothing but views of photographs."""
+def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | DatabaseError]:
+    """Return the image of each photograph of a project, or why it cannot be linked; nothing is written."""
+    plan: list[ProjectImage | DatabaseError] = []
+    first_of: dict[str, Path] = {}
+    with open_read_only(path) as database:
+        check_schema(database)
+        names = image_names(database)
+        for photograph in photographs:
+            name = longest_suffix(names, photograph)
+            if name is None:
+                remedy = "leave it out, or choose another --db, without --link"
+                plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; {remedy}"))
+            elif name in first_of:
+                plan.append(DatabaseError(f"{photograph}: is {name}, as is {first_of[name]}; name it once"))
+            else:
+                first_of[name] = photograph
+                try:
+                    plan.append(_read_image(database, names, name))
+                except ValueError as error:
+                    plan.append(DatabaseError(f"{path}: {error}"))
+    return plan
+
+
+def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: str) -> ProjectImage:
+    """Return one image of the project; ValueError if it cannot be linked."""
+    sql = (
+        "SELECT image_id, camera_id, prior_focal_length FROM images LEFT JOIN cameras USING (camera_id) "
+        "WHERE name = ?"
+    )
+    image_id, camera_id, prior = database.execute(sql, (name,)).fetchone()
+    own, keypoints = own_views(database, name), from_colmap(read_keypoints(database, image_id))
+    if not len(keypoints):
+        raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
+    if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
+        raise ValueError(f"image {name} has no camera, or its camera has no rig; the database is damaged")
+    for view in (name + OPEN, name + CLOSE):
+        if view in names and names[view] not in own.values():
+            raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
+    camera = read_camera(database, camera_id)
+    return ProjectImage(image_id, camera_id, name, camera, bool(prior), keypoints, bool(own))
+
+
+def write_links(
+    path: Path, links: Sequence[tuple[ProjectImage, ExposureViews]], *, backup: bool = True
+) -> Path | None:
+    """Write planned views in one transaction, and return the backup that ``backup`` makes before.
+
+    DatabaseError, and nothing is written, if it cannot be used or an image changed since the plan.
+    """
+    if not links:
+        return None
+    with open_for_writing(path) as database:
+        check_schema(database)
+        names = image_names(database)
+        for image, _ in links:
+            if image.name not in names or _differ(image, _read_image(database, names, image.name)):
+                raise ValueError(f"image {image.name} has changed meanwhile; run again")
+        copy = back_up(path) if backup else None
+        _put_views(database, [(views, image.camera_id, image.image_id) for image, views in links])
+    return copy
+
+
+def _differ(one: ProjectImage, other: ProjectImage) -> bool:
+    """Return whether ids, camera or keypoints of an image have changed."""
+    kept = [(*image[:3], image.camera.model, image.camera.params) for image in (one, other)]
+    return kept[0] != kept[1] or not np.array_equal(one.keypoints, other.keypoints, equal_nan=True)
+
+
+def _put_views(database: sqlite3.Connection, placed: Sequence[Placed]) -> None:
+    """Write views of photographs: pycolmap makes keypoints, matches and geometries in a file beside."""
+    import pycolmap
+
+    ensure_table(database)
+    any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
+    with TemporaryDirectory() as folder:
+        beside = Path(folder) / "rows.db"
+        with pycolmap.Database.open(beside) as opened, pycolmap.DatabaseTransaction(opened):
+            opened.write_camera(any_camera)
+            for views, camera_id, image_id in placed:
+                ids = _put_images(database, views, camera_id, image_id)
+                for number, points in zip(ids, (views.points_open, views.points_close), strict=True):
+                    view = pycolmap.Image(name=f"{number}", camera_id=1, image_id=number)
+                    opened.write_image(view, use_image_id=True)
+                    opened.write_keypoints(number, to_colmap(points).astype(np.float32))
+                matches = np.stack([views.matched] * 2, axis=1).astype(np.uint32)
+                for pair, geometry in _geometries(views, ids, image_id).items():
+                    opened.write_matches(*pair, matches)
+                    opened.write_two_view_geometry(*pair, geometry.to_pycolmap())
+        with closing(sqlite3.connect(beside)) as rows:
+            for table, columns in COLUMNS.items():
+                sql = f"INSERT INTO {table}({columns}) VALUES ({', '.join('?' * len(columns.split()))})"
+                database.executemany(sql, rows.execute(f"SELECT {columns} FROM {table}"))
+
+
+def _geometries(views: ExposureViews, ids: Pair, image_id: int | None) -> dict[Pair, TwoViewGeometry]:
+    """Return the geometries of pairs of images: both views and, if it has an image, the photograph."""
+    whole, camera, size = views.geometry, views.camera, views.size
+    if image_id is None:
+        # COLMAP's mapper looks at no configuration: it would make points from a pure rotation
+        known = len(views.matched) > 0 and views.translation_known
+        return {ids: replace(whole, inlier_mask=whole.inlier_mask & known)}
+    ends = zip(ids, (whole.reversed(), whole), strict=True)
+    halves = {(image_id, end): half_geometry(geometry, camera, size) for end, geometry in ends}
+    return {ids: whole, **halves}
+
+
+def _put_images(
+    database: sqlite3.Connection, views: ExposureViews, camera_id: int, image_id: int | None
+) -> Pair:
+    """Write and list the images of both views in place of earlier ones; return their ids.
+
+    They have frames unless the project's images have none.
+    """
+    own, with_frames = own_views(database, views.name), image_id is None or has_frames(database)
+    of_view = f"SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = {CAMERA_SENSOR}"
+    for number in own.values():  # by foreign keys their keypoints, data of frames and entries go along
+        if with_frames:
+            database.execute(f"DELETE FROM frames WHERE frame_id IN ({of_view})", (number,))
+        database.execute("DELETE FROM images WHERE image_id = ?", (number,))
+    for pair in combinations([image_id or 0, *own.values()], 2):
+        for table in ("matches", "two_view_geometries"):
+            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (pair_id(*pair),))
+    ids, time = [], views.time
+    for role, name in zip(("open", "close"), views.names, strict=True):
+        row = {"image_id": own.get(role), "name": name, "camera_id": camera_id}
+        ids.append(_insert(database, "images", row))
+        if with_frames:
+            frame_id = _insert(database, "frames", {"rig_id": rig_of(database, camera_id)})
+            sensor = {"sensor_id": camera_id, "sensor_type": CAMERA_SENSOR}
+            _insert(database, "frame_data", {"frame_id": frame_id, "data_id": ids[-1], **sensor})
+        entry = {"image_id": ids[-1], "photograph": views.name, "role": role}
+        entry |= {"config": views.geometry.config.name, "time_known": int(time.known)}
+        entry |= {"time_confidence": time.confidence, "smear_px": views.smear_px}
+        _insert(database, "blur2view_views", entry)
+    return ids[0], ids[1]
+
+
+def _insert(database: sqlite3.Connection, table: str, row: Mapping[str, object]) -> int:
+    """Insert a row and return its id."""
+    sql = f"INSERT INTO {table}({', '.join(row)}) VALUES ({', '.join('?' * len(row))})"
+    return int(database.execute(sql, tuple(row.values())).lastrowid or 0)
+
+
+def back_up(path: Path) -> Path:
+    """Copy a database, as its last transaction left it, to ``<name>.<time>.bak`` beside it."""
+    copy = path.with_name(f"{path.name}.{datetime.now():%Y%m%dT%H%M%S.%f}.bak")
+    beside = half_written(path)
+    beside.unlink(missing_ok=True)  # of a call that was killed
     try:
-        with open_read_only(path) as database:
-            return database.execute(NO_VIEWS).fetchone() is None
-    except DatabaseError:
-        return False
-
-
-def matched(views: ExposureViews) -> NDArray[np.int_]:
-    """Return the indices of the usable points if their order is known up to time reversal, else of none."""
-    if views.usable is not None:
-        return np.flatnonzero(views.usable)
-    known = views.geometry.F is not None or views.geometry.H is not None
-    return np.arange(len(views.points_open) if known else 0)
-
-
-def translation_known(geometry: TwoViewGeometry) -> bool:
-    """Return whether the camera is known to have moved: parallax is proven, or the pose has a direction."""
-    pose = geometry.cam2_from_cam1
-    return geometry.parallax is Parallax.PROVEN or (pose is not None and bool(pose.translation.any()))
+        # not `open_read_only`, whose look at the header would end the lock of this process's transaction
+        with closing(connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:
+            target.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
+            source.backup(target)
+        beside.replace(copy)
+    except (sqlite3.Error, OSError) as error:
+        raise DatabaseError(f"{copy}: the backup cannot be written ({error}); add --no-backup") from None
+    finally:
+        beside.unlink(missing_ok=True)
+    return copy

@@ -1,4 +1,4 @@
-"""A user's COLMAP project as SQLite sees it: read without changing a byte of it, or to be linked to.
+"""A user's COLMAP database as SQLite reads it, without changing a byte, and the transaction that adds to it.
 
 ``pycolmap.Database.open`` changes a file before anything is asked of it: it adds tables, turns on
 write-ahead logging and stamps its version. The format is pycolmap 4.2's: numbers are little-endian;
@@ -7,6 +7,7 @@ smaller id. If the table of frames has any row, every image needs a frame, or th
 none (COLMAP 3.11 and older), the mapper makes them. A camera is sensor type 0, of exactly one rig.
 """
 
+import os
 import sqlite3
 from collections.abc import Container, Iterator
 from contextlib import closing, contextmanager
@@ -17,28 +18,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.errors import DatabaseError
+from blur2view.camera import Camera, colmap_camera
+from blur2view.errors import CameraError, DatabaseError
 
 NEWEST_KNOWN = 4029999  # user_version of any 4.2
-MAX_IMAGES = 2147483647
+MAX_IMAGES = 2147483647  # COLMAP's kMaxNumImages, by which a pair's id is made
+MAX_PARAMETERS = 32  # of a camera (bound): no model has half as many
 CAMERA_SENSOR = 0
 RIG_OF_CAMERA = f"""
 SELECT rig_id FROM rigs WHERE ref_sensor_id = ? AND ref_sensor_type = {CAMERA_SENSOR}
 UNION ALL SELECT rig_id FROM rig_sensors WHERE sensor_id = ? AND sensor_type = {CAMERA_SENSOR}"""
-# Which images blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
+# The images that blur2view wrote. COLMAP reads and writes its tables by name and ignores others.
 VIEWS_TABLE = """
 CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NULL,
   photograph TEXT NOT NULL, role TEXT NOT NULL CHECK(role IN ('open', 'close')), config TEXT NOT NULL,
   time_known INTEGER NOT NULL, time_confidence REAL NOT NULL, smear_px REAL,
   FOREIGN KEY(image_id) REFERENCES images(image_id) ON DELETE CASCADE);
 """
-PUT_VIEW = (
-    "INSERT OR REPLACE INTO blur2view_views(image_id, photograph, role, config, time_known, time_confidence, "
-    "smear_px) VALUES (?, ?, ?, ?, ?, ?, ?)"
-)
-ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of 0.2.0
-LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database
-LOGS = ("-journal", "-wal")  # files beside a database with what is to be undone in it, or done
+ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of version 0.2.0
+LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database (bound)
+LOGS = ("-journal", "-wal")  # endings of SQLite's logs: what is to be undone in the database, or done
+FOREIGN = ("not a database", "no such table", "no such column")  # SQLite's words on other files and tables
 REMEDY = (
     "close programs that use it; check that it is whole, permissions, room and its image ids; if a program "
     "was killed that used it, open it once with COLMAP"
@@ -74,7 +74,7 @@ def open_for_writing(path: Path) -> Iterator[Connection]:
 
 @contextmanager
 def database_errors(path: Path) -> Iterator[None]:
-    """Raise every error inside as a DatabaseError; a ValueError says itself what is wrong and the remedy."""
+    """Raise every error inside as a DatabaseError; a ValueError's message states defect and remedy itself."""
     if not path.is_file():
         raise DatabaseError(f"{path}: no such database; check the path")
     try:
@@ -83,7 +83,10 @@ def database_errors(path: Path) -> Iterator[None]:
         why = " ".join(str(error).split())  # a damaged schema may hold line breaks
         if isinstance(error, ValueError) and not isinstance(error, UnicodeError):  # that of a damaged schema
             raise DatabaseError(f"{path}: {why}") from None
-        raise DatabaseError(f"{path}: cannot be used as a COLMAP database ({why}); {REMEDY}") from None
+        if any(words in why for words in FOREIGN):
+            remedy = "name the one that COLMAP's --database_path names"
+            raise DatabaseError(f"{path}: is no COLMAP database ({why}); {remedy}") from None
+        raise DatabaseError(f"{path}: cannot be used ({why}); {REMEDY}") from None
 
 
 def connect(path: Path, query: str) -> Connection:
@@ -95,7 +98,7 @@ def connect(path: Path, query: str) -> Connection:
 
 
 def check_schema(database: Connection) -> None:
-    """Raise ValueError of a damaged database, or one of a newer COLMAP than is known."""
+    """Raise ValueError if a database is damaged, or written by a newer COLMAP than is known."""
     (version,) = database.execute("PRAGMA user_version").fetchone()
     if version > NEWEST_KNOWN:
         known = f"version {version}, known up to {NEWEST_KNOWN}"
@@ -119,7 +122,7 @@ def longest_suffix(names: Container[str], photograph: Path) -> str | None:
 
 
 def storable(name: str) -> bool:
-    """Return whether SQLite can hold a name; it cannot hold bytes that are no UTF-8."""
+    """Return whether SQLite can hold a name: it is UTF-8."""
     return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
@@ -144,13 +147,71 @@ def read_matches(database: Connection, id1: int, id2: int) -> NDArray[np.int64]:
 
 
 def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray[np.float64]:
-    """Return the first two columns (N, 2) of a row of numbers of four bytes, none without a row."""
+    """Return the first two columns (N, 2) of a row's numbers of four bytes; N is 0 without a row."""
     rows, cols, data = row or (0, 2, None)
     blob = b"" if data is None else data
     whole = isinstance(blob, bytes) and isinstance(rows, int) and isinstance(cols, int)
     if not whole or rows < 0 or cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
         raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
     return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
+
+
+def read_camera(database: Connection, camera_id: int) -> Camera:
+    """Return a camera of the database, which is taken for known; ValueError if pycolmap does not know it."""
+    import pycolmap
+
+    sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"
+    model, width, height, params = database.execute(sql, (camera_id,)).fetchone()  # of any type
+    try:
+        kind = pycolmap.CameraModelId.__members__[pycolmap.CameraModelId(model).name].name
+        values = tuple(np.frombuffer(params, np.float64)[:MAX_PARAMETERS].tolist())
+        camera = colmap_camera(kind, int(width), int(height), values)
+        return Camera.from_colmap(camera, f"database, camera {camera_id}")
+    except CameraError as error:
+        raise ValueError(str(error)) from None
+    except (KeyError, TypeError, ValueError, OverflowError):  # OverflowError: of an infinite width
+        why = "is of a kind this pycolmap does not know; update pycolmap"
+        raise ValueError(f"camera {camera_id} {why}") from None
+
+
+def database_named(text: str) -> tuple[Path, int | None] | None:
+    """Return the database and the camera's id of "path.db" or "path.db:ID"; None of any other text.
+
+    A path exists, or ends in .db.
+    """
+    path, colon, number = text.rpartition(":")
+    if colon and number.isdecimal():
+        return Path(path), int(number)
+    looks_like_one = text.endswith(".db") or os.path.isfile(text)
+    return (Path(text), None) if looks_like_one else None
+
+
+def camera_of_database(
+    path: str | os.PathLike[str], camera_id: int | None = None, image_name: str = ""
+) -> Camera:
+    """Return a camera of a COLMAP database: by id, else the image's, else the only one.
+
+    ``image_name`` is the photograph's path; the image whose name it ends with is taken for it. CameraError
+    if the database cannot be read, has no such camera, or leaves the choice open.
+    """
+    path = Path(path)
+    try:
+        with open_read_only(path) as database:
+            ids = [number for (number,) in database.execute("SELECT camera_id FROM cameras")]
+            names = image_names(database)
+            name = longest_suffix(names, Path(image_name)) if image_name else None
+            if camera_id is None and name is not None:
+                sql = "SELECT camera_id FROM images WHERE image_id = ?"
+                (camera_id,) = database.execute(sql, (names[name],)).fetchone()
+            if camera_id is None and len(ids) == 1:
+                (camera_id,) = ids
+            if camera_id is not None and camera_id in ids:
+                return read_camera(database, camera_id)
+    except DatabaseError as error:
+        raise CameraError(str(error)) from None
+    some = ", ".join(map(str, ids[:10])) + " ..." * (len(ids) > 10) or "none"
+    wanted = f"no image {Path(image_name).name}" if camera_id is None else f"no camera {camera_id!r:.20}"
+    raise CameraError(f"{path}: has {wanted}; it has cameras {some}; name one as {path}:ID")
 
 
 def has_frames(database: Connection) -> bool:
@@ -166,14 +227,14 @@ def rig_of(database: Connection, camera_id: int) -> int | None:
 
 
 def ensure_table(database: Connection) -> None:
-    """Make the table of views, or give one of an earlier version the column that it lacks."""
+    """Make the table of views, or add the column that a table of version 0.2.0 lacks."""
     database.execute(VIEWS_TABLE)
     if "smear_px" not in {row[1] for row in database.execute("PRAGMA table_info(blur2view_views)")}:
         database.execute(ADD_SMEAR)
 
 
 def smear_lengths(path: Path) -> dict[str, float]:
-    """Return the length of the smear of each photograph with views in a database, pixels, if known."""
+    """Return the smears' lengths, pixels, of photographs with views in a database, as far as known."""
     sql = "SELECT DISTINCT photograph, smear_px FROM blur2view_views WHERE smear_px IS NOT NULL"
     try:
         with open_read_only(path) as database:
@@ -183,7 +244,7 @@ def smear_lengths(path: Path) -> dict[str, float]:
 
 
 def own_views(database: Connection, name: str) -> dict[str, int]:
-    """Return the ids of the existing views of a photograph that blur2view wrote, by role."""
+    """Return the ids, by role, of the views of a photograph that an earlier call wrote."""
     if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'blur2view_views'").fetchone():
         return {}
     sql = (

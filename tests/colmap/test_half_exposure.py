@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blur2view.colmap.link import half_fundamental, half_geometry, half_pose
+from blur2view.exposure.views import half_fundamental, half_geometry, half_pose
 from blur2view.geometry.epipolar import fundamental_from_pose, sampson
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry

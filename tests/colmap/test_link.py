@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.colmap.link import ProjectImage, plan_links, write_links
+from blur2view.colmap.database import ProjectImage, plan_links, write_links
 from blur2view.colmap.project import image_names, open_for_writing, smear_lengths
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews

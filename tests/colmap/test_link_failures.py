@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blur2view.colmap.link import ProjectImage, write_links
+from blur2view.colmap.database import ProjectImage, write_links
 from blur2view.colmap.project import MAX_IMAGES, open_for_writing
 from blur2view.errors import DatabaseError
 from tests.colmap.test_link import ROLLBACK, link, link_of, names_of, only_plan

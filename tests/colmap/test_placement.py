@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap.link import ProjectImage, plan_links, write_links
+from blur2view.colmap.database import ProjectImage, plan_links, write_links
 from blur2view.colmap.models import add_image
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError

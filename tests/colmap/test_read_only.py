@@ -11,10 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from blur2view.colmap.cameras import camera_of_database
-from blur2view.colmap.link import ProjectImage, plan_links
+from blur2view.colmap.database import ProjectImage, plan_links
 from blur2view.colmap.placement import place_views
-from blur2view.colmap.project import open_read_only
+from blur2view.colmap.project import camera_of_database, open_read_only
 from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
 from tests.support.colmap_projects import check_database, run_sql
