@@ -16,10 +16,9 @@ from PIL import ExifTags, Image, ImageOps, UnidentifiedImageError
 from blur2view.arrays import AnyArray
 from blur2view.errors import ImageError, within_memory
 from blur2view.files import MAX_PIXELS, open_picture, read_regular
-from blur2view.images.pixels import floats_of, over_backdrop
+from blur2view.images.pixels import floats_of, photograph_of
 from blur2view.images.video import frame_numbers, is_video
 
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 MIN_SIDE_PX = 16  # bound: anything smaller shows no smear
 # Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
 HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
@@ -67,10 +66,12 @@ def read_pixels(
         raise ImageError(f"{path}: is empty (0 bytes); copy the photograph again")
     with warnings.catch_warnings(), within_memory(path):
         warnings.simplefilter("ignore")  # Pillow warns of odd EXIF blocks and of sizes that are checked here
-        values: AnyArray = np.atleast_3d(_decode(path, encoded, as_stored))
-        if values.shape[2] == 4:
-            values = over_backdrop(floats_of(values))
-        return np.ascontiguousarray(np.broadcast_to(values, (*values.shape[:2], 3)))
+        decoded = _decode(path, encoded, as_stored)
+        try:
+            values = photograph_of(decoded)
+        except ValueError as error:
+            raise ImageError(f"{path}: {error}; save it with 8 or 16 bits per channel") from None
+        return np.ascontiguousarray(np.broadcast_to(np.atleast_3d(values), (*values.shape[:2], 3)))
 
 
 def read_content(path: Path) -> bytes:
@@ -82,15 +83,13 @@ def read_content(path: Path) -> bytes:
         return read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
-    except IsADirectoryError:
-        raise ImageError(f"{path}: is a folder; name a photograph in it") from None
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None
 
 
-def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
-    """Return pixels (H, W), (H, W, 3) or, with alpha, (H, W, 4), upright unless ``as_stored``."""
+def _decode(path: Path, encoded: bytes, as_stored: bool) -> AnyArray | Image.Image:
+    """Decode a photograph, upright unless ``as_stored``; 16-bit colour, which Pillow lacks, as an array."""
     try:
         if path.suffix.lower() in RAW_SUFFIXES:
             return _develop(path, encoded, as_stored)
@@ -107,7 +106,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
             photo.load()  # raises if the file is truncated; OpenCV would return half a picture
             if deep and (as_stored or orientation == 1):
                 return _decode_deep(encoded, alpha=photo.has_transparency_data)
-            return _pixels_of(path, photo if as_stored else ImageOps.exif_transpose(photo))
+            return photo.copy() if as_stored else ImageOps.exif_transpose(photo)
     except Image.DecompressionBombError:
         raise ImageError(f"{path}: has too many pixels; {_TOO_LARGE}") from None
     except UnidentifiedImageError:
@@ -120,19 +119,7 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> Pixels:
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
 
 
-def _pixels_of(path: Path, photo: Image.Image) -> Pixels:
-    """Return pixels as 16-bit grey (H, W), RGB (H, W, 3) or RGBA (H, W, 4)."""
-    if photo.mode.startswith("I"):  # 16-bit grey: I;16 and its byte orders, of PGM I
-        grey = np.asarray(photo)
-        if 0 <= grey.min() <= grey.max() <= 65535:
-            return grey.astype(np.uint16)
-    if photo.mode[0] in "IF":
-        raise ImageError(f"{path}: has pixels of 32 bits; save it with 8 or 16 bits per channel")
-    mode = "RGBA" if photo.has_transparency_data else "RGB"
-    return np.asarray(photo if photo.mode == mode else photo.convert(mode))
-
-
-def _decode_deep(encoded: bytes, *, alpha: bool) -> Pixels:
+def _decode_deep(encoded: bytes, *, alpha: bool) -> NDArray[np.uint16]:
     """Return 16-bit RGB (H, W, 3) or, with ``alpha``, RGBA (H, W, 4), decoded by OpenCV."""
     pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:

@@ -27,8 +27,10 @@ def photograph_of(image: AnyArray | Image.Image) -> AnyArray:
     ValueError of anything else.
     """
     if isinstance(image, Image.Image):
-        deep, mode = image.mode[0] in "IF", "RGBA" if image.has_transparency_data else "RGB"
-        image = np.asarray(image if deep else image.convert(mode))
+        mode = "RGBA" if image.has_transparency_data else "RGB"
+        deep = image.mode.startswith("I")  # 16 bits in either order of bytes, those of PGM in 32 bits
+        image = np.asarray(image if deep or image.mode in (mode, "F") else image.convert(mode))
+        image = image.astype(np.uint16) if deep and 0 <= image.min() <= image.max() <= 65535 else image
     if not isinstance(image, np.ndarray):
         raise ValueError(f"{EXPECTED}, as from read_image(path), got {image!r:.99}")
     integer = image.dtype in (np.uint8, np.uint16)

@@ -122,9 +122,12 @@ def bitmap(side: int) -> bytes:
         (encoded(Image.new("RGB", (1, 1)), "PNG"), "1x1 pixels"),
         (bitmap(40_000), "too many pixels; resize"),
         (bitmap(13_300), "13300x13300 pixels; resize"),
-        (encoded(Image.fromarray(np.ones((20, 20), np.float32)), "TIFF"), "32 bits"),
-        (encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"), "32 bits"),
-        ("folder", "is a folder; name a photograph in it"),
+        (encoded(Image.fromarray(np.full((20, 20), 1.5, np.float32)), "TIFF"), "got 1.5 to 1.5; save it"),
+        (
+            encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"),
+            "got int32 (20, 20); save it",
+        ),
+        ("folder", "Is a directory"),
         (None, "no such file"),
     ],
 )
