@@ -29,7 +29,7 @@ CUTOFF = 3.0
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 LENGTH_ERROR = 0.1  # of the length, the deviation along a smear beyond that across it, against lines
 ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from: bound
-LEAST_INDEPENDENT = 100.0  # smears whose residuals measure the noise; network smears have at most about 100
+MIN_INDEPENDENT = 100.0  # smears whose residuals measure the noise; network smears have at most about 100
 # Share of independent smears at which depth's odds of the orders count half: errors that neighbours share
 # mislead about depth as they do about F (rendered, one smear in thirty independent: median rho 0.049 with
 # full odds, 0.039 so).
@@ -60,13 +60,13 @@ REST = 0.02  # standard deviations: a smaller step ends a fit; with 0.2 the orde
 STARTERS = 5, 5, 5, 2
 TOLERANCE = 1e-5  # relative decrease of the cost that ends a fit
 SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: bound
-LEAST_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
+MIN_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
 # Refusals and consensus: `two_view.estimate`.
 MIN_MATCHES = 20
 MIN_LENGTH_PX = 1.0  # median smear
-LEAST_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
+MIN_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 BLOCKS, MIN_COVERAGE = 12, 0.08  # square blocks along the longer side; share of them that hold matches
 SHORT_QUANTILE, SHORT_INLIERS = 0.35, 0.5  # of the lengths; share of smears that are no outliers, at least
 INLIER_SHARE = 0.1  # of its length, the Sampson distance at which a smear is no inlier: rho, our main measure
@@ -76,7 +76,7 @@ MIN_AGREEMENT = 0.2  # share of smears that fit F beyond chance: SYNTH's last ro
 # Which model: `two_view.choice`.
 SAMPLE = 1000  # smears that models are compared on, at most: with 400, 3 of 14 general SYNTH are open, not 1
 ON_PLANE = 3.0  # standard deviations within which a smear follows a homography
-LEAST_ON_PLANE = 0.4  # share of the smears on it without which parallax is not called absent
+MIN_ON_PLANE = 0.4  # share of the smears on it without which parallax is not called absent
 # The one step from the table to probabilities (`choice.probabilities_of`): by maximum likelihood over 200
 # rendered photographs of rotations, planes, still cameras and parallax of a fifth
 # (`tools.datasets.testset OUT --kinds --scenes 50 --seed 80000`, network smears). Rolling shutters pay
@@ -97,7 +97,7 @@ PROVEN_FROM = 0.87
 # (`tests/two_view/test_degeneracy.py`) eight of 36 (seeds 0, 100 and 200 to 11 more) reach it, with 0.5
 # eleven. Nor does the share within thrice the tolerance tell them from a camera's motion.
 PROVEN_AGREEMENT = 0.55
-# Probability below which it is absent, where LEAST_INDEPENDENT smears are independent, all correlation
+# Probability below which it is absent, where MIN_INDEPENDENT smears are independent, all correlation
 # counted: bound
 ABSENT_BELOW = 0.015
 

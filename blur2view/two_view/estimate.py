@@ -10,25 +10,25 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array, require
 from blur2view.camera import Camera
-from blur2view.geometry.epipolar import serrmin
+from blur2view.geometry.epipolar import denormalise, serrmin
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
-from blur2view.two_view.choice import Choice, choose
+from blur2view.two_view.choice import choose
 from blur2view.two_view.fundamental import search_and_fit
 from blur2view.two_view.homography import HomographyFit
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import pixel_homography
 from blur2view.two_view.order import in_order
-from blur2view.two_view.pose import EstimatedPose, estimate_pose
+from blur2view.two_view.pose import estimate_pose
 
 # Of orders, by which rows are taken apart; that with the most inliers counts. Of ten draws of the noise of
 # `test_rolling_shutter`'s 45 ms two rounds leave five in another minimum, three one, four none.
 ROUNDS = 4
 GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions
-MOST_PX = 1e6  # beyond any photograph, and its square is a number
+MAX_PX = 1e6  # beyond any photograph, and its square is a number
 LESS_PARALLAX = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN]
 
 
@@ -42,8 +42,8 @@ class EstimatorOptions:
     max_error_px: float = 3**0.5
 
     def __post_init__(self) -> None:
-        if not 0 < self.max_error_px <= MOST_PX:
-            raise ValueError(f"max_error_px must be positive, at most {MOST_PX:g}, got {self.max_error_px}")
+        if not 0 < self.max_error_px <= MAX_PX:
+            raise ValueError(f"max_error_px must be positive, at most {MAX_PX:g}, got {self.max_error_px}")
 
     def tolerance_px(self, length_px: Array, sigma_px: Array) -> Array:
         """Return the Sampson distances (N,), pixels, below which smears are inliers: the one definition.
@@ -153,43 +153,36 @@ def as_recorded(
         return nothing
     straight = matches if camera is None else undistorted(matches, camera)
     likelihood, fit = search_and_fit(Likelihood.of(straight, camera), rng)
-    found = inliers_of(likelihood.pixels(fit.point.matrix()), likelihood, options)
-    choice = choose(likelihood, fit, agreement=found.beyond_chance, rolling=rolling, moved=moved)
-    pose = None
-    if likelihood.intrinsics_known and (choice.reports_F or choice.homography is not None):
-        pose = estimate_pose(likelihood, choice)
-    geometry = geometry_of(choice, pose, likelihood, options)
-    reason = f"{choice.sentence}: {found.figures}{'' if pose is None else pose.sentence}"
-    return in_order(replace(geometry, reason=reason), matches, camera)
-
-
-def geometry_of(
-    choice: Choice, pose: EstimatedPose | None, likelihood: Likelihood, options: EstimatorOptions
-) -> TwoViewGeometry:
-    """Return the geometry of a choice and a pose with its inliers, without the order of the ends."""
-    F, H, inliers = None, None, Inliers(mask=np.zeros(len(likelihood), bool))
-    if choice.homography is not None:
-        H = pixel_homography(choice.homography.family.generator(), likelihood.T)
-        inliers = inliers_of(choice.homography, likelihood, options)
-    if choice.reports_F:
-        of_pose = None if pose is None else pose.E
-        F = likelihood.pixels(choice.fit.point.matrix() if of_pose is None else of_pose)
-        inliers = inliers_of(F, likelihood, options)
-    proven = pose is not None and choice.config is Configuration.UNCALIBRATED
-    return TwoViewGeometry(
-        F=F,
-        H=H,
-        config=Configuration.CALIBRATED if proven else choice.config,
-        reason=choice.sentence,
-        inlier_mask=inliers.mask,
+    F = denormalise(fit.point.matrix(), likelihood.T)
+    inliers, by_chance = inliers_of(F, likelihood, options)
+    share = 100 * int(inliers.sum()) // len(inliers)  # rounded down, as only all are 100 %
+    figures = f"{share} % of {len(inliers)} smears fit, {100 * by_chance:.0f} % would by chance"
+    agreement = (float(inliers.mean()) - by_chance) / max(1 - by_chance, 1e-9)
+    choice = choose(likelihood, fit, agreement=agreement, rolling=rolling, moved=moved)
+    field, pose = choice.homography, None
+    if likelihood.lens == (0.0, 0.0) and (choice.reports_F or field is not None):
+        pose = estimate_pose(likelihood, fit, choice)
+        F = F if pose.E is None else denormalise(pose.E, likelihood.T)
+    model = F if choice.reports_F else field
+    inliers, by_chance = np.zeros(len(likelihood), bool), 0.0
+    if model is not None:
+        inliers, by_chance = inliers_of(model, likelihood, options)
+    proven = choice.config is Configuration.UNCALIBRATED
+    geometry = TwoViewGeometry(
+        F=F if choice.reports_F else None,
+        H=None if field is None else pixel_homography(field.family.generator(), likelihood.T),
+        config=Configuration.CALIBRATED if proven and pose is not None else choice.config,
+        reason=f"{choice.sentence}: {figures}{'' if pose is None else pose.sentence}",
+        inlier_mask=inliers,
         second_end_is_open=np.zeros(len(likelihood), bool),
         cam2_from_cam1=None if pose is None else pose.cam2_from_cam1,
         covariance=None if pose is None else pose.covariance,
         stood_still=choice.config is Configuration.DEGENERATE,
         models=choice.models,
-        independent_smears=choice.independent_smears,
-        support_by_chance=inliers.by_chance,
+        independent_smears=likelihood.effective_count,
+        support_by_chance=by_chance,
     )
+    return in_order(geometry, matches, camera)
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
@@ -229,7 +222,7 @@ def refused(matches: SmearMatches) -> TwoViewGeometry | None:
         moved = f"{little}: perhaps one moving object before a still camera"
         return no_geometry(matches, moved, insufficient_data=True)
     short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
-    if short <= c.LEAST_WIDTH * long:  # leaves F and H open
+    if short <= c.MIN_WIDTH * long:  # leaves F and H open
         return no_geometry(matches, "all smears lie along one line", insufficient_data=True)
     return None
 
@@ -243,41 +236,24 @@ def coverage(matches: SmearMatches) -> float:
     return float(len(np.unique(np.floor(matches.midpoint / block_px), axis=0)) / blocks)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Inliers:
-    """Which smears follow a model, and what share would if their directions were random."""
+def inliers_of(
+    model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions
+) -> tuple[NDArray[np.bool_], float]:
+    """Return the inliers (N,) of F (3, 3), of the matches' pixels, or of a displacement field, and chance.
 
-    mask: NDArray[np.bool_]  # (N,)
-    by_chance: float = 0.0
-
-    @property
-    def beyond_chance(self) -> float:
-        """Share of inliers of the smears that do not fit by chance; negative if fewer fit than would."""
-        return (float(self.mask.mean()) - self.by_chance) / max(1 - self.by_chance, 1e-9)
-
-    @property
-    def figures(self) -> str:
-        """The clause that says so; rounded down, as only all are 100 %."""
-        share = 100 * int(self.mask.sum()) // len(self.mask)
-        return f"{share} % of {len(self.mask)} smears fit, {100 * self.by_chance:.0f} % would by chance"
-
-
-def inliers_of(model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions) -> Inliers:
-    """Return the inliers of F (3, 3), of the matches' pixels, or of a displacement field.
-
-    See `EstimatorOptions.tolerance_px`; chance is measured on the same smears in random directions.
+    See `EstimatorOptions.tolerance_px`; chance is the share of the same smears in random directions that fit.
     """
     of_field = isinstance(model, HomographyFit)
     sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px
-    tolerance = options.tolerance_px(likelihood.length_px, sigma_px)
+    tolerance = options.tolerance_px(likelihood.matches.length_px, sigma_px)
 
     def fitting(likelihood: Likelihood) -> NDArray[np.bool_]:
         if isinstance(model, HomographyFit):
-            return np.asarray(model.orders(likelihood).least * likelihood.sigma_px < tolerance)
+            return model.distances_px(likelihood) < tolerance
         return np.asarray(np.sqrt(serrmin(model, likelihood.matches.ends)) < tolerance)
 
     scattered = replace(likelihood, matches=in_random_directions(likelihood.matches))
-    return Inliers(mask=fitting(likelihood), by_chance=float(fitting(scattered).mean()))
+    return fitting(likelihood), float(fitting(scattered).mean())
 
 
 def in_random_directions(matches: SmearMatches) -> SmearMatches:

@@ -63,13 +63,13 @@ class FundamentalFit:
     def cost(self) -> float:
         """Twice the negative log-posterior."""
         prior, _ = self.point.prior()
-        data = self.likelihood.costs(self.residuals).sum()
+        data = self.residuals.costs.sum()
         return float(self.likelihood.effective_share * data + prior @ prior)
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (8, 8) and J^T W r (8,) of data, in the orders that count, and prior."""
         likelihood, residuals = self.likelihood, self.residuals
-        weight = np.sqrt(likelihood.effective_share * likelihood.order_weights(residuals))
+        weight = np.sqrt(likelihood.effective_share * residuals.weights)
         F, tangents = self.point.matrix(), self.point.tangent()
         jacobian = likelihood.products.derivatives(F, tangents, residuals.both, residuals.root)
         jacobian *= weight
@@ -109,7 +109,7 @@ class SmearEstimator:
     @cached_property
     def quality(self) -> Array:
         """Sampling weights (N,): length over standard deviation, squared."""
-        weights: Array = (self.likelihood.length_px / self.likelihood.sigma_px) ** 2
+        weights: Array = (self.likelihood.matches.length_px / self.likelihood.sigma_px) ** 2
         return weights
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
@@ -138,7 +138,8 @@ class SmearEstimator:
         A smear of length L and random direction passes a bound on its Sampson distance with probability
         2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
         """
-        bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / np.maximum(self.likelihood.length_px, TINY)
+        lengths_px = np.maximum(self.likelihood.matches.length_px, TINY)
+        bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / lengths_px
         chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
         inside = float((self.likelihood.residuals(model).least < c.CUTOFF).mean())
         return float((inside - chance + TINY) / (1 - chance + TINY))
@@ -202,7 +203,7 @@ class DirectionLikelihood:
         rows = across[:, 0, None] * flow[0] + across[:, 1, None] * flow[1]  # (G, 3, N)
         outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
         wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
-        own = some.sigma_scale * some.matches.inlier_sigma_px[1] / (length * some.unit_px)
+        own = some.field_sigmas_px[1] / (length * some.unit_px)
         share = np.hypot(own, some.matches.shared.least).astype(np.float32)  # error across over length
         rotations, missed = reweighted_motion(
             rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: share
@@ -275,11 +276,11 @@ def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
     squared = residual[residual < c.CUTOFF] ** 2
     if not len(squared):
         return likelihood
-    variance, inliers = max(1.4826**2 * float(np.median(squared)), c.LEAST_VARIANCE), 0.5
+    variance, inliers = max(1.4826**2 * float(np.median(squared)), c.MIN_VARIANCE), 0.5
     for _ in range(c.SCALE_STEPS):
         normal = inliers * (2 / (np.pi * variance)) ** 0.5 * np.exp(-squared / (2 * variance))
         share = normal / (normal + (1 - inliers) / c.CUTOFF)
         total = float(share.sum())
         inliers = min(total / len(squared), 0.999)
-        variance = max(float(share @ squared) / max(total, 1e-9), c.LEAST_VARIANCE)
+        variance = max(float(share @ squared) / max(total, 1e-9), c.MIN_VARIANCE)
     return likelihood.rescaled(float(np.clip(variance**0.5, 0.1, 4.0)))

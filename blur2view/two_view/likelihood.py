@@ -1,13 +1,10 @@
-"""The likelihood of smears whose order is unknown, by which every model is judged.
+"""The likelihood of F given smears whose order is unknown, and the errors by which every model is judged.
 
-A smear's end-point error is as large along it and across it as `smears.noise` says, and nothing else here
-turns what was stated into deviations. Both orders are possible, and their probabilities are summed; some
-smears follow no model; of n smears only the effective number is independent, and every log-likelihood is
-tempered by that share. Two kinds of models are judged:
-
-- F says on which line a smear lies, not where: the Sampson distance counts (`OrderedResiduals`);
-- a displacement field, of a rotation or a plane, says where both ends are: the whole end-point error counts
-  (`homography.HomographyFit`, also of a field with parallax along the lines of F, which links the two).
+F says on which line a smear lies, not where: the Sampson distance counts. (A displacement field, of a
+rotation or a plane, says where both ends are: `homography.FieldLikelihood`.) Errors are as large along a
+smear and across it as `smears.noise` says. Both orders of a smear are possible, and their probabilities are
+summed; some smears follow no model; of n smears only the effective number is independent, and every
+log-likelihood is tempered by that share.
 """
 
 from __future__ import annotations
@@ -20,43 +17,40 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera import Camera
-from blur2view.geometry.epipolar import EndProducts, denormalise
+from blur2view.geometry.epipolar import EndProducts
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view import constants as c
 from blur2view.two_view.models import assumed_camera, velocity_basis
 
 PROBIT_AS_LOGIT = 1.702  # log(Phi(z)) is -log(1 + exp(-1.702 z)) to within 0.01 in Phi
-MOST_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
+MAX_LOG_ODDS = 300.0  # against an order: two such make no number that is too small
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OrderedResiduals:
-    """Residuals of every smear in both orders, in standard deviations, and the odds of its order.
+    """Residuals of every smear in both orders, in standard deviations, and what follows from them.
 
     ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``prior`` both orders'
     probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`order_odds`). At even
     odds, deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
-    ``root`` (2, N) is the gradient's length, which their derivatives take.
+    ``root`` (2, N) is the gradient's length, which their derivatives take; ``chance`` (N,) the density of an
+    outlier's residual over an inlier's at zero, times the odds of being one.
     """
 
     both: Array
+    root: Array
+    chance: Array
     prior: Array | float = 0.5
-    root: Array | float = 1.0
 
     @cached_property
     def backward(self) -> NDArray[np.bool_]:
         """Whether ends[:, 1] first is the better order, (N,)."""
         return np.asarray(np.abs(self.both[1]) < np.abs(self.both[0]))
 
-    @cached_property
+    @property
     def least(self) -> Array:
         """Absolute residuals (N,) of the better order."""
         return np.asarray(np.abs(self.both).min(axis=0))
-
-    @cached_property
-    def likelihoods(self) -> Array:
-        """Probability times likelihood (2, N) of both orders; their sum is at most 1."""
-        return np.asarray(np.exp(-0.5 * self.both**2) * self.prior)
 
     @property
     def forward_share(self) -> Array:
@@ -65,6 +59,22 @@ class OrderedResiduals:
         share: Array = 0.5 * (1 + np.tanh(0.5 * (ahead - behind)))
         return share
 
+    @cached_property
+    def likelihoods(self) -> Array:
+        """Probability times likelihood (2, N) of both orders; their sum is at most 1."""
+        return np.asarray(np.exp(-0.5 * self.both**2) * self.prior)
+
+    @property
+    def costs(self) -> Array:
+        """Twice the negative log-likelihood (N,) of inliers and outliers, 0 for a perfect inlier."""
+        total = self.likelihoods.sum(axis=0) + self.chance
+        return np.asarray(-2 * np.log(total / (1 + self.chance)))
+
+    @property
+    def weights(self) -> Array:
+        """Probabilities (2, N) of being an inlier in either order: weights of least squares."""
+        return np.asarray(self.likelihoods / (self.likelihoods.sum(axis=0) + self.chance))
+
     def decided(self) -> OrderedResiduals:
         """Return them with each smear's better order taken for granted, as SErrMin does."""
         return replace(self, prior=np.stack([~self.backward, self.backward]).astype(float))
@@ -72,7 +82,7 @@ class OrderedResiduals:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Likelihood:
-    """Matches in normalised coordinates, with the errors they may have."""
+    """Matches in normalised coordinates, with the errors that they may have."""
 
     matches: SmearMatches  # of undistorted pixels, where the camera is known
     T: Array  # (3, 3) pixels to normalised: the inverse of the camera, assumed or given
@@ -118,6 +128,11 @@ class Likelihood:
         """Displacements ends[:, 1] - ends[:, 0], (N, 2), normalised."""
         return np.asarray(self.ends[:, 1] - self.ends[:, 0])
 
+    @property
+    def unit_px(self) -> float:
+        """Pixels per normalised unit."""
+        return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
+
     @cached_property
     def sigma_px(self) -> Array:
         """Standard deviations (N,) of the Sampson distance, pixels."""
@@ -128,20 +143,16 @@ class Likelihood:
         """Standard deviations (N,) of the Sampson distance, normalised."""
         return self.sigma_px / self.unit_px
 
-    @property
-    def intrinsics_known(self) -> bool:
-        """Whether the intrinsics are known."""
-        return self.lens == (0.0, 0.0)
+    @cached_property
+    def field_sigmas_px(self) -> Array:
+        """Standard deviations (2, N) of the distance from a field along and across the smears, pixels.
 
-    @property
-    def length_px(self) -> Array:
-        """Lengths (N,), pixels."""
-        return self.matches.length_px
-
-    @property
-    def unit_px(self) -> float:
-        """Pixels per normalised unit."""
-        return float((self.T[0, 0] * self.T[1, 1]) ** -0.5)
+        As stated, or as measured by what F leaves where many smears err by themselves. Else F takes up errors
+        that neighbours share, and what it leaves is less than they are: a tenth on a phone's picture of a
+        flat chart, which then seemed to have depth.
+        """
+        scale = self.sigma_fitted if self.effective_share == 1 and self.has_many_independent else 1.0
+        return scale * np.stack(self.matches.inlier_sigma_px)
 
     @property
     def effective_share(self) -> float:
@@ -156,20 +167,14 @@ class Likelihood:
     @property
     def has_many_independent(self) -> bool:
         """Whether so many smears are independent that residuals tell minima of the cost apart."""
-        return self.effective_count >= c.LEAST_INDEPENDENT
+        return self.effective_count >= c.MIN_INDEPENDENT
 
     @cached_property
     def prior(self) -> Array:
         """Standard deviations (6,) of a camera's motion and lens while smears of this length arise."""
-        rotation = np.array(c.ROTATION_SPREAD) * float(np.median(self.length_px)) / self.unit_px
+        rotation = np.array(c.ROTATION_SPREAD) * float(np.median(self.matches.length_px)) / self.unit_px
         spread = np.array([*rotation, self.lens[0], self.lens[1], self.lens[1]])
         return spread if self.has_camera else c.NO_CAMERA * spread
-
-    @property
-    def rows_axis(self) -> int:
-        """Axis along which a sensor's rows follow one another, 0 (x) or 1 (y): that of the shorter side."""
-        width, height = self.matches.image_size or (1, 1)
-        return int(height <= width)
 
     def rescaled(self, factor: float) -> Likelihood:
         """Return the likelihood with the deviations of Sampson distances multiplied by a factor."""
@@ -185,12 +190,6 @@ class Likelihood:
         """The same smears with all correlation of neighbours counted: for regions, not for fits."""
         return replace(self, matches=replace(self.matches, shared=self.matches.shared.fully_correlated))
 
-    def pixels(self, F: Array) -> Array:
-        """Return F (3, 3) of pixels, unit norm, from F (3, 3) of normalised coordinates."""
-        return denormalise(F, self.T)
-
-    # F: on which line a smear lies
-
     @cached_property
     def products(self) -> EndProducts:
         """Products of the ends' coordinates, for residuals."""
@@ -199,18 +198,13 @@ class Likelihood:
     @cached_property
     def chance(self) -> Array:
         """Density (N,) of an outlier's residual over an inlier's at zero, times the odds of being one."""
-        density = np.minimum(np.pi**0.5 * self.sigma_px / (self.length_px + TINY), 1)
+        density = np.minimum(np.pi**0.5 * self.sigma_px / (self.matches.length_px + TINY), 1)
         return np.asarray(c.OUTLIER_ODDS * density)
 
     def residuals(self, F: Array) -> OrderedResiduals:
-        """Return residuals under F (3, 3) in both orders, at even odds."""
+        """Return residuals under F (3, 3), of normalised coordinates, in both orders, at even odds."""
         both, root = self.products.distances(F)
-        return OrderedResiduals(both=both, root=root)
-
-    @cached_property
-    def _along(self) -> Array:
-        """Standard deviations (N,) of displacements along epipolar lines, normalised."""
-        return np.hypot(2**0.5 * self.sigma_px, c.LENGTH_ERROR * self.length_px) / self.unit_px
+        return OrderedResiduals(both=both, root=root, chance=self.chance)
 
     @cached_property
     def _depths(self) -> tuple[Array, Array]:
@@ -235,77 +229,10 @@ class Likelihood:
         moved, turned = t @ smear, np.outer(t, rotation).reshape(-1) @ flow
         x, y = self.middle.T
         length = np.sqrt((t[0] - t[2] * x) ** 2 + (t[1] - t[2] * y) ** 2) + TINY
-        scale = sign * PROBIT_AS_LOGIT / (length * self._along)
-        against = np.minimum(np.stack([turned - moved, turned + moved]) * scale, MOST_LOG_ODDS)
+        along = np.hypot(2**0.5 * self.sigma_px, c.LENGTH_ERROR * self.matches.length_px) / self.unit_px
+        scale = sign * PROBIT_AS_LOGIT / (length * along)
+        against = np.minimum(np.stack([turned - moved, turned + moved]) * scale, MAX_LOG_ODDS)
         feasible = 1 / (1 + np.exp(against))
         odds = feasible * (np.maximum(*feasible) / np.add(*feasible))
         weight = 1 / (1 + (c.DEPTH_TRUST / self.effective_share) ** 3)
         return np.asarray(odds**weight * 2 ** (weight - 1))
-
-    def costs(self, residuals: OrderedResiduals) -> Array:
-        """Return twice the negative log-likelihood (N,) of the mixture, 0 for a perfect inlier."""
-        total = residuals.likelihoods.sum(axis=0) + self.chance
-        return np.asarray(-2 * np.log(total / (1 + self.chance)))
-
-    def order_weights(self, residuals: OrderedResiduals) -> Array:
-        """Return probabilities (2, N) of being an inlier in either order: weights of least squares."""
-        return np.asarray(residuals.likelihoods / (residuals.likelihoods.sum(axis=0) + self.chance))
-
-    # Displacement fields: where both ends are
-
-    @property
-    def sigma_scale(self) -> float:
-        """Scale of the stated deviations: as measured by what F leaves, where many smears err by themselves.
-
-        F takes up errors that neighbours share, and what it leaves is less than they are: a tenth on a
-        phone's picture of a flat chart, which then seemed to have depth.
-        """
-        return self.sigma_fitted if self.effective_share == 1 and self.has_many_independent else 1.0
-
-    @cached_property
-    def field_sigmas_px(self) -> Array:
-        """Standard deviations (2, N) of the distance from a field along and across the smears, pixels."""
-        return self.sigma_scale * np.stack(self.matches.inlier_sigma_px)
-
-    @cached_property
-    def field_chance(self) -> Array:
-        """Density (N,) of a smear of any direction and no longer, over that of an inlier at best."""
-        return np.asarray(np.minimum(2 * self.field_sigmas_px.prod(axis=0) / (self.length_px**2 + TINY), 1))
-
-    @cached_property
-    def whitening(self) -> Array:
-        """Matrices (2, 2, N) to components along and across the smear in standard deviations."""
-        x, y = self.displacement.T / np.maximum(np.hypot(*self.displacement.T), TINY)
-        return np.array([[x, y], [-y, x]]) * self.unit_px / self.field_sigmas_px[:, None]
-
-    @cached_property
-    def slow_errors(self) -> Array:
-        """Errors (6, 2, N) that vary slowly over the picture, of one deviation, in standard deviations.
-
-        Lengths and directions wrong by a share of smooth lengths, everywhere or in proportion to x or y. Of
-        the measured ones such an error would shrink their scatter, too, and pay for itself.
-        """
-        half = 0.5 * float(np.ptp(self.middle, axis=0).max()) + TINY
-        offset = (self.middle - np.median(self.middle, axis=0)) / half
-        modes, shared = np.column_stack([np.ones(len(self)), offset]).T, self.matches.shared
-        length = np.maximum(own := np.hypot(*self.displacement.T), 0.1 * np.median(own) + TINY)
-        basis = np.column_stack([modes.T, offset**2, offset.prod(axis=1)]) / length[:, None]
-        smooth = basis @ np.linalg.lstsq(basis, np.ones(len(self)), rcond=None)[0]  # over the measured length
-        x, y = np.clip(smooth, 0, None) * self.displacement.T
-        errors = (shared.length + c.NO_ERROR) * np.array([x, y])
-        across = (shared.direction_rad + c.NO_ERROR) * np.array([-y, x])
-        return self.whiten(np.concatenate([modes[:, None] * error for error in (errors, across)]))
-
-    @cached_property
-    def velocities(self) -> Array:
-        """The `velocity_basis` (8, 2, N), in standard deviations."""
-        return self.whiten(velocity_basis(self.middle))
-
-    @cached_property
-    def white_displacement(self) -> Array:
-        """The smears (2, N) as they are, in standard deviations."""
-        return self.whiten(self.displacement.T)
-
-    def whiten(self, vectors: Array) -> Array:
-        """Return vectors (..., 2, N) along and across the smears in standard deviations."""
-        return np.asarray(np.einsum("ijn,...jn->...in", self.whitening, vectors))

@@ -38,7 +38,7 @@ from blur2view.two_view.constants import ASSUMED_FOCAL, ROLLING_SPREAD
 IDENTITY: Array = np.eye(3)
 ENTRIES: Array = np.eye(9)[:8].reshape(8, 3, 3)  # A33 = 0 fixes the scale of H
 UNROTATED: Array = np.zeros(6)
-LEAST_SIGMA = 1e-9  # standard deviation of a prior that fixes a parameter
+MIN_SIGMA = 1e-9  # standard deviation of a prior that fixes a parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +69,7 @@ class CameraF:
     @cached_property
     def inverse(self) -> Array:
         """K^-1 (3, 3)."""
-        log_focal, cx, cy = self.lens.tolist()
-        g = math.exp(log_focal)
-        return np.array([[1 / g, 0, -cx / g], [0, 1 / g, -cy / g], [0, 0, 1.0]])
+        return np.asarray(np.linalg.inv(lens_matrix(self.lens)), float)
 
     def matrix(self) -> Array:
         """Return F of shape (3, 3), not of unit norm."""
@@ -79,17 +77,11 @@ class CameraF:
 
     def tangent(self) -> Array:
         """Return dF of shape (8, 3, 3)."""
-        inverse, cross = self.inverse, cross_matrix(self.t)
-        E = cross @ self.R
-        lens = np.zeros((3, 3, 3))  # d(K^-1) K in log g, cx, cy
-        lens[0, [0, 1], [0, 1]] = -1.0
-        lens[1, 0, 2] = lens[2, 1, 2] = -inverse[0, 0]
-        inner = np.empty((8, 3, 3))
-        inner[:2] = cross_matrix(plane_basis(self.t)) @ self.R
-        inner[2:5] = cross @ GENERATORS @ self.R
-        inner[5:] = np.swapaxes(lens, 1, 2) @ E + E @ lens
-        tangent: Array = inverse.T @ inner @ inverse
-        return tangent
+        turned = cross_matrix(self.t) @ GENERATORS @ self.R
+        dE = np.concatenate([cross_matrix(plane_basis(self.t)) @ self.R, turned])
+        F, change = self.matrix(), lens_changes(self.lens)
+        lens = np.swapaxes(change, 1, 2) @ F + F @ change
+        return np.concatenate([self.inverse.T @ dE @ self.inverse, -lens])
 
     def step(self, delta: Array) -> CameraF:
         """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
@@ -98,13 +90,28 @@ class CameraF:
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; their Jacobian (6, 8) to first order."""
-        weight = 1 / np.maximum(self.sigma, LEAST_SIGMA)
+        weight = 1 / np.maximum(self.sigma, MIN_SIGMA)
         return np.concatenate([self.rotation, self.lens]) * weight, np.eye(6, 8, 2) * weight[:, None]
 
     def motion(self) -> tuple[Array, Array]:
         """Return the generator's entries (8,) of its rotation and its epipole K t (3,), to first order."""
-        K = np.linalg.inv(self.inverse)
+        K = lens_matrix(self.lens)
         return entries_of(K @ cross_matrix(self.rotation) @ self.inverse), K @ self.t
+
+
+def lens_matrix(lens: Array) -> Array:
+    """Return K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] of log g, cx, cy."""
+    log_focal, cx, cy = lens.tolist()
+    g = math.exp(log_focal)
+    return np.array([[g, 0, cx], [0, g, cy], [0, 0, 1.0]])
+
+
+def lens_changes(lens: Array) -> Array:
+    """Return dK K^-1 (3, 3, 3) in log g, cx and cy: F changes by -(X^T F + F X), a generator by X A - A X."""
+    change = np.zeros((3, 3, 3))
+    change[0, :2] = [[1, 0, -lens[1]], [0, 1, -lens[2]]]
+    change[[1, 2], [0, 1], 2] = 1.0
+    return change
 
 
 def assumed_camera(image_size: tuple[float, ...]) -> Array:
@@ -149,7 +156,7 @@ class HomographyFlow:
     @property
     def weight(self) -> Array:
         """One over the prior's standard deviations of the parameters, (k,)."""
-        weight = 1 / np.maximum(self.sigma, LEAST_SIGMA)
+        weight = 1 / np.maximum(self.sigma, MIN_SIGMA)
         return np.append(weight if self.turns else np.zeros(8), weight[: len(self.change)] / ROLLING_SPREAD)
 
     def rolling(self, axis: int) -> HomographyFlow:
@@ -164,21 +171,14 @@ class HomographyFlow:
         """Return A of shape (3, 3) of the middle row."""
         if not self.turns:
             return np.append(self.parameters[:8], 0.0).reshape(3, 3)
-        K = self._camera()
+        K = lens_matrix(self.parameters[3:6])
         return np.asarray(K @ cross_matrix(self.parameters[:3]) @ np.linalg.inv(K))
-
-    def _camera(self) -> Array:
-        log_focal, cx, cy = self.parameters[3:6]
-        return np.array([[np.exp(log_focal), 0, cx], [0, np.exp(log_focal), cy], [0, 0, 1.0]])
 
     def tangent(self) -> Array:
         """Return dA of shape (8 or 6, 3, 3) of the middle row."""
         if not self.turns:
             return ENTRIES
-        K, A, change = self._camera(), self.generator(), np.zeros((3, 3, 3))
-        change[0, [0, 1], [0, 1]] = K[0, 0]
-        change[[1, 2], [0, 1], 2] = 1.0
-        lens = change @ np.linalg.inv(K)  # dK K^-1, and dA = dK K^-1 A - A dK K^-1
+        K, A, lens = lens_matrix(self.parameters[3:6]), self.generator(), lens_changes(self.parameters[3:6])
         return np.concatenate([K @ GENERATORS @ np.linalg.inv(K), lens @ A - A @ lens])
 
     def displacement(self, points: Array) -> Array:
@@ -193,11 +193,6 @@ class HomographyFlow:
         middle = np.tensordot(entries_of(self.tangent()), basis, 1)
         change = np.tensordot(entries_of(GENERATORS), basis, 1)[: len(self.change)]
         return np.concatenate([middle, points[:, self.axis] * change])
-
-
-def rotation_of(A: Array) -> Array:
-    """Return the rotation vector (3,) nearest to a generator A (3, 3), for K = I: that of its skew part."""
-    return 0.5 * np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
 
 
 def cayley(A: Array) -> Array:

@@ -18,6 +18,7 @@ from blur2view.geometry.two_view_geometry import Configuration
 from blur2view.two_view import constants as c
 from blur2view.two_view.choice import Choice
 from blur2view.two_view.fundamental import DirectionLikelihood, FundamentalFit, fit_best
+from blur2view.two_view.homography import FieldLikelihood
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, cayley
 from blur2view.two_view.order import pose_before_both
@@ -36,19 +37,20 @@ class EstimatedPose:
     E: Array | None  # (3, 3) of the intrinsics, which F becomes that of; None where a rotation explains all
 
 
-def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
-    """Return the pose of known intrinsics for a choice with F or H.
+def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -> EstimatedPose:
+    """Return the pose of known intrinsics for a choice with F or H, given the F of least cost.
 
     The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
     explains the smears alone; else the pose is the rotation, whatever the translation.
     """
     if choice.config is Configuration.PANORAMIC and choice.homography is not None:
         field = choice.homography
-        correlated = replace(field, likelihood=field.likelihood.fully_correlated)
-        vector, spread = field.family.parameters[:3], correlated.covariance()[:3, :3]
-        return rotation_alone(vector, spread, "the rotation that explains the smears alone")
+        correlated = FieldLikelihood(smears=field.likelihood.smears.fully_correlated)
+        spread = replace(field, likelihood=correlated).covariance()[:3, :3]
+        why = "the rotation that explains the smears alone"
+        return rotation_alone(field.family.parameters[:3], spread, why)
     directions = DirectionLikelihood(likelihood=likelihood.fully_correlated)
-    point, pose = fit_calibrated(likelihood, choice.fit.point, directions)
+    point, pose = fit_calibrated(likelihood, fit.point, directions)
     mean, region = region_of(directions, pose)
     covariance = covariance_of(likelihood.fully_correlated, point, pose, region)
     fitted = "; E was then fitted to the known intrinsics"
@@ -56,7 +58,7 @@ def estimate_pose(likelihood: Likelihood, choice: Choice) -> EstimatedPose:
     if proven or covariance.translation_sigma_deg < c.KNOWN_DEG:
         return EstimatedPose(cam2_from_cam1=pose, covariance=covariance, sentence=fitted, E=pose.essential)
     off = mean - pose.rotation_vector
-    unseen = c.UNSEEN * float(np.median(likelihood.length_px)) / likelihood.unit_px
+    unseen = c.UNSEEN * float(np.median(likelihood.matches.length_px)) / likelihood.unit_px
     spread = region.matrix[:3, :3] - np.outer(off, off) + unseen**2 * np.eye(3)
     alone = rotation_alone(mean, spread, "the mean rotation over all directions of translation")
     if not choice.reports_F:
@@ -72,7 +74,7 @@ def fit_calibrated(
     likeliest = CameraF(t=t, R=rotation_matrix(rotation), sigma=likelihood.prior)
     point = fit_best([start, likeliest], likelihood).point
     residuals = likelihood.residuals(point.matrix())
-    inliers = likelihood.order_weights(residuals).sum(axis=0)
+    inliers = residuals.weights.sum(axis=0)
     return point, pose_before_both(point.matrix(), likelihood.ends, residuals.forward_share, inliers)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.geometry.pose import rotation_vector
 from blur2view.smears.noise import INDEPENDENT, NoiseModel
-from blur2view.two_view.homography import SLOW, fit_homography
+from blur2view.two_view.homography import SLOW, FieldLikelihood, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import HomographyFlow
 from tests.support.scenes import Scene, disturb, make_scene
@@ -23,8 +23,8 @@ def turning(seed: int, count: int = 600) -> Scene:
     return make_scene(np.random.default_rng(seed), count=count, length_px=15, rotation_share=np.inf)
 
 
-def likelihood_of(scene: Scene, sigma_px: float = 1.0, shared: NoiseModel = INDEPENDENT) -> Likelihood:
-    return Likelihood.of(scene.matches(sigma_px, shared=shared), scene.camera)
+def likelihood_of(scene: Scene, sigma_px: float = 1.0, shared: NoiseModel = INDEPENDENT) -> FieldLikelihood:
+    return FieldLikelihood(smears=Likelihood.of(scene.matches(sigma_px, shared=shared), scene.camera))
 
 
 def start(scene: Scene) -> HomographyFlow:

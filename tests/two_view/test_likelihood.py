@@ -5,7 +5,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
-from blur2view.two_view.homography import HomographyFit, fit_homography
+from blur2view.two_view.homography import FieldLikelihood, HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, HomographyFlow, cayley
 from tests.support.scenes import make_scene, normalised_likelihood
@@ -30,7 +30,8 @@ def beside_a_plane(seed: int, off: float) -> tuple[Array, Array, Array]:
 
 
 def plane_of(A: Array, likelihood: Likelihood) -> HomographyFit:
-    return fit_homography(likelihood, HomographyFlow.plane(A.ravel()[:8], likelihood.prior))
+    field = FieldLikelihood(smears=likelihood)
+    return fit_homography(field, HomographyFlow.plane(A.ravel()[:8], likelihood.prior))
 
 
 def gain(A: Array, F: Array, ends: Array) -> float:
@@ -83,5 +84,5 @@ def test_both_orders_of_every_smear_are_summed() -> None:
     backward = HomographyFit(likelihood=plane.likelihood, family=family, slow=plane.slow)
     assert np.allclose(plane.costs, backward.costs)
     decided = 6 * np.log1p((plane.residual**2).sum(axis=0) / 4)
-    far = plane.likelihood.length_px > 8
+    far = plane.likelihood.smears.matches.length_px > 8
     assert np.isclose(np.median((plane.costs - decided)[far]), 2 * np.log(2), atol=0.05)

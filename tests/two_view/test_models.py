@@ -9,7 +9,7 @@ from blur2view.arrays import Array
 from blur2view.geometry.epipolar import homogeneous
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.two_view.fundamental import FundamentalFit
-from blur2view.two_view.homography import find_plane
+from blur2view.two_view.homography import FieldLikelihood, find_plane
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import (
     UNROTATED,
@@ -107,5 +107,7 @@ def test_a_homography_is_found_though_some_orders_are_wrong(
         scene = plane(seed, count=400, noise=noise, outliers=outliers)
         likelihood = replace(scene.likelihood, has_camera=seed % 2 == 0)
         wrong = np.random.default_rng(seed).random(400) < 0.2
-        found = find_plane(likelihood, np.zeros(8), scene.swapped ^ wrong).family.generator()
+        found = find_plane(
+            FieldLikelihood(smears=likelihood), np.zeros(8), scene.swapped ^ wrong
+        ).family.generator()
         assert min(np.abs(found - scene.A).max(), np.abs(found + scene.A).max()) < within

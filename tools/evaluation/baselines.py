@@ -83,7 +83,7 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
         return None
     estimator = SmearEstimator(likelihood=Likelihood.of(matches))
     point = fit_translation(estimator, np.random.default_rng(0))
-    return estimator.likelihood.pixels(point.matrix())
+    return denormalise(point.matrix(), estimator.likelihood.T)
 
 
 def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array | None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blur2view.geometry.epipolar import sampson, serrmin
-from blur2view.two_view.homography import find_plane
+from blur2view.two_view.homography import FieldLikelihood, find_plane
 from blur2view.two_view.likelihood import Likelihood
 from tools.datasets import synthetic_matches as synthetic
 from tools.datasets.synthetic_matches import Kind, Motion, Scene, SyntheticOptions, synthetic_smears
@@ -33,6 +33,6 @@ def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Scene) ->
     if kind in ("pure rotation", "plane", "general"):
         exact = replace(scene.matches, ends=scene.true_ends, sigma_px=np.full(len(scene.true_ends), 0.2))
         likelihood = Likelihood.of(exact)
-        plane = find_plane(likelihood, np.zeros(8), scene.swapped)
-        inside = np.mean(np.abs(plane.orders(likelihood).least) < 3)
+        plane = find_plane(FieldLikelihood(smears=likelihood), np.zeros(8), scene.swapped)
+        inside = np.mean(plane.distances_px(likelihood) < 3 * likelihood.sigma_px)
         assert inside > 0.99 if kind != "general" else inside < 0.9
