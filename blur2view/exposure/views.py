@@ -20,7 +20,7 @@ from blur2view.geometry.two_view_geometry import Parallax, TimeDirection, TwoVie
 from blur2view.pipeline import Estimate
 from blur2view.smears.grid import smear_ends
 from blur2view.smears.matches import TINY_SIGMA_PX
-from blur2view.smears.noise import across_px, sampson_px
+from blur2view.smears.noise import across_px
 from blur2view.two_view.estimate import EstimatorOptions
 from blur2view.two_view.order import end_order, open_and_close
 
@@ -110,7 +110,7 @@ def keypoint_views(
     smears = grid.at(points)
     length, sigma = smears.length_px.astype(float), np.maximum(smears.sigma_px.astype(float), TINY_SIGMA_PX)
     ends = smear_ends(points, smears.displacement * estimate.blur.kind.of_camera)  # else a smear is an error
-    sampson = sampson_px(length, across_px(length, smears.sigma_rad.astype(float)), used.shared)
+    sampson = used.shared.sampson_px(length, across_px(length, smears.sigma_rad.astype(float)))
     order = end_order(geometry, used.ends, used.sampson_px, estimate.camera, grid.size)
     second_end_is_open = order.second_end_is_open(ends, sampson)
     usable = inside & (sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX))

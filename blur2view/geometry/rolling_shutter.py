@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from blur2view.smears.matches import SmearMatches
 
-LONGEST_S = 1.0  # no electronic shutter is as slow
+MAX_READOUT_S = 1.0  # no electronic shutter is as slow
 LONG_S = 2.0  # an exposure beyond is taken for milliseconds
-LEAST = 0.1  # of an exposure; points that keep up with the rows would be seen for less
+MIN_EXPOSURES = 0.1  # of an exposure; points that keep up with the rows would be seen for less
 AROUND = 16  # smears that decide the order of one: without parallax the order of some is open
 
 
@@ -30,8 +30,8 @@ class RollingShutter:
     towards: tuple[int, int] = (0, 1)  # rows begin from top to bottom; (1, 0): from left to right; or against
 
     def __post_init__(self) -> None:
-        if not 0 <= self.readout_s <= LONGEST_S:
-            raise ValueError(f"readout must be between 0 and {LONGEST_S:g} s, got {self.readout_s}")
+        if not 0 <= self.readout_s <= MAX_READOUT_S:
+            raise ValueError(f"readout must be between 0 and {MAX_READOUT_S:g} s, got {self.readout_s}")
         if not 0 < self.exposure_s < np.inf:
             raise ValueError(f"exposure must be positive and finite, got {self.exposure_s}")
         if self.towards not in ((0, 1), (0, -1), (1, 0), (-1, 0)):
@@ -49,9 +49,9 @@ class RollingShutter:
         rows = max(int(np.abs(self.towards) @ image_size) - 1, 1)
         later = np.where(backward, -1.0, 1.0) * (matches.displacement @ np.array(self.towards)) / rows
         exposures = 1 + self.readout_s / self.exposure_s * later  # for how many exposure times each was seen
-        if np.median(exposures) <= LEAST:
+        if np.median(exposures) <= MIN_EXPOSURES:
             return None
-        exposures = np.maximum(exposures, LEAST)
+        exposures = np.maximum(exposures, MIN_EXPOSURES)
         middle = matches.midpoint[:, None]
         return replace(
             matches,

@@ -19,7 +19,7 @@ from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, 
 
 Floats = NDArray[np.float32]
 
-LEAST_KNOWN = 0.04  # share of the cells that must tell their blur
+MIN_KNOWN = 0.04  # share of the cells that must tell their blur
 BORDER, BORDER_WEIGHT = 0.15, 3.0  # share of a side that is near the border, and how much more that counts
 MOVED = 0.5  # share that must be smeared for the camera to have moved
 CLOSE_MOVED = 0.2  # of the share that decides if the camera moved, what is close to its limit
@@ -28,7 +28,7 @@ SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
 MOVING_SHARE = 0.005  # share of the picture that must move for the camera to be at rest before it
 # Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
 # the smears, pixels, of a camera that plainly moved.
-LEAST_SMEARED, MOST_STILL, PLAIN_PX = 0.005, 0.1, 4.0
+MIN_SMEARED, MAX_STILL, PLAIN_PX = 0.005, 0.1, 4.0
 IN_FOCUS = 0.2  # share of what is not smeared that must be sharp: the subject
 DEFOCUSED_PX = 2.0  # radius, of what is sharpest, above which a photograph is out of focus
 DARK, BRIGHT = 0.02, 0.98  # values below, or above, which a whole photograph is too dark, or overexposed
@@ -111,11 +111,11 @@ def blur_of(
     smeared = with_length(Blur(kind=BlurKind.CAMERA_MOVED), grid)
     if smeared.smear_px is None:
         smeared = replace(smeared, kind=BlurKind.CANNOT_TELL)
-    if grid.kinds is None or grid.radius_px is None:
+    if grid.kinds is None or grid.blur is None:
         return smeared
     kinds = np.asarray(grid.kinds, float)
     known = 1 - kinds[..., CANNOT_TELL]
-    if known.mean() < LEAST_KNOWN:
+    if known.mean() < MIN_KNOWN:
         nothing = "" if image is None else nothing_seen(image)
         return replace(smeared, kind=BlurKind.CANNOT_TELL, nothing_seen=nothing)
     share = np.zeros(known.shape) if moving is None else np.asarray(moving)
@@ -125,7 +125,7 @@ def blur_of(
         kind = replace(smeared, kind=kind, moving_share=moving_share).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
     weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * known
-    radius, spread = weighted_median(grid.radius_px, weight)
+    radius, spread = weighted_median(grid.blur[..., 0], weight)
     if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
         kind = BlurKind.OUT_OF_FOCUS
     blur = Blur(kind=kind, defocus_px=radius, defocus_sigma_px=spread, moving_share=moving_share)
@@ -183,8 +183,8 @@ def in_doubt(grid: SmearGrid) -> bool:
     smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
     still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
     whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
-    is_plain = still <= MOST_STILL and (whole.smear_px or 0.0) >= PLAIN_PX and not whole.is_short
-    return bool(smeared > LEAST_SMEARED and not is_plain)
+    is_plain = still <= MAX_STILL and (whole.smear_px or 0.0) >= PLAIN_PX and not whole.is_short
+    return bool(smeared > MIN_SMEARED and not is_plain)
 
 
 def nothing_seen(image: AnyArray) -> str:
@@ -206,7 +206,7 @@ def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None
     """
     smears, sigma = grid.smears(), grid.sigma_px
     seen = sigma < UNSEEN_PX
-    if seen.mean() < LEAST_KNOWN:
+    if seen.mean() < MIN_KNOWN:
         return blur
     weight = seen / (KNOWN_BEST**2 + (sigma / (smears.length_px + SHORTEST_PX)) ** 2).astype(float)
     if grid.kinds is not None:

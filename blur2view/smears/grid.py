@@ -19,11 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import OutputError
 from blur2view.files import open_regular
-from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP
-from blur2view.smears.noise import INDEPENDENT, WINDOW_PX, NoiseModel, of_kinds
+from blur2view.smears.likelihood import KINDS, OUT_OF_FOCUS, SHARP, SHORTEST_PX, STILL_PX
+from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.floating[Any]]
 
+# Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear.
+SURE_STILL = 0.68
 GRID, BLUR = "smear_grid", "blur_grid"
 
 DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
@@ -114,11 +116,6 @@ class SmearGrid:
         return f"<SmearGrid of {self.shape[1]}x{self.shape[0]} px in {columns}x{rows} cells>"
 
     @property
-    def radius_px(self) -> NDArray[np.float32] | None:
-        """Radii out of focus of the cells, (h, w), pixels."""
-        return None if self.blur is None else self.blur[..., 0]
-
-    @property
     def kinds(self) -> NDArray[np.float32] | None:
         """Probabilities of the kinds of blur of the cells, (h, w, 5)."""
         return None if self.blur is None else self.blur[..., 1:]
@@ -128,17 +125,21 @@ class SmearGrid:
         """Width and height of the photograph."""
         return self.shape[1], self.shape[0]
 
-    def shared_errors(self, spacing_px: float) -> NoiseModel:
-        """Return what the errors of cells have in common, one every ``spacing_px`` pixels."""
-        return INDEPENDENT if self.window_px is None else NoiseModel.of_cells(spacing_px, self.window_px)
-
     @property
     def sigma_px(self) -> NDArray[np.float32]:
-        """Standard deviations of the cells' smears, (h, w), pixels: `noise.of_kinds`."""
+        """Standard deviations of the cells' smears, (h, w), pixels.
+
+        What is surely not smeared, and reads short, errs by that length: the median deviation of 46 sharp
+        photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears of 6 to
+        16 px does not change.
+        """
         smears = self.smears()
         if self.kinds is None:
             return smears.sigma_px
-        return of_kinds(smears.length_px, smears.sigma_px, self.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1))
+        still = self.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1)
+        short = (still >= SURE_STILL) & (smears.length_px < SHORTEST_PX)
+        least = np.minimum(smears.sigma_px, np.hypot(smears.length_px, np.float32(STILL_PX)))
+        return np.where(short, least, smears.sigma_px)
 
     def points(self) -> Array:
         """Return the centres of the cells, (h, w, 2), pixels (x, y); the last may lie beyond the border."""

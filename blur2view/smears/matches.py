@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array, require
 from blur2view.smears.grid import SmearGrid, smear_ends
-from blur2view.smears.noise import INDEPENDENT, NoiseModel, across_px, inlier_sigma_px, sampson_px
+from blur2view.smears.noise import INDEPENDENT, NoiseModel, across_px
 
 SHORTEST_PX = 1.5  # shorter smears have no direction worth the name
 TINY_SIGMA_PX = 1e-3  # what smaller standard deviations count as, so that none is 0
@@ -82,12 +82,7 @@ class SmearMatches:
     @property
     def sampson_px(self) -> Array:
         """Standard deviations (N,) of the Sampson distances, pixels, as stated."""
-        return sampson_px(self.length_px, self.across_px, self.shared)
-
-    @property
-    def inlier_sigma_px(self) -> tuple[Array, Array]:
-        """Standard deviations (N,) along and across the smears of errors that are no outliers, pixels."""
-        return inlier_sigma_px(self.length_px, self.sigma_px, self.across_px, self.shared)
+        return self.shared.sampson_px(self.length_px, self.across_px)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,10 +122,13 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     order = np.argsort(sigma, kind="stable")
     most = min(int(np.ceil(options.beta * len(length))), options.max_matches)
     kept = np.sort(order[(length >= SHORTEST_PX)[order]][:most])
+    noise = INDEPENDENT
+    if grid.window_px is not None:
+        noise = NoiseModel.of_cells(step * grid.stride, grid.window_px)
     return SmearMatches(
         ends=smear_ends(points[kept], smears.displacement[kept]),
         sigma_px=sigma[kept],
         image_size=grid.size,
         across_px=across_px(length, smears.sigma_rad.astype(np.float64))[kept],
-        shared=grid.shared_errors(step * grid.stride),
+        shared=noise,
     )

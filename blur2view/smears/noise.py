@@ -18,60 +18,43 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blur2view.arrays import Array
-from blur2view.smears.likelihood import SHORTEST_PX, STILL_PX
 
-Floats = NDArray[np.float32]
-
-LEAST_PX = 0.1  # least standard deviation of a smear
-LEAST_ALONG, LEAST_ACROSS = 0.02, 0.01  # and as shares of its length
+MIN_PX = 0.1  # standard deviation of a smear, at least
+MIN_SHARE = 0.01  # the same as a share of its length, across the smear; along it twice as much
 CLAIMED = 0.65  # of the stated standard deviations, the 68 % points of what is no outlier: for regions
 WINDOW_PX = 96  # side of the window that a cell is read from, pixels
 # How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
 CORRELATED_CELLS = 46.0 / 9.0
-# Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear.
-SURE_STILL = 0.68
 SAMPSON_SHARE = 0.5**0.5  # of the error across a smear, that of the Sampson distance of its two ends
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """How stated deviations are meant, and what errors of smears of one picture have in common."""
+    """How stated deviations are meant, and what errors of smears of one picture have in common.
 
-    # share of the smears that err independently of each other, by the overlap of what they were read from,
-    # and how many times fewer they are if all of the correlation counts
-    effective_share: float = 1.0
-    correlation: float = 1.0
-    # standard deviations of errors that vary slowly over the picture, of lengths as a share, and radians
-    length: float = 0.0
-    direction_rad: float = 0.0
-    least: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
+    By default every smear errs for itself, as matches from elsewhere do.
+    """
+
+    effective_share: float = 1.0  # of the smears that err independently, by the overlap of their windows
+    correlation: float = 1.0  # how many times fewer they are if all of the correlation counts
+    length: float = (
+        0.0  # standard deviation of errors of lengths that vary slowly over the picture, as a share
+    )
+    direction_rad: float = 0.0  # and of directions
+    min_sampson: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
     # Of the stated standard deviations, the scale of Student's distribution of the errors which are no
     # outliers; 0.85 of four degrees of freedom is the nearest to a normal one.
     inlier: float = 0.85
-    # Shares of its length to which no smear's error along and across is believed better: paths are bent and
-    # cells cover more than a point.
-    least_along: float = LEAST_ALONG
-    least_across: float = LEAST_ACROSS
+    # Share of its length to which no smear's error across is believed better, and twice that to which none
+    # along is: paths are bent and cells cover more than a point.
+    min_across: float = MIN_SHARE
     outlier_odds: float = 0.5  # for parallax to compete with: few of a network, whose errors have heavy tails
-
-    @property
-    def fully_correlated(self) -> NoiseModel:
-        """The same with every correlation counted, and 68 % points: for what is claimed, not for fits."""
-        return replace(
-            self,
-            effective_share=self.effective_share / self.correlation,
-            correlation=1.0,
-            inlier=CLAIMED,
-            least_along=LEAST_ALONG,
-            least_across=LEAST_ACROSS,
-        )
 
     @classmethod
     def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> NoiseModel:
-        """Return those of a network's cells, read from windows, one every ``spacing_px`` pixels.
+        """Return the model of a network's cells, read from windows, one every ``spacing_px`` pixels.
 
         Of 25 rendered planes and rotations and 24 general motions (seeds from 20000 and 80000) parallax gains
         more than 7 in none and in 12; at odds of a half, as of independent errors, in none and in 8.
@@ -81,45 +64,32 @@ class NoiseModel:
             correlation=CORRELATED_CELLS,
             length=0.04,
             direction_rad=0.02,
-            least=0.03,
+            min_sampson=0.03,
             inlier=0.2,
-            least_along=0.04,
-            least_across=0.02,
+            min_across=0.02,
             outlier_odds=0.01,
         )
 
+    @property
+    def fully_correlated(self) -> NoiseModel:
+        """The same with every correlation counted, and 68 % points: for what is claimed, not for fits."""
+        share = self.effective_share / self.correlation
+        return replace(self, effective_share=share, correlation=1.0, inlier=CLAIMED, min_across=MIN_SHARE)
 
-INDEPENDENT = NoiseModel()  # every smear errs for itself: matches from elsewhere
+    def inlier_sigmas_px(self, length_px: Array, sigma_px: Array, across: Array) -> Array:
+        """Return standard deviations (2, N) along and across smears of inliers' errors, pixels."""
+        along = np.sqrt(np.maximum(sigma_px**2 - across**2, 0.0))
+        least = self.min_across * np.stack([2 * length_px, length_px])
+        return np.maximum(np.hypot(self.inlier * np.stack([along, across]), least), MIN_PX)
+
+    def sampson_px(self, length_px: Array, across: Array) -> Array:
+        """Return standard deviations (N,) of the Sampson distances of smears, pixels, as stated."""
+        return np.maximum(np.hypot(SAMPSON_SHARE * across, self.min_sampson * length_px), MIN_PX)
 
 
-def of_kinds(length_px: Floats, sigma_px: Floats, still: Floats) -> Floats:
-    """Return standard deviations of cells' smears, given the probability that a cell is not smeared.
-
-    What is surely not smeared, and reads short, errs by that length: the median deviation of 46 sharp
-    photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears of 6 to 16
-    px does not change.
-    """
-    short = (still >= SURE_STILL) & (length_px < SHORTEST_PX)
-    return np.where(short, np.minimum(sigma_px, np.hypot(length_px, np.float32(STILL_PX))), sigma_px)
+INDEPENDENT = NoiseModel()
 
 
 def across_px(length_px: Array, sigma_rad: Array) -> Array:
     """Return deviations (N,) of errors across smears, pixels, of lengths (N,) and directions (N,)."""
-    return np.maximum(length_px * sigma_rad, LEAST_PX)
-
-
-def inlier_sigma_px(
-    length_px: Array, sigma_px: Array, across: Array, shared: NoiseModel
-) -> tuple[Array, Array]:
-    """Return standard deviations (N,) along and across smears of errors that are no outliers, pixels."""
-    along = np.sqrt(np.maximum(sigma_px**2 - across**2, 0.0))
-    pair = (along, shared.least_along), (across, shared.least_across)
-    first, second = (
-        np.maximum(np.hypot(shared.inlier * sigma, least * length_px), LEAST_PX) for sigma, least in pair
-    )
-    return first, second
-
-
-def sampson_px(length_px: Array, across: Array, shared: NoiseModel) -> Array:
-    """Return standard deviations (N,) of the Sampson distances of smears, pixels, as stated."""
-    return np.maximum(np.hypot(SAMPSON_SHARE * across, shared.least * length_px), LEAST_PX)
+    return np.maximum(length_px * sigma_rad, MIN_PX)

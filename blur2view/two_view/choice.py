@@ -80,14 +80,16 @@ def within_errors(matches: SmearMatches) -> bool:
 
 
 def fields_about(plane: HomographyFit, *, rolling: bool) -> list[Candidate]:
-    """Return every displacement field, fitted; without a camera there are no rotations."""
+    """Return every displacement field, fitted."""
     likelihood, smears = plane.likelihood, plane.likelihood.smears
     still = HomographyFlow.plane(np.zeros(8), smears.prior)
-    fits = {MotionModel.STILL: HomographyFit(likelihood=likelihood, family=still), MotionModel.PLANE: plane}
-    if smears.has_camera:
-        vector = symmetric_skew(plane.family.generator())[1]  # of the nearest rotation
-        turning = HomographyFlow.rotation(vector, smears.prior)
-        fits[MotionModel.ROTATION] = fit_homography(likelihood, turning)
+    vector = symmetric_skew(plane.family.generator())[1]  # of the nearest rotation
+    turning = fit_homography(likelihood, HomographyFlow.rotation(vector, smears.prior))
+    fits = {
+        MotionModel.STILL: HomographyFit(likelihood=likelihood, family=still),
+        MotionModel.PLANE: plane,
+        MotionModel.ROTATION: turning,
+    }
     candidates = [Candidate(model, fit, fit.log_posterior) for model, fit in fits.items()]
     if rolling:
         width, height = smears.matches.image_size or (1, 1)
@@ -153,9 +155,9 @@ def named(candidates: list[Candidate], probabilities: list[float], agreement: fl
     absent = enough and parallax < c.ABSENT_BELOW * (1 - rolled)
     if agreement < c.MIN_AGREEMENT and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence=f"no consensus ({table})", models=rows)
-    model = max((MotionModel.ROTATION, MotionModel.PLANE), key=lambda model: odds.get(model, 0.0))
+    model = max((MotionModel.ROTATION, MotionModel.PLANE), key=lambda model: odds[model])
     config = Configuration.PANORAMIC if model is MotionModel.ROTATION else Configuration.PLANAR
-    if MotionModel.ROTATION not in odds or rows[0].model is MotionModel.STILL:  # which is likelier than each
+    if rows[0].model is MotionModel.STILL:  # likelier than each, not than both
         config = Configuration.PLANAR_OR_PANORAMIC
     sentence = f"{'there is no parallax' if absent else 'parallax is undecided'} ({table})"
     if parallax >= c.PROVEN_FROM:

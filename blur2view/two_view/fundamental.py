@@ -204,7 +204,7 @@ class DirectionLikelihood:
         outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
         wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
         own = some.field_sigmas_px[1] / (length * some.unit_px)
-        share = np.hypot(own, some.matches.shared.least).astype(np.float32)  # error across over length
+        share = np.hypot(own, some.matches.shared.min_sampson).astype(np.float32)  # error across over length
         rotations, missed = reweighted_motion(
             rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: share
         )

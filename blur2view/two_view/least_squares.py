@@ -16,7 +16,7 @@ from blur2view.arrays import TINY, AnyArray, Array
 
 # Damping, relative to the diagonal of the normal equations: a tenth after a step that succeeds, ten times
 # after one that fails.
-FIRST, LEAST, GREATEST = 1e-3, 1e-9, 1e6
+FIRST_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-3, 1e-9, 1e6
 RIDGE = 1e-9  # of the normal equations' diagonal, added to it: singular problems have some solution
 
 
@@ -50,11 +50,11 @@ def levenberg_marquardt(
     Hartley and Zisserman, Multiple View Geometry, 2nd ed., appendix A6.2; the scaled damping is Marquardt's.
     """
     yield start
-    point, damping = start, FIRST
+    point, damping = start, FIRST_DAMPING
     for _ in range(max_iterations):
         normal, gradient = point.normal_equations()
         scale = np.diag(normal.diagonal() + 1e-12)
-        while damping < GREATEST:
+        while damping < MAX_DAMPING:
             delta = np.asarray(np.linalg.solve(normal + damping * scale, -gradient), float)
             trial = point.moved(delta)
             if trial.cost <= point.cost:
@@ -62,7 +62,7 @@ def levenberg_marquardt(
             damping *= 10
         else:
             return
-        damping = max(damping / 10, LEAST)
+        damping = max(damping / 10, MIN_DAMPING)
         little = point.cost - trial.cost <= tolerance * trial.cost
         point = trial
         yield point

@@ -86,7 +86,6 @@ class Likelihood:
 
     matches: SmearMatches  # of undistorted pixels, where the camera is known
     T: Array  # (3, 3) pixels to normalised: the inverse of the camera, assumed or given
-    has_camera: bool  # whether T is that of a camera
     # standard deviations of the log focal length and of the principal point in focal lengths; 0: known
     lens: tuple[float, float]
     sigma_fitted: float = 1.0  # scale of the Sampson deviations, over those stated
@@ -97,18 +96,15 @@ class Likelihood:
 
         Without it an ordinary camera is assumed; without an image size one whose picture just holds the ends.
         """
-        lens = c.LENS_SPREAD
         if camera is not None:
-            T: Array = np.asarray(np.linalg.inv(camera.K), float)
-            lens = camera.log_focal_sigma, 0.0 if camera.known else lens[1]
-        elif matches.image_size is not None:
-            T = assumed_camera(matches.image_size)
-        else:
-            low, high = matches.ends.min(axis=(0, 1)), matches.ends.max(axis=(0, 1))
-            T = assumed_camera(tuple(high - low + 1))
-            T[:2, 2] -= T[0, 0] * low
-        has_camera = camera is not None or matches.image_size is not None
-        return cls(matches=matches, T=T, has_camera=has_camera, lens=lens)
+            lens = camera.log_focal_sigma, 0.0 if camera.known else c.LENS_SPREAD[1]
+            return cls(matches=matches, T=np.asarray(np.linalg.inv(camera.K), float), lens=lens)
+        if matches.image_size is not None:
+            return cls(matches=matches, T=assumed_camera(matches.image_size), lens=c.LENS_SPREAD)
+        low, high = matches.ends.min(axis=(0, 1)), matches.ends.max(axis=(0, 1))
+        T = assumed_camera(tuple(high - low + 1))
+        T[:2, 2] -= T[0, 0] * low
+        return cls(matches=matches, T=T, lens=c.UNSIZED_LENS_SPREAD)
 
     def __len__(self) -> int:
         return len(self.matches)
@@ -152,7 +148,8 @@ class Likelihood:
         flat chart, which then seemed to have depth.
         """
         scale = self.sigma_fitted if self.effective_share == 1 and self.has_many_independent else 1.0
-        return scale * np.stack(self.matches.inlier_sigma_px)
+        matches = self.matches
+        return scale * matches.shared.inlier_sigmas_px(matches.length_px, matches.sigma_px, matches.across_px)
 
     @property
     def effective_share(self) -> float:
@@ -173,8 +170,7 @@ class Likelihood:
     def prior(self) -> Array:
         """Standard deviations (6,) of a camera's motion and lens while smears of this length arise."""
         rotation = np.array(c.ROTATION_SPREAD) * float(np.median(self.matches.length_px)) / self.unit_px
-        spread = np.array([*rotation, self.lens[0], self.lens[1], self.lens[1]])
-        return spread if self.has_camera else c.NO_CAMERA * spread
+        return np.array([*rotation, self.lens[0], self.lens[1], self.lens[1]])
 
     def rescaled(self, factor: float) -> Likelihood:
         """Return the likelihood with the deviations of Sampson distances multiplied by a factor."""
