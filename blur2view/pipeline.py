@@ -28,9 +28,9 @@ from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, wit
 if TYPE_CHECKING:
     from PIL import Image
 
-AGREEMENT = 0.6
-"""Length of the camera's smooth motion over that of the smears below which these may be errors, and no motion
-explain them. It is 0.15 to 0.57 in pictures of cameras at rest, 0.65 to 1 in frames of moving ones."""
+MIN_CAMERA_SHARE = 0.6
+"""Length of the camera's smooth motion over that of the smears, below which the smears may be errors of a
+camera at rest: 0.15 to 0.57 in pictures of cameras at rest, 0.65 to 1 in frames of moving ones."""
 CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
 
 
@@ -105,7 +105,6 @@ def estimate(
         A photograph without a trustworthy F has a configuration with its reason, not an error. ValueError,
         ModelError or ImageError of what cannot be used.
     """
-    detail = Detail(detail)  # of a word, too
     if camera is not None:
         require("camera", camera, Camera, CAMERAS)
     if isinstance(image, str | os.PathLike):
@@ -116,21 +115,18 @@ def estimate(
         network = SmearNetwork(network)
     if not callable(getattr(network, "predict", None)):
         raise ValueError(f"network must be a blur2view.SmearNetwork, or a path, got {network!r:.99}")
-    image = photograph_of(image)
-    grid, blur, moving = _seen(image, network, detail)
+    grid, blur, moving = _seen(photograph_of(image), network, Detail(detail))
     matches = select_matches(grid, select)
     if blur.kind.of_camera:
-        rng = np.random.default_rng(0 if rng is None else rng)
-        agree = moving is None or moving.camera_px >= AGREEMENT * (blur.smear_px or 0.0)
+        agree = moving is None or moving.camera_px >= MIN_CAMERA_SHARE * (blur.smear_px or 0.0)
         moved = agree and grid.kinds is not None  # else the geometry says whether the camera did
+        rng = np.random.default_rng(rng or 0)
         geometry = estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
     else:
         geometry = without_motion(matches, blur)
-    if geometry.stood_still:
-        blur = blur.at_rest()
     return Estimate(
         grid=grid,
-        blur=blur,
+        blur=blur.at_rest() if geometry.stood_still else blur,
         matches=matches,
         geometry=geometry,
         model_id=network.model_id,
@@ -144,8 +140,8 @@ def estimate(
 def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:
     """Return a photograph's smears, what blurred it, and what moves by itself, where the cells leave it open.
 
-    Of fewer windows the cells say whether the camera moved, of all the U-Net; where the cells are close to
-    the limit all are read.
+    Where fewer windows are read the cells alone decide whether the camera moved, else the U-Net does; if the
+    cells are close to the limit all windows are read.
     """
     grid = network.predict(image, detail=detail)
     if detail is Detail.RANKING and is_close(grid):

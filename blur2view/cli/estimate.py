@@ -1,7 +1,6 @@
 """``blur2view estimate``: the two-view geometry of each photograph; its options, help and work."""
 
 import io
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder, InTime
-from blur2view.cli.parser import group, rare_option
+from blur2view.cli.parser import rare_option
 from blur2view.cli.run import FAILURES, Estimated, Run, estimated, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.errors import OutputError
@@ -56,8 +55,8 @@ class EstimateOptions(Command):
     beside each other.
     """
 
-    folder: Folder = group(Folder)
-    in_time: InTime = group(InTime)
+    folder: Folder = Folder()
+    in_time: InTime = InTime()
     gyroflow: Path | None = rare_option("""--gyroflow FILE: write the rates of a video as a log for Gyroflow,
         called as the video but .gcsv, with --focal or --camera: those of frames of which it is known which
         end of the exposure came first""")
@@ -69,21 +68,17 @@ class EstimateOptions(Command):
         "blur2view estimate clip.mp4 --focal 800 --exposure 1/50 --csv rates.csv",
         'blur2view estimate a.jpg --camera "PINHOLE 640 480 525 525 320 240" --exposure 0.04',
     )
+    tables = {
+        "configurations, in COLMAP's names": CONFIGURATIONS,
+        "files of -o": FILES,
+        "JSON document of --json": {"estimates": "(list) One document per photograph.", **FAILURES},
+        "JSON document of a photograph": explanations(),
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gyroflow is not None and not self.lens.stated:
             raise ValueError("--gyroflow is about rates, which need --focal or --camera")
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {
-            "configurations, in COLMAP's names": CONFIGURATIONS,
-            "files of -o": FILES,
-            "JSON document of --json": {"estimates": "(list) One document per photograph.", **FAILURES},
-            "JSON document of a photograph": explanations(),
-        }
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph."""

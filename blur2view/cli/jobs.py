@@ -153,45 +153,45 @@ def _in_order(
     that crashes a decoder) is ``lost`` with the jobs in hand; each is tried once more, alone. A video that is
     cut off fails once, not with every frame. OutputError on a full disk.
     """
-    executor, pending, cut = start(), deque[tuple[Job, Outcome | Future[Outcome]]](), set[Path]()
+    executor, pending, cut = start(), deque[tuple[Job, Future[Outcome]]](), set[Path]()
 
     def oldest() -> tuple[Job, Outcome]:
-        job, outcome = pending[0]
-        if isinstance(outcome, Future):
-            try:
-                outcome = outcome.result()
-            except lost:
-                outcome = _alone(work, job)
+        job, future = pending[0]
+        try:
+            outcome = future.result()
+        except lost:
+            outcome = _alone(work, job)
         pending.popleft()
         return replace(job, contents={}), _written(outcome)
 
     try:
         for job in jobs:
-            outcome: Outcome | Future[Outcome] | None
+            future = Future[Outcome]()
             try:
                 job = _identified(job)
-                if (outcome := find(job)) is None:
+                if (found := find(job)) is None:
                     job = _read(job)
                     try:
-                        outcome = executor.submit(_perform, work, job)
+                        future = executor.submit(_perform, work, job)
                     except lost:  # meanwhile
                         executor = start()
-                        outcome = executor.submit(_perform, work, job)
+                        future = executor.submit(_perform, work, job)
+                else:
+                    future.set_result(found)
             except Blur2ViewError as error:
                 if isinstance(error, EndOfVideo):
                     if error.whole or job.source.path in cut:
                         continue
                     cut.add(job.source.path)
-                outcome = _failed(job.name, error)
-            pending.append((job, outcome))
+                future.set_result(_failed(job.name, error))
+            pending.append((job, future))
             while len(pending) >= slots():
                 yield oldest()
         while pending:
             yield oldest()
     finally:
-        for _, outcome in pending:
-            if isinstance(outcome, Future):
-                outcome.cancel()
+        for _, future in pending:
+            future.cancel()
         executor.shutdown(wait=False)
 
 

@@ -16,7 +16,6 @@ from blur2view.cli.parser import (
     flag,
     focal_px,
     frame_or_seconds,
-    group,
     option,
     rare_option,
     required,
@@ -230,12 +229,12 @@ class Table:
 class Command:
     """The options of any command over photographs."""
 
-    table: Table = group(Table)
+    table: Table = Table()
     reading: Reading
-    lens: Lens = group(Lens)
-    estimating: Estimating = group(Estimating)
-    many: Many = group(Many)
-    printing: Printing = group(Printing)
+    lens: Lens = Lens()
+    estimating: Estimating = Estimating()
+    many: Many = Many()
+    printing: Printing = Printing()
 
     in_time = InTime(sequence=False)  # of commands without these options
     folder = Folder()  # likewise

@@ -56,11 +56,6 @@ flag = partial(option, default=False)
 required = partial(option, default=MISSING)
 
 
-def group(kind: type) -> Any:
-    """Return the field of a group of options, all as they are by default."""
-    return field(default_factory=kind)
-
-
 def whole(minimum: int) -> Callable[[str], int]:
     """Return a reader of whole numbers from ``minimum`` on."""
 
@@ -72,31 +67,23 @@ def whole(minimum: int) -> Callable[[str], int]:
     return number
 
 
-def measured(
-    text: str, expected: str, allowed: Callable[[float, str], object], *units: str
-) -> tuple[float, str]:
-    """Return a number of 0 or more, or a fraction as 1/25, and its unit, one of these or empty.
-
-    ArgumentTypeError, which names what is ``expected``, unless value and unit are ``allowed``.
-    """
-    unit = next((one for one in units if text.endswith(one)), "")
-    above, slash, below = text.removesuffix(unit).partition("/")
-    try:
-        value = float(above) / (float(below) if slash else 1.0)
-    except (ValueError, ZeroDivisionError):
-        value = math.nan
-    if not 0 <= value < math.inf or not allowed(value, unit):
-        raise ArgumentTypeError(f"expected {expected}, got {text}")
-    return value, unit
-
-
 def quantity(
-    expected: str, allowed: Callable[[float, str], object], **units: float
+    expected: str, allowed: Callable[[float, str], object] = lambda *_: True, **units: float
 ) -> Callable[[str], float]:
-    """Return a reader of `measured` numbers; ``units`` says how many of each unit are 1."""
+    """Return a reader of numbers of 0 or more, or fractions as 1/25; ``units`` says how many of each are 1.
+
+    The value and its unit, empty without one, must be ``allowed``; ``expected`` says what is.
+    """
 
     def number(text: str) -> float:
-        value, unit = measured(text, expected, allowed, *units)
+        unit = next((one for one in units if text.endswith(one)), "")
+        above, slash, below = text.removesuffix(unit).partition("/")
+        try:
+            value = float(above) / (float(below) if slash else 1.0)
+        except (ValueError, ZeroDivisionError):
+            value = math.nan
+        if not 0 <= value < math.inf or not allowed(value, unit):
+            raise ArgumentTypeError(f"expected {expected}, got {text}")
         return value / units.get(unit, 1)
 
     return number
@@ -113,14 +100,14 @@ focal_px = quantity(
     px=1,
 )
 radius = quantity("pixels above 0, as 2", lambda value, _: value, px=1)
-length = quantity("pixels, as 3", lambda *_: True, px=1)
+length = quantity("pixels, as 3", px=1)
 
 
 def frame_or_seconds(text: str) -> int | float:
     """Return the number of a frame, or a time in seconds as a float."""
-    expected = "a frame as 120 or a time as 12.5s"
-    value, unit = measured(text, expected, lambda value, unit: unit or value.is_integer(), "s")
-    return value if unit else int(value)
+    if text.isdecimal():
+        return int(text)
+    return quantity("a frame as 120 or a time as 12.5s", lambda _, unit: unit, s=1)(text)
 
 
 def dask_address(text: str) -> str:
@@ -186,8 +173,7 @@ class CommandParser(Parser):
     """The parser of a command's dataclass.
 
     Its help has the options that are not rare, in a few words each, and the examples; with ``everything`` all
-    of them, and the ``tables()`` of the command, if any: titles with lines "name: explanation", or mappings
-    of these.
+    of them, and the ``tables`` of the command: titles with lines "name: explanation", or mappings of these.
     """
 
     def __init__(self, command: str, kind: Any, *, everything: bool = False) -> None:
@@ -203,18 +189,19 @@ class CommandParser(Parser):
         needed = [(*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}") for one in actions]
         self.usage = " ".join([self.prog, "[OPTIONS]", *(" ".join(one) for one in needed)])
         if everything:
-            for title, rows in (getattr(kind, "tables", dict)() | {"exit codes": EXIT_CODES}).items():
+            for title, rows in (getattr(kind, "tables", {}) | {"exit codes": EXIT_CODES}).items():
                 self.add_table(title, rows)
 
     def _add(self, kind: Any, title: str, about: str = "") -> None:
         """Add the options of a dataclass and of its groups; all their names differ."""
-        own, groups = (
-            [one for one in fields(kind) if is_dataclass(one.type) == wanted] for wanted in (False, True)
-        )
-        if own and title not in self._sections:
-            self._sections[title] = self.add_argument_group(title, about * self.everything or None)
         either = None
-        for one in own:
+        for one in sorted(fields(kind), key=lambda one: is_dataclass(one.type)):  # its own before groups
+            if is_dataclass(one.type):
+                name, text = words_of(one.type)
+                self._add(one.type, name.lower(), text)
+                continue
+            if title not in self._sections:
+                self._sections[title] = self.add_argument_group(title, about * self.everything or None)
             section, said = self._sections[title], one.metadata
             if one.name in getattr(kind, "either", ()):
                 section = either = either or section.add_mutually_exclusive_group()
@@ -223,9 +210,6 @@ class CommandParser(Parser):
             action.metavar = said["metavar"]
             if said["rare"] and not self.everything:
                 action.help = argparse.SUPPRESS
-        for one in groups:
-            title, about = words_of(one.type)
-            self._add(one.type, title.lower(), about)
 
     def read(self, words: Sequence[str]) -> Any:
         """Return the options that words state; wrong usage ends the program with one line."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import group, rare_option, required, share
+from blur2view.cli.parser import rare_option, required, share
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import find_model, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, ImageError
@@ -37,18 +37,14 @@ class PlaceOptions:
     output: Path = required("-o, --output DIR: where the model goes")
     fraction: Annotated[float | None, share] = rare_option("""--fraction F: exposure time over frame interval,
         at most 1, if it is known (default: measured from the smears)""")
-    printing: Printing = group(Printing)
+    printing: Printing = Printing()
 
     examples = (
         "blur2view to-colmap --db project.db --link --sequence frames",
         "blur2view place project.db model frames -o with_views",
         "blur2view to-transforms with_views",
     )
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {"what is written": WRITTEN}
+    tables = {"what is written": WRITTEN}
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""

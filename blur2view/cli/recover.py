@@ -1,12 +1,11 @@
 """``blur2view recover``: frames that COLMAP refused, put into its model of the others."""
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import flag, group, option, required
+from blur2view.cli.parser import flag, option, required
 from blur2view.cli.place import frame_names, refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
@@ -41,14 +40,10 @@ class RecoverOptions:
         those of SIFT, to map anew""")
     refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
         adjustment); other poses stay""")
-    printing: Printing = group(Printing)
+    printing: Printing = Printing()
 
     examples = ("blur2view recover with_views frames -o all_frames", "blur2view to-transforms all_frames")
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {"what is written": WRITTEN}
+    tables = {"what is written": WRITTEN}
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""

@@ -8,7 +8,7 @@ import numpy as np
 from blur2view import __version__
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime
-from blur2view.cli.parser import group, option
+from blur2view.cli.parser import option
 from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.files import write_file
@@ -31,7 +31,7 @@ class ReportOptions(Command):
         Path("report.html"),
     )
     mask: bool = option("--no-mask: without the motion mask: faster", True)
-    in_time: InTime = group(InTime)
+    in_time: InTime = InTime()
 
     examples = (
         "blur2view report clip.mp4 --every 10 -o report.html",

@@ -63,11 +63,6 @@ class Run:
         self.without_table = False  # as it could not be written
 
     @property
-    def records(self) -> dict[Job, Photograph]:
-        """The records of all photographs that were read, or could have been."""
-        return {job: one.photograph for job, one in self.outcomes if job.refusal is None}
-
-    @property
     def done(self) -> list[Outcome]:
         """The outcomes that are no failures."""
         return [one for _, one in self.outcomes if not one.error]
@@ -219,28 +214,30 @@ class Run:
     def _write_table(self) -> None:
         """Write the table; one that cannot be written is a line, as all else is of use without it."""
         table = self.options.table.csv
-        if table is not None and self.records:
+        rows = [one.photograph for job, one in self.outcomes if job.refusal is None]
+        if table is not None and rows:
             try:
-                write_file(table, table_text(self.records.values()))
+                write_file(table, table_text(rows))
                 self.table = table
             except OutputError as error:
                 complain(error)
                 self.without_table = True
 
     def _print_total(self, *, counted: bool) -> None:
-        """Print how many of several photographs were done, and what was written."""
+        """Print how many of several photographs were done, or of one the table that was written."""
         skipped, failed = sum(one.skipped for one in self.done), len(self.failures)
         counts = {"done": len(self.done) - skipped, "done before": skipped, "failed": failed}
-        several = counted and len(self.outcomes) > 1
-        folder = self.options.folder.output if several else None  # of one photograph its line names all
-        paths = [printable(str(path)) for path in (folder, self.table) if path is not None]
-        wrote = f"wrote {' and '.join(paths)}" * bool(paths and (counts["done"] or not several))
-        if several:
-            parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
-            total = f"{plural(len(self.outcomes), 'photograph')}: {parts} in {self.seconds:.1f} s"
-            wrote = "; ".join(one for one in (total, wrote) if one)
-        if wrote:
-            print(wrote)
+        if counted and len(self.outcomes) > 1:
+            self.print_counts(counts, *[self.options.folder.output, self.table] * bool(counts["done"]))
+        elif self.table is not None:
+            print(f"wrote {printable(str(self.table))}")
+
+    def print_counts(self, counts: Mapping[str, int], *written: Path | None, said: str = "") -> None:
+        """Print how many photographs are what, in one line, then what is ``said``, then what was written."""
+        parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
+        line = f"{plural(len(self.outcomes), 'photograph')}: {parts} in {self.seconds:.1f} s"
+        paths = " and ".join(printable(str(path)) for path in written if path is not None)
+        print("; ".join(one for one in (line, said, paths and f"wrote {paths}") if one))
 
 
 def wrote(job: Job, endings: Sequence[str]) -> str:

@@ -1,7 +1,6 @@
 """``blur2view segment``: which pixels of a photograph move by themselves; its options, help and work."""
 
 import io
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +10,7 @@ import numpy as np
 from blur2view.arrays import AnyArray
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder
-from blur2view.cli.parser import group, one_of, option, probability
+from blur2view.cli.parser import one_of, option, probability
 from blur2view.cli.run import FAILURES, Run, estimated, wrote
 from blur2view.cli.terminal import printable
 from blur2view.movers.formats import GREY, MaskFormat, as_stored
@@ -40,7 +39,7 @@ class SegmentOptions(Command):
     smears; outlines follow the photograph's edges.
     """
 
-    folder: Folder = group(Folder)
+    folder: Folder = Folder()
     threshold: Annotated[float, probability] = option(
         """--threshold P: probability that the highest place of a part must reach (default: %(default)s);
         a lower one misses less of what moves, and marks more of what stands still""",
@@ -55,20 +54,16 @@ class SegmentOptions(Command):
         "blur2view segment street.jpg -o masks",
         "blur2view segment photographs/*.jpg -o results --masks colmap --masks instant-ngp",
     )
+    tables = {
+        "files of -o": FILES,
+        "JSON document of --json": {"masks": "(list) One document per photograph.", **FAILURES},
+        "JSON document of a photograph": explanations(),
+    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.masks is not None and self.folder.output is None:
             raise ValueError("--masks needs a folder; name it with -o")
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {
-            "files of -o": FILES,
-            "JSON document of --json": {"masks": "(list) One document per photograph.", **FAILURES},
-            "JSON document of a photograph": explanations(),
-        }
 
     @property
     def programs(self) -> list[MaskFormat]:

@@ -85,6 +85,7 @@ class ToColmapOptions(Command):
         "blur2view to-colmap --db new.db --focal 525 photographs/*.jpg",
         "blur2view to-colmap --db project.db --link --sequence frames/*.png",
     )
+    tables = {"what is written": WRITTEN, "JSON document of --json": DOCUMENT}
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,11 +98,6 @@ class ToColmapOptions(Command):
     def in_time(self) -> InTime:  # type: ignore[override]
         """The order in time, which is all of time that has an option."""
         return InTime(sequence=self.sequence)
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {"what is written": WRITTEN, "JSON document of --json": DOCUMENT}
 
     def execute(self) -> int:
         """Return the exit code, after estimating every photograph and writing all of them at once.

@@ -2,14 +2,13 @@
 
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 
 from blur2view import __version__
 from blur2view.cli.options import Printing
-from blur2view.cli.parser import exposure_s, group, one_of, option, radius, required
+from blur2view.cli.parser import exposure_s, one_of, option, radius, required
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable
 from blur2view.colmap import DIALECTS, GSPLAT
@@ -68,7 +67,7 @@ class ToTransformsOptions:
         "--dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)",
         DIALECTS[0],
     )
-    printing: Printing = group(Printing)
+    printing: Printing = Printing()
 
     examples = (
         "blur2view to-transforms with_views",
@@ -77,11 +76,7 @@ class ToTransformsOptions:
         "blur2view to-transforms with_views --masks-from masks -o ngp/transforms.json",
         "blur2view to-transforms with_views --dialect gsplat --max-smear 3 -o splat",
     )
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {"what is written": KEYS}
+    tables = {"what is written": KEYS}
 
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""

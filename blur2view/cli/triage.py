@@ -1,7 +1,8 @@
 """``blur2view triage``: which photographs are sharp, and which blurred ones are of use; options and work."""
 
+import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from math import inf
@@ -14,10 +15,8 @@ from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import flag, length, option, radius
 from blur2view.cli.run import Run, estimated
-from blur2view.cli.terminal import plural, printable
 from blur2view.errors import OutputError
 from blur2view.files import write_file
-from blur2view.images.inputs import Source
 from blur2view.images.video import read_frame
 from blur2view.networks.protocol import Detail
 from blur2view.results.photograph import Photograph, explanations
@@ -86,16 +85,12 @@ class TriageOptions(Command):
         "blur2view triage frames --csv triage.csv --keep frames/keep.txt",
         "colmap feature_extractor --image_path frames --image_list_path frames/keep.txt --database_path a.db",
     )
+    tables = {"uses": USES, "columns of --csv": explanations(flat=True), "what is written": LIST}
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.best or self.every_best) and self.keep is None and self.extract is None:
             raise ValueError("--best and --every-best choose what --keep LIST names or --extract DIR holds")
-
-    @staticmethod
-    def tables() -> dict[str, str | Mapping[str, str]]:
-        """Return what --help-all lists besides options."""
-        return {"uses": USES, "columns of --csv": explanations(flat=True), "what is written": LIST}
 
     def execute(self) -> int:
         """Return the exit code, after looking at every photograph and writing table, list and pictures.
@@ -112,40 +107,39 @@ class TriageOptions(Command):
 
     def _write(self, run: Run) -> None:
         """Write list and pictures, and print the closing line."""
-        records = run.records
-        names = {job.source: job.name for job in records}
-        kept = self._selected({job.source: one for job, one in records.items() if not one.error})
+        kept = self._kept({job: one.photograph for job, one in run.outcomes if not one.error})
         if self.keep is not None:
-            text = "".join(f"{names[one]}\n" for one in kept)
+            text = "".join(f"{job.name}\n" for job in kept)
             write_file(self.keep, text.encode("utf-8", "surrogateescape"))
         if self.extract is not None:
-            extract(self.extract, {one: names[one] for one in kept})
+            extract(self.extract, kept)
         if self.printing.quiet:
             return
-        counts = Counter(str(one.use) for one in records.values())
-        parts = [", ".join(f"{counts[use]} {words}" for use, words in COUNTED.items() if counts[use])]
-        if self.keep is not None or self.extract is not None:
+        uses = Counter(str(one.photograph.use) for _, one in run.outcomes)
+        said = f"{len(kept)} kept" * (self.keep is not None or self.extract is not None)
+        if said and not kept:
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
-            parts.append(f"{len(kept)} kept" if kept else f"none is kept: {remedy}")
-        written = run.table, self.keep, self.extract if kept else None
-        paths = " and ".join(printable(str(path)) for path in written if path is not None)
-        parts += [f"wrote {paths}"] * bool(paths)
-        print(f"{plural(len(records), 'photograph')} in {run.seconds:.1f} s: {'; '.join(parts)}")
+            said = f"none is kept: {remedy}"
+        counts = {words: uses[use] for use, words in COUNTED.items()}
+        run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
 
-    def _selected(self, read: Mapping[Source, Photograph]) -> list[Source]:
+    def _kept(self, read: Mapping[Job, Photograph]) -> list[Job]:
         """Return the photographs to keep, in order."""
 
-        def width(one: Source) -> tuple[bool, float]:
+        def width(one: Job) -> tuple[bool, float]:
             found = read[one].width_px  # without texture it comes last
             return read[one].use != Use.SHARP, inf if found is None else found
 
         if self.best is not None:
             chosen = set(sorted(read, key=width)[: self.best])
         elif self.every_best is not None:
-            size, runs = self.every_best, [list(run) for _, run in groupby(read, lambda one: one.folder)]
-            groups = [run[first : first + size] for run in runs for first in range(0, len(run), size)]
-            chosen = {min(few, key=width) for few in groups}
+            folders = [list(jobs) for _, jobs in groupby(read, lambda one: one.source.folder)]
+            chosen = {
+                min(jobs[first : first + self.every_best], key=width)
+                for jobs in folders
+                for first in range(0, len(jobs), self.every_best)
+            }
         else:
             wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
             chosen = {one for one, row in read.items() if row.use in wanted}
@@ -161,23 +155,22 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
 
 def refuse_filled(folder: Path) -> None:
     """Raise OutputError for a folder that holds something: a program would read it with the pictures."""
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: is no folder; name another with --extract")
-    if other := min(folder.glob("*"), default=None):
-        raise OutputError(f"{folder}: holds {other.name}; name an empty folder with --extract")
+    if folder.exists() and (other := min(os.listdir(folder), default="")):
+        raise OutputError(f"{folder}: holds {other}; name an empty folder with --extract")
 
 
-def extract(folder: Path, names: Mapping[Source, str]) -> None:
-    """Write photographs as they are, under these names, and frames of videos as PNG.
+def extract(folder: Path, jobs: Sequence[Job]) -> None:
+    """Write photographs as they are, under their names, and frames of videos as PNG.
 
     Frame 120 of a video is ``frame_00120.png``, below the video's name if there are several. OutputError if a
     file cannot be written, ImageError if a photograph cannot be read.
     """
-    several = len({one.path for one in names if one.frame is not None}) > 1
-    for one, name in names.items():
-        if one.frame is None:
-            write_file(folder / name, one.read())
+    several = len({job.source.path for job in jobs if job.source.frame is not None}) > 1
+    for job in jobs:
+        source, name = job.source, Path(job.name)
+        if source.frame is None:
+            write_file(folder / name, source.read())
         else:
-            below = folder / Path(name).parent if several else folder
-            content = bytes(cv2.imencode(".png", read_frame(one.path, one.frame))[1])
-            write_file(below / f"frame_{one.frame:0{FRAME_DIGITS}d}.png", content)
+            below = folder / name.parent if several else folder
+            content = bytes(cv2.imencode(".png", read_frame(source.path, source.frame))[1])
+            write_file(below / f"frame_{source.frame:0{FRAME_DIGITS}d}.png", content)
