@@ -54,8 +54,6 @@ def frame_numbers(
     count, rate = _count_and_rate(_opened(video))
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
-    if not 0 < rate < math.inf and any(isinstance(number, float) for number in (first, last)):
-        raise ImageError(f"{video}: does not say how many frames it has a second; name frames by number")
     begin, end = (
         number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)

@@ -41,10 +41,7 @@ FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet t
 
 def explained(text: str, default: Any = None) -> Any:
     """Return a field of the record with its explanation, required if ``default`` is `MISSING`."""
-    metadata = {"help": " ".join(text.split())}
-    if default == []:
-        return field(default_factory=list, metadata=metadata)
-    return field(default=default, metadata=metadata)
+    return field(default=default, metadata={"help": " ".join(text.split())})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +88,7 @@ class Photograph:
         of errors only, or too little is seen) or absent (H alone, or nothing moved).""",
         "",
     )
-    models: list[Any] = explained("Likeliest first: model, parameters, log_likelihood, probability.", [])
+    models: list[Any] | None = explained("Likeliest first: model, parameters, log_likelihood, probability.")
     independent_smears: float = explained("How many smears of independent errors weigh as much.", 0.0)
     F: Matrix | None = explained(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
@@ -132,7 +129,7 @@ class Photograph:
     max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option of this name.")
     version: str = explained("The version of blur2view.", "")
-    model_ids: list[str] = explained("The networks that were used, by their weights.", [])
+    model_ids: list[str] | None = explained("The networks that were used, by their weights.")
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
     options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
 

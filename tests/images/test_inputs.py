@@ -46,32 +46,24 @@ def test_folder_stands_for_its_photographs_in_the_order_of_their_numbers(folder:
     found = listed(folder)
     assert [one.name for one in found.sources] == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
     assert not refusals(found) and found.names() == ["c.NEF", "frame_2.JPG", "frame_10.jpg"]
+    (folder / "empty").mkdir()
+    assert "holds no photograph; add --recursive" in refusals(listed(folder / "empty"))[0]
     below = listed(folder, recursive=True)
     assert below.names() == [*found.names(), "sub/a.tif", "sub/deep/b.heic"]
     assert list(map(str, below.result_names()))[3:] == ["sub/a", "sub/deep/b"]
 
 
-@pytest.mark.parametrize("recursive", [False, True])
-def test_folder_without_photographs_is_refused_with_the_remedy(folder: Path, recursive: bool) -> None:
-    (folder / "empty").mkdir()
-    (found,) = refusals(listed(folder / "empty", recursive=recursive))
-    assert "holds no photograph" in found and ("--recursive" in found) != recursive
-
-
-def test_lists_name_files_folders_and_more(folder: Path, tmp_path: Path) -> None:
-    text = "\r\n".join([str(folder / "frame_10.jpg"), "", "absent.png", str(folder / "sub")]) + "\r\n"
-    (tmp_path / "list.txt").write_bytes(text.encode())
-    expected = [folder / "frame_10.jpg", Path("absent.png"), folder / "sub/a.tif"]
-    assert paths(f"@{tmp_path / 'list.txt'}") == expected
-    listed = paths("first.jpg", "-", "last.jpg", stdin=io.BytesIO(text.encode()))
-    assert listed == [Path("first.jpg"), *expected, Path("last.jpg")]
-
-
-def test_names_of_a_list_are_its_lines_but_blanks_and_comments(here: Path) -> None:
-    content = b"\xef\xbb\xbf# of the first day\n a.jpg \n\n  # b.jpg\n./#c.jpg\nsec\xffond.jpg\n"
-    Path("list").write_bytes(content)
-    expected = [Path("a.jpg"), Path("#c.jpg"), Path(os.fsdecode(b"sec\xffond.jpg"))]
-    assert paths("@list") == paths("-", stdin=io.BytesIO(content)) == expected
+def test_a_list_names_a_word_on_each_line_but_blank_ones_and_comments(folder: Path, here: Path) -> None:
+    lines = ["# of the first day", f" {folder}/frame_10.jpg ", "", "./#c.jpg", "beside.jpg", f"{folder}/sub"]
+    content = b"\xef\xbb\xbf" + "\r\n".join(lines).encode() + b"\nsec\xffond.jpg\n"
+    Path("lists").mkdir()
+    for name in ("list", "beside.jpg"):
+        Path("lists", name).write_bytes(content)
+    expected = [folder / "frame_10.jpg", Path("#c.jpg"), Path("beside.jpg"), folder / "sub/a.tif"]
+    expected.append(Path(os.fsdecode(b"sec\xffond.jpg")))
+    assert paths("first.jpg", "-", stdin=io.BytesIO(content)) == [Path("first.jpg"), *expected]
+    expected[2] = Path("lists/beside.jpg")
+    assert paths("@lists/list") == expected
     Path("list").write_bytes(b"\x89PNG\0")
     with pytest.raises(ImageError, match="a photograph itself is named by its file"):
         listed("@list")

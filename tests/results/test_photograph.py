@@ -23,6 +23,8 @@ def test_json_holds_the_record_and_what_is_derived_is_computed_anew(record: Phot
     assert list(stored) == list(explanations()) and stored["verdict"] == record.verdict
     edited = json.dumps(stored | {"verdict": "Sharp", "unknown": 1})
     assert Photograph.from_json(edited).verdict == record.verdict
+    probabilities = [one["probability"] for one in record.models or ()]
+    assert probabilities == sorted(probabilities, reverse=True) and record.model_probability is not None
     for text in ("[]", "{}", "not JSON"):
         with pytest.raises(ValueError):
             Photograph.from_json(text)
@@ -41,12 +43,6 @@ def test_a_table_is_the_flat_part_of_the_records(record: Photograph) -> None:
     assert row["config"] == record.config and row["verdict"] == record.verdict
     assert record.smear_px is not None and float(row["smear_px"]) == pytest.approx(record.smear_px, rel=1e-5)
     assert "F" not in row and "models" not in row
-
-
-def test_likeliest_model_comes_first_with_its_probability(record: Photograph) -> None:
-    probabilities = [one["probability"] for one in record.models]
-    assert probabilities == sorted(probabilities, reverse=True)
-    assert record.model_probability is not None and record.model_probability >= probabilities[0]
 
 
 def test_width_is_that_of_smear_and_lens_as_a_smear_spreads() -> None:
