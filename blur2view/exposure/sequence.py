@@ -58,12 +58,12 @@ NO_POINTS = np.zeros((0, 2))
 NO_FEATURES: Features = (NO_POINTS, np.zeros((0, 128), np.float32))
 
 
-class NeighbourMotion(NamedTuple):
-    """The motion of the picture about the time of a photograph, by one neighbour."""
+class PictureMotion(NamedTuple):
+    """The motion of the picture about the time of a photograph, by matches with its neighbours."""
 
     points: Array  # (M, 2) pixels of the photograph
     velocity: Array  # (M, 2) there, pixels per frame, forwards in time
-    rotation: Array | None = None  # (3,) per frame, as in cam2_from_cam1; None without intrinsics or matches
+    rotation: Array  # (3,) per frame and neighbour, summed, as in cam2_from_cam1; 0 if unknown
 
 
 def features_of(image: NDArray[np.float32]) -> Features:
@@ -102,37 +102,35 @@ def match_features(one: Features, other: Features) -> Matches:
     return (points1[kept], points2[kept]) if kept.sum() >= MIN_MATCHES else (NO_POINTS, NO_POINTS)
 
 
-def neighbour_motion(here: Array, there: Array, steps: int, camera: Camera | None = None) -> NeighbourMotion:
-    """Return the motion by matches (M, 2) of a photograph and a neighbour, ``steps`` frames later."""
-    rotation = rotation_between(camera, here, there) if camera is not None and camera.known else None
-    return NeighbourMotion(here, (there - here) / steps, None if rotation is None else rotation / steps)
+def motion_of(matches: Mapping[int, Matches], camera: Camera | None = None) -> PictureMotion:
+    """Return the motion by matches with the photographs before (-1) and after (1), own pixels first."""
+    points = np.concatenate([NO_POINTS, *(here for here, _ in matches.values())])
+    velocity = [NO_POINTS, *((there - here) / steps for steps, (here, there) in matches.items())]
+    rotation = np.zeros(3)
+    if camera is not None and camera.known:
+        for steps, one in matches.items():
+            rotation += rotation_between(camera, *one) / steps
+    return PictureMotion(points, np.concatenate(velocity), rotation)
 
 
-def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array | None:
-    """Return the smaller rotation vector, cam2_from_cam1, by matches (M, 2); None of too few."""
+def rotation_between(camera: Camera, points1: Array, points2: Array) -> Array:
+    """Return the smaller rotation vector, cam2_from_cam1, by matches (M, 2); 0 of too few."""
     rays = np.stack([camera.rays(points1), camera.rays(points2)])
     rays = rays[:, np.isfinite(rays).all(axis=(0, 2))]
     if rays.shape[1] < MIN_VOTES:
-        return None
+        return np.zeros(3)
     bound = ESSENTIAL_PX / camera.focal_px
     E = cv2.findEssentialMat(rays[0], rays[1], np.eye(3), cv2.USAC_MAGSAC, 0.999, bound)[0]
     if E is None or E.shape != (3, 3):
-        return None
+        return np.zeros(3)
     return decompose_essential(np.asarray(E, float))[0].rotation_vector
 
 
-def agreement_of(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
-    """Return the mean cosine between smears and neighbours' motions, weighted by their lengths; or 0."""
-    votes = [_vote(views, motion) for motion in motions]
-    total = sum(weight for _, weight in votes)
-    return sum(cosine * weight for cosine, weight in votes) / total if total > 0 else 0.0
-
-
-def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
-    """Return the mean cosine between smears and one neighbour's motion, and its median length in pixels."""
+def agreement_of(views: ExposureViews, motion: PictureMotion) -> float:
+    """Return the mean cosine between smears and the picture's motion, weighted by its length; or 0."""
     inliers = views.geometry.inlier_mask
     if not inliers.any() or not len(motion.points):
-        return 0.0, 0.0
+        return 0.0
     start, close = views.points_open[inliers], views.points_close[inliers]
     from scipy.spatial import cKDTree  # 0.1 s, so only when neighbours are compared
 
@@ -142,55 +140,49 @@ def _vote(views: ExposureViews, motion: NeighbourMotion) -> tuple[float, float]:
     smear, velocity = smear[voting], velocity[voting]
     length, smeared = np.linalg.norm(velocity, axis=1), np.linalg.norm(smear, axis=1)
     if voting.sum() < MIN_VOTES or np.median(length / smeared) > MAX_EXPOSURES_APART:
-        return 0.0, 0.0
-    cosine = (smear * velocity).sum(axis=1) / (length * smeared)
-    return float(cosine.mean()), float(np.median(length))
+        return 0.0
+    return float(((smear * velocity).sum(axis=1) / smeared).sum() / length.sum())
 
 
-def _rotation_agreement(views: ExposureViews, motions: Sequence[NeighbourMotion]) -> float:
+def _rotation_agreement(views: ExposureViews, motion: PictureMotion) -> float:
     """Return the cosine between the rotations of pose and neighbours; 0 if one is unknown."""
     pose = views.geometry.cam2_from_cam1
     if pose is None:
         return 0.0
-    seen = np.sum([np.zeros(3), *(one.rotation for one in motions if one.rotation is not None)], axis=0)
-    lengths = float(np.linalg.norm(pose.rotation_vector) * np.linalg.norm(seen))
-    return float(pose.rotation_vector @ seen) / lengths if lengths > 0 else 0.0
+    lengths = float(np.linalg.norm(pose.rotation_vector) * np.linalg.norm(motion.rotation))
+    return float(pose.rotation_vector @ motion.rotation) / lengths if lengths > 0 else 0.0
 
 
 def directed(
-    views: ExposureViews, motions: Sequence[NeighbourMotion], candidates: Sequence[ExposureViews] = ()
+    views: ExposureViews, motion: PictureMotion, candidates: Sequence[ExposureViews] = ()
 ) -> ExposureViews:
     """Return the candidate that agrees best; by default the four signs of time and translation."""
-    if agreement_of(views, motions) == 0:
+    if agreement_of(views, motion) == 0:
         return replace(views, time=TimeDirection())
     if not candidates:
         twins = [views, other_translation(views)]
         candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
     def score(one: ExposureViews) -> float:
-        rotation, in_front = _rotation_agreement(one, motions), share_in_front(one)
-        return agreement_of(one, motions) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
+        rotation, in_front = _rotation_agreement(one, motion), share_in_front(one)
+        return agreement_of(one, motion) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
 
     best = max(candidates, key=score)
     from scipy.special import ndtr
 
     # P(right) - P(wrong), by the mean cosine of `INDEPENDENT_SMEARS`
-    agreement = max(agreement_of(best, motions), 0.0)
+    agreement = max(agreement_of(best, motion), 0.0)
     confidence = float(2 * ndtr(agreement * np.sqrt(INDEPENDENT_SMEARS)) - 1)
     known = confidence >= MIN_CONFIDENCE
     return replace(best, time=TimeDirection(known=known, confidence=confidence if known else 0.0))
 
 
 def in_time(estimated: Estimate, matches: Mapping[int, Matches]) -> Estimate:
-    """Return an estimate in the likelier direction of time, and whether neighbours decide it (``time``).
-
-    ``matches`` are with the photographs before (-1) and after (1), pixels of the photograph first.
-    """
-    motions = [neighbour_motion(*one, steps, estimated.camera) for steps, one in matches.items()]
+    """Return an estimate in the likelier direction of time, by `motion_of` matches, and its certainty."""
     views, candidates = views_of("frame", replace(estimated, shutter=None)), list[ExposureViews]()
     if estimated.shutter is not None:  # another motion in the other order in time, or none
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
-    views = directed(views, motions, candidates)
+    views = directed(views, motion_of(matches, estimated.camera), candidates)
     return replace(estimated, geometry=views.geometry, time=views.time)
 
 

@@ -10,7 +10,7 @@ translation, X2 = R X1 + t of points in the two cameras.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +34,7 @@ SIGMAS: Array = np.geomspace(
 )  # of a path's rotations, over their size: the values that are tried
 DEGREES_OF_FREEDOM = 4  # of Student's t: some frames are outliers
 FIRST_FRACTION, ROUNDS, MAX_FRACTION = 0.5, 5, 1.0  # of exposure over frame interval
-MIN_LENGTH_RATIO = 0.1  # of smears to those of a given exposure: shorter ones measure nothing
-LENGTH_SIGMA = 0.1  # relative error of length that all smears of a photograph share
+MIN_LENGTH_RATIO = 0.1  # of smears to those of a given exposure: shorter ones, of sharp frames, say nothing
 
 
 def change_of(first: Array, second: Array) -> Array:
@@ -150,7 +149,11 @@ def exposures(
     shows it; and whether it is measured, not a guess because the camera shakes faster than the frames.
     """
     if fraction is not None:
-        return _placed(_of_known_exposure(frames, path, fraction), path, fraction)[0], fraction, True
+        ends = _ends(frames, path, fraction)
+        ratios = _length_ratios(frames, ends)
+        if not len(ratios) or np.median(ratios) > MIN_LENGTH_RATIO:
+            ends, _ = _placed(frames, path, fraction)
+        return ends, fraction, True
     fraction = FIRST_FRACTION
     for _ in range(ROUNDS):
         ratios = _length_ratios(frames, _ends(frames, path, fraction))
@@ -173,22 +176,6 @@ def _length_ratios(frames: Sequence[ExposedFrame], ends: Array) -> Array:
     motions = ends[:, 1] - ends[:, 0]
     found = np.abs([frame.length_ratio(motion) for frame, motion in zip(frames, motions, strict=True)])
     return found[np.isfinite(found)]
-
-
-def _of_known_exposure(
-    frames: Sequence[ExposedFrame], path: CameraPath, fraction: float
-) -> Sequence[ExposedFrame]:
-    """Return frames with smears scaled towards the path's length, or none where these are far shorter."""
-    ratios = _length_ratios(frames, _ends(frames, path, fraction))
-    if not len(ratios):
-        return frames
-    logs = np.log(ratios + TINY)
-    middle = float(np.median(logs))
-    if middle <= np.log(MIN_LENGTH_RATIO):
-        return [replace(one, rays=one.rays[:0], displacement=one.displacement[:0]) for one in frames]
-    variance = (1.5 * float(np.median(np.abs(logs - middle)))) ** 2 / len(ratios)
-    scale = np.exp(-middle * LENGTH_SIGMA**2 / (LENGTH_SIGMA**2 + variance))
-    return [replace(one, displacement=scale * one.displacement) for one in frames]
 
 
 def _placed(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -> tuple[Array, float]:

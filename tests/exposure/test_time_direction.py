@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 
@@ -13,12 +14,12 @@ from blur2view.arrays import Array
 from blur2view.camera import Camera
 from blur2view.exposure.sequence import (
     GAP_FRAMES,
-    NeighbourMotion,
+    PictureMotion,
     directed,
     features_of,
     frame_times,
     match_features,
-    neighbour_motion,
+    motion_of,
 )
 from blur2view.exposure.views import ExposureViews, other_translation
 from blur2view.geometry.epipolar import fundamental_from_pose
@@ -52,8 +53,9 @@ class Clip:
         return moved[:, :2] / moved[:, 2:]
 
 
-def clip(rng: np.random.Generator, count: int = 300, turn: float = 0.008) -> Clip:
+def clip(rng: np.random.Generator) -> Clip:
     """Smears of about ten pixels, of rotation and translation alike."""
+    count, turn = 300, 0.008
     axis, heading = rng.normal(size=3), rng.normal(size=3)
     return Clip(
         pixels=rng.uniform(0.1, 0.9, (count, 2)) * SIZE,
@@ -63,8 +65,8 @@ def clip(rng: np.random.Generator, count: int = 300, turn: float = 0.008) -> Cli
     )
 
 
-def views(scene: Clip, sign: int = 1) -> ExposureViews:
-    """Exact views of the middle frame; sign -1: in the wrong time direction."""
+def views(scene: Clip) -> ExposureViews:
+    """Exact views of the middle frame."""
     first, last = scene.seen(-0.5), scene.seen(0.5)
     opened, closed = scene.pose(-0.5), scene.pose(0.5)
     R = closed.rotation @ opened.rotation.T
@@ -78,7 +80,7 @@ def views(scene: Clip, sign: int = 1) -> ExposureViews:
         inlier_mask=np.ones(len(first), bool),
         second_end_is_open=np.zeros(len(first), bool),
     )
-    found = ExposureViews(
+    return ExposureViews(
         name="a.jpg",
         size=SIZE,
         points_open=first,
@@ -87,59 +89,43 @@ def views(scene: Clip, sign: int = 1) -> ExposureViews:
         geometry=geometry,
         camera=CAMERA,
     )
-    return found if sign > 0 else found.reversed()
 
 
-def motions(scene: Clip) -> list[NeighbourMotion]:
+def motion(scene: Clip) -> PictureMotion:
     """Give what the frames before and after show."""
-    return [
-        neighbour_motion(scene.seen(0.0), scene.seen(INTERVAL * steps), steps, CAMERA) for steps in (-1, 1)
-    ]
+    return motion_of({k: (scene.seen(0.0), scene.seen(INTERVAL * k)) for k in (-1, 1)}, CAMERA)
 
 
-def open_first(found: ExposureViews, scene: Clip) -> float:
-    """Share of the smears whose open end is where the point was at shutter-open."""
-    near = np.linalg.norm(found.points_open - scene.seen(-0.5), axis=1)
-    far = np.linalg.norm(found.points_open - scene.seen(0.5), axis=1)
-    return float((near < far).mean())
+def time_reversed(given: ExposureViews) -> ExposureViews | None:
+    return given.reversed()
 
 
+@pytest.mark.parametrize("wrong", [replace, time_reversed, other_translation])
 @pytest.mark.parametrize("seed", range(3))
-def test_both_flips_of_time_end_with_open_first(seed: int) -> None:
+def test_neighbours_decide_the_signs_of_time_and_translation(
+    seed: int, wrong: Callable[[ExposureViews], ExposureViews | None]
+) -> None:
     scene = clip(np.random.default_rng(seed))
-    for sign in (1, -1):
-        found = directed(views(scene, sign), motions(scene))
-        assert open_first(found, scene) == 1
-        assert found.time.known and found.time.confidence > 0.95
-        pose = found.geometry.cam2_from_cam1
-        assert pose is not None and pose.rotation_vector @ scene.turn > 0
-        assert pose.translation @ scene.move > 0
-
-
-def test_rotation_that_neighbours_show_decides_the_translations_sign() -> None:
-    """Smears ordered for the other translation give no time direction right; both signs together do."""
-    for seed in range(4):
-        scene = clip(np.random.default_rng([seed, 2]))
-        wrong = other_translation(views(scene))
-        assert wrong is not None
-        found = directed(wrong, motions(scene))
-        pose = found.geometry.cam2_from_cam1
-        assert pose is not None
-        assert pose.rotation_vector @ scene.turn > 0 and pose.translation @ scene.move > 0
-        assert open_first(found, scene) == 1
+    given = wrong(views(scene))
+    assert given is not None
+    found = directed(given, motion(scene))
+    near, far = (np.linalg.norm(found.points_open - scene.seen(tau), axis=1) for tau in (-0.5, 0.5))
+    assert (near < far).all()
+    assert found.time.known and found.time.confidence > 0.95
+    pose = found.geometry.cam2_from_cam1
+    assert pose is not None and pose.rotation_vector @ scene.turn > 0 and pose.translation @ scene.move > 0
 
 
 def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> None:
     scene = clip(np.random.default_rng(6))
     given = views(scene)
-    few = NeighbourMotion(points=scene.pixels[:5], velocity=np.ones((5, 2)))
-    still = NeighbourMotion(points=scene.pixels, velocity=np.zeros_like(scene.pixels))
+    few, still = motion_of({1: (scene.pixels[:5], scene.pixels[:5] + 1)}), motion_of({1: (scene.pixels,) * 2})
     none = replace(given, geometry=replace(given.geometry, inlier_mask=np.zeros(300, bool)))
     for found in (
-        directed(given, []),
-        directed(given, [few]),
-        directed(given, [still]),
-        directed(none, motions(scene)),
+        directed(given, motion_of({})),
+        directed(given, few),
+        directed(given, still),
+        directed(none, motion(scene)),
     ):
         assert found.time == TimeDirection(known=False, confidence=0.0)
         np.testing.assert_array_equal(found.points_open, given.points_open)

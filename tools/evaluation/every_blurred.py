@@ -13,20 +13,16 @@ import numpy as np
 import pycolmap
 
 from blur2view.cli import commands
-from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.mapping import blurred_options
 from blur2view.geometry.pose import rotation_vector
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import Existing, Target, run
 from tools.evaluation.placed import Poses, poses_of
+from tools.evaluation.recovered import averaged
 from tools.pages import publish, table
 
-SEEDS = (
-    0,
-    1,
-    2,
-)  # of COLMAP's mapper, which may begin with a wrong pair: of 11 frames of 36 px seed 0 joins 3
+SEEDS = range(3)  # of COLMAP's mapper, which may begin with a wrong pair: of 11 frames of 36 px 0 joins 3
 WIDER = [1, 2, 3]  # frames averaged before and after
 LEAD = """\
 Every frame is the mean of 3, 5 or 7 consecutive ones of a sequence in linear light; no two share one. COLMAP
@@ -38,16 +34,15 @@ registered, and the error of the rotation from each of them to the next: degrees
 HEAD = "smears, px | frames | COLMAP's defaults | COLMAP at its best | matches of patches | and recovered"
 
 
-def averaged(source: Path, folder: Path, wider: int) -> Poses:
+def blur(source: Path, folder: Path, wider: int) -> Poses:
     """Write means of 2 ``wider`` + 1 frames, and return the true poses."""
     true = poses_of(pycolmap.Reconstruction(source / "model"))
     names, found = sorted(true), Poses()
     folder.mkdir(parents=True)
     for k in range(wider, len(names) - wider, 2 * wider + 2):
-        pictures = [read_pixels(source / names[j]) for j in range(k - wider, k + wider + 1)]
-        light = np.mean([(one / 255.0) ** GAMMA for one in pictures], axis=0)
         name = f"f_{len(found):03d}.png"
-        cv2.imwrite(str(folder / name), np.rint(255 * light ** (1 / GAMMA)).astype(np.uint8)[..., ::-1])
+        mean = averaged([source / one for one in names[k - wider : k + wider + 1]])
+        cv2.imwrite(str(folder / name), mean)
         found[name] = true[names[k]]
     return found
 
@@ -100,7 +95,7 @@ def recovered(model: Path, frames: Path, out: Path, *options: str | Path) -> Pat
 def row(sequence: Path, work: Path, wider: int, network: SmearNetwork) -> tuple[Any, ...]:
     """Return the row of a table, of frames that are each the mean of 2 ``wider`` + 1."""
     frames = work / "frames"
-    true = averaged(sequence, frames, wider)
+    true = blur(sequence, frames, wider)
     smears = [network.predict(read_pixels(frames / name)).smears().length_px for name in true]
     camera = next(iter(pycolmap.Reconstruction(sequence / "model").cameras.values()))
     options = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()

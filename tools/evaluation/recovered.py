@@ -19,14 +19,14 @@ import numpy as np
 import pycolmap
 from scipy.stats import chi2
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blur_matching import GAMMA
-from blur2view.colmap.recovery import NEAR_FRAMES, recover_frames
+from blur2view.colmap.recovery import NEAR_FRAMES, adjust, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.arguments import run
-from tools.evaluation.placed import begun, centre_of, extracted
+from tools.evaluation.placed import Poses, begun, centre_of, extracted, poses_of
 from tools.pages import publish, table
 from tools.rendering.video import VideoOptions, write_video
 
@@ -63,50 +63,53 @@ class Case:
     """A model that lacks frames, in folders ``model`` and ``frames`` of ``folder``, and the true poses."""
 
     folder: Path
-    true: dict[str, Array]
+    true: Poses
     missing: Sequence[str]
 
+    def begin(self) -> bool:
+        """Return whether the case must be made: its folder is empty then."""
+        if (self.folder / "model").exists():
+            return False
+        shutil.rmtree(self.folder, ignore_errors=True)
+        (self.folder / "frames").mkdir(parents=True)
+        return True
 
-def missing_of(count: int, run_length: int, between: int = BETWEEN) -> list[int]:
+    def end(self, model: Any) -> None:
+        """Write the model."""
+        (self.folder / "model").mkdir()
+        model.write(self.folder / "model")
+
+
+def missing_of(names: Sequence[str], run_length: int, between: int = BETWEEN) -> list[str]:
     """Return the frames that are missing, in runs."""
-    return [k for k in range(MARGIN, count - MARGIN) if (k - MARGIN) % (run_length + between) < run_length]
+    inner = range(MARGIN, len(names) - MARGIN)
+    return [names[k] for k in inner if (k - MARGIN) % (run_length + between) < run_length]
 
 
-def adjusted(model: Any) -> None:
-    """Adjust the points of a model; poses and cameras stay."""
-    options, config = pycolmap.BundleAdjustmentOptions(), pycolmap.BundleAdjustmentConfig()
-    options.refine_focal_length = options.refine_extra_params = options.print_summary = False
-    for image in model.images.values():
-        if image.has_pose:
-            config.add_image(image.image_id)
-            config.set_constant_rig_from_world_pose(image.frame_id)
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+def averaged(paths: Sequence[Path]) -> AnyArray:
+    """Return the mean of pictures in linear light, BGR, uint8."""
+    light = np.mean([(read_pixels(path) / 255.0) ** GAMMA for path in paths], axis=0)
+    return np.asarray(np.rint(255 * light ** (1 / GAMMA)), np.uint8)[..., ::-1]
 
 
 def from_sequence(source: Path, folder: Path, run_length: int, between: int, wider: int) -> Case:
     """Return a sequence whose every frame a model has, with runs of frames made worse and left out."""
     model = pycolmap.Reconstruction(source / "model")
-    true = {image.name: image.cam_from_world().matrix() for image in model.images.values()}
+    true = poses_of(model)
     names = sorted(true)
-    missing = missing_of(len(names), run_length, between)
-    if (folder / "model").exists():
-        return Case(folder=folder, true=true, missing=[names[k] for k in missing])
-    shutil.rmtree(folder, ignore_errors=True)
-    (folder / "frames").mkdir(parents=True)
-    for k, name in enumerate(names):
-        if k not in missing or not wider:
-            shutil.copyfile(source / name, folder / "frames" / name)
-            continue
-        pictures = [read_pixels(source / names[j]) for j in range(k - wider, k + wider + 1)]
-        light = np.mean([(one / 255.0) ** GAMMA for one in pictures], axis=0)
-        blurred = np.rint(255 * light ** (1 / GAMMA)).astype(np.uint8)
-        cv2.imwrite(str(folder / "frames" / name), blurred[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 98])
-    for k in missing:
-        model.deregister_frame(model.find_image_with_name(names[k]).frame_id)
-    adjusted(model)
-    (folder / "model").mkdir()
-    model.write(folder / "model")
-    return Case(folder=folder, true=true, missing=[names[k] for k in missing])
+    case = Case(folder=folder, true=true, missing=missing_of(names, run_length, between))
+    if case.begin():
+        for k, name in enumerate(names):
+            if name not in case.missing or not wider:
+                shutil.copyfile(source / name, folder / "frames" / name)
+                continue
+            blurred = averaged([source / one for one in names[k - wider : k + wider + 1]])
+            cv2.imwrite(str(folder / "frames" / name), blurred, [cv2.IMWRITE_JPEG_QUALITY, 98])
+        for name in case.missing:
+            model.deregister_frame(model.find_image_with_name(name).frame_id)
+        adjust(model, free=())
+        case.end(model)
+    return case
 
 
 def rendered(work: Path, folder: Path, seed: int, options: VideoOptions, run_length: int) -> Case:
@@ -115,24 +118,19 @@ def rendered(work: Path, folder: Path, seed: int, options: VideoOptions, run_len
     sharp, blurred = work / f"{name}_short", work / f"{name}_long"
     paths = write_video(sharp, seed, replace(options, share=SHORT))
     write_video(blurred, seed, options)
-    names = [f"f_{k:03d}.png" for k in range(len(paths))]
-    true = {name: path.pose(0.0) for name, path in zip(names, paths, strict=True)}
-    missing = [names[k] for k in missing_of(len(names), run_length)]
-    if (folder / "model").exists():
-        return Case(folder=folder, true=true, missing=missing)
-    shutil.rmtree(folder, ignore_errors=True)
-    (folder / "frames").mkdir(parents=True)
-    (folder / "known").mkdir()
-    for name in names:
-        shutil.copyfile((blurred if name in missing else sharp) / name, folder / "frames" / name)
-        if name not in missing:
+    true = {f"f_{k:03d}.png": path.pose(0.0) for k, path in enumerate(paths)}
+    case = Case(folder=folder, true=true, missing=missing_of(list(true), run_length))
+    if case.begin():
+        known = {name: pose for name, pose in true.items() if name not in case.missing}
+        (folder / "known").mkdir()
+        for name in true:
+            shutil.copyfile((sharp if name in known else blurred) / name, folder / "frames" / name)
+        for name in known:
             shutil.copyfile(sharp / name, folder / "known" / name)
-    database = extracted(folder, "known", options)
-    known = {name: pose for name, pose in true.items() if name not in missing}
-    made = pycolmap.triangulate_points(begun(database, known), database, folder / "known", folder)
-    (folder / "model").mkdir()
-    made.write(folder / "model")
-    return Case(folder=folder, true=true, missing=missing)
+        database = extracted(folder, "known", options)
+        made = pycolmap.triangulate_points(begun(database, known), database, folder / "known", folder)
+        case.end(made)
+    return case
 
 
 def errors(pose: Array, true: Array, step: float) -> tuple[float, float]:
@@ -147,10 +145,8 @@ def measured(case: Case, network: SmearNetwork) -> dict[str, list[Any]]:
     times = {name: k for k, name in enumerate(names)}
     centres = np.array([centre_of(case.true[name]) for name in names])
     step = float(np.median(np.linalg.norm(np.diff(centres, axis=0), axis=1)))
-    known = [name for name in names if name not in case.missing]
-    path = CameraPath(
-        np.array([times[name] for name in known]), np.stack([case.true[name] for name in known]), NEAR_FRAMES
-    )
+    known = [k for k, name in enumerate(names) if name not in case.missing]
+    path = CameraPath(np.array(known), np.stack([case.true[names[k]] for k in known]), NEAR_FRAMES)
     frames = case.folder / "frames"
     found = recover_frames(case.folder / "model", frames, names, network=network)
     smears = [network.predict(read_pixels(frames / name)) for name in case.missing]
