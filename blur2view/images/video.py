@@ -1,6 +1,5 @@
 """Frames of videos, read in order by OpenCV."""
 
-import math
 import os
 from collections.abc import Iterator
 from functools import lru_cache
@@ -51,7 +50,8 @@ def frame_numbers(
     """
     if every < 1 or first < 0 or (last is not None and last < 0):
         raise ValueError(f"expected every >= 1 and no negative frame, got {every}, {first} and {last}")
-    count, rate = _count_and_rate(_opened(video))
+    reader = _Reader(video)
+    count, rate = reader.count, reader.rate
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
     begin, end = (
@@ -106,6 +106,8 @@ class _Reader:
 
     def __init__(self, video: Path) -> None:
         self.video, self.capture, self.position, self.ended = video, _opened(video), 0, False
+        self.count = int(self.capture.get(cv2.CAP_PROP_FRAME_COUNT))  # as announced
+        self.rate = float(self.capture.get(cv2.CAP_PROP_FPS))  # frames a second, 0 if unknown
         self.recent: dict[int, tuple[NDArray[np.uint8], float | None]] = {}
 
     def read(self, number: int) -> NDArray[np.uint8]:
@@ -117,7 +119,7 @@ class _Reader:
         while self.position <= number:
             if self.ended or not self.capture.grab():
                 self.ended = True  # frames behind damage have no known number
-                self._end(number)
+                raise self._end(number)
             self.position += 1
         read, pixels = self.capture.retrieve()
         if not read:
@@ -129,30 +131,27 @@ class _Reader:
 
     def _time_s(self, number: int) -> float | None:
         """Return the time of the current frame by its stamp, or else by the frames a second."""
-        stamp_s, (_, rate) = self.capture.get(cv2.CAP_PROP_POS_MSEC) / 1000, _count_and_rate(self.capture)
+        stamp_s = float(self.capture.get(cv2.CAP_PROP_POS_MSEC)) / 1000
         if number == 0 or stamp_s > 0:
-            return float(max(stamp_s, 0.0))
-        return number / rate if 0 < rate < math.inf else None
+            return max(stamp_s, 0.0)
+        return number / self.rate if self.rate > 0 else None
 
-    def _end(self, number: int) -> None:
-        """Raise the reason why there is no frame of this number."""
-        count, rate = _count_and_rate(self.capture)
-        if number >= count:
-            raise ImageError(f"{self.video}: has {count} frames, none of number {number}; name another")
-        end = EndOfVideo(f"{self.video}: ends after {self.position} of {count} frames; copy the video again")
-        end.whole = count - self.position <= min(TAIL_S * max(rate, 1.0), max(TAIL_SHARE * count, 1.0))
-        raise end
+    def _end(self, number: int) -> ImageError:
+        """Return the reason why there is no frame of this number."""
+        if number >= self.count:
+            line = f"has {self.count} frames, none of number {number}; name another"
+            return ImageError(f"{self.video}: {line}")
+        line = f"ends after {self.position} of {self.count} frames; copy the video again"
+        tail = min(TAIL_S * max(self.rate, 1.0), max(TAIL_SHARE * self.count, 1.0))
+        end = EndOfVideo(f"{self.video}: {line}")
+        end.whole = self.count - self.position <= tail
+        return end
 
 
 @lru_cache(maxsize=1)
 def _reader(video: Path) -> _Reader:
     """Return the reader of a video; the last one stays open."""
     return _Reader(video)
-
-
-def _count_and_rate(capture: Any) -> tuple[int, float]:
-    """Return the announced number of frames, and the frames a second."""
-    return int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
 
 
 def _opened(video: Path) -> Any:
