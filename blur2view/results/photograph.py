@@ -1,4 +1,4 @@
-"""The record of a photograph: everything that blur2view says of it, in one object of JSON's types.
+"""The record of a photograph: all results of blur2view about it, in one object of JSON's types.
 
 JSON is the record itself, a row of CSV its flat part, ``--help-all`` the explanations of its fields and
 properties. A property follows from fields: it is written, and never read back.
@@ -53,11 +53,11 @@ class Photograph:
     """
 
     name: str = explained("As COLMAP names it: below the folder that was given, or that all share.", MISSING)
-    error: str = explained("Why it failed; then all else is empty.", "")
+    error: str = explained("Why it failed; all else is then empty.", "")
     width: int | None = explained("Width in pixels, upright.")
     height: int | None = explained("Height in pixels, upright.")
     frame: int | None = explained("Number of the frame in its video, from 0.")
-    timestamp_s: float | None = explained("Its time in the video or of its file name, seconds.")
+    timestamp_s: float | None = explained("Its time in the video or in its file name, seconds.")
 
     blur: str = explained(
         """What blurred it: sharp, out of focus, camera moved, camera at rest (and something moves), out of
@@ -66,11 +66,11 @@ class Photograph:
     )
     nothing_seen: str = explained("Why its blur is unknown: too dark, overexposed, one colour.", "")
     smear_px: float | None = explained(
-        "Length of its smear, pixels: the median, each place weighed by how well it shows its own."
+        "Length of its smear, pixels: the median, each place weighed by how well it shows blur."
     )
-    smear_sigma_px: float | None = explained("Its standard deviation: a smear below it may be none.")
-    direction_deg: float | None = explained("Of the smears, from x towards y, 0 to 180; null where in many.")
-    defocus_px: float | None = explained("Radius out of focus of what is most in focus, pixels; 1 if sharp.")
+    smear_sigma_px: float | None = explained("Its standard deviation: a shorter smear may be an error.")
+    direction_deg: float | None = explained("Of the smears, from x to y, 0 to 180; null if they differ.")
+    defocus_px: float | None = explained("Radius out of focus where it is least, pixels; 1 if sharp.")
     defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
     moving_share: float | None = explained("Share of the picture that moves by itself; null if not asked.")
     use: str = explained("sharp, blurred (geometry can use it), out of focus, unclear or unusable.", "")
@@ -78,8 +78,8 @@ class Photograph:
     K: Matrix | None = explained("Calibration matrix, (0, 0) at the centre of the top-left pixel.")
     camera: dict[str, Any] | None = explained("As COLMAP has it: model, params (its pixels), source, known.")
     config: str = explained(
-        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all that follows from
-        geometry is empty of triage, which looks less closely.""",
+        """What the camera did: a name of COLMAP's TwoViewGeometryConfiguration. It and all geometry is empty
+        in triage, which looks less closely.""",
         "",
     )
     reason: str = explained("One sentence with the figures that decided on the configuration.", "")
@@ -89,7 +89,7 @@ class Photograph:
         "",
     )
     models: list[Any] | None = explained("Likeliest first: model, parameters, log_likelihood, probability.")
-    independent_smears: float = explained("How many smears of independent errors weigh as much.", 0.0)
+    independent_smears: float = explained("Smears of independent errors that weigh as much.", 0.0)
     F: Matrix | None = explained(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
         shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
@@ -114,60 +114,61 @@ class Photograph:
     )
     backward: dict[str, Any] | None = explained(
         """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
-        config, parallax; null where the rows leave no such smears."""
+        config, parallax; null where no such geometry fits the rows."""
     )
 
     exposure_s: float | None = explained("Exposure time in seconds, from --exposure or EXIF.")
-    readout_s: float | None = explained("From --readout: all is then of an exposure of all rows at once.")
+    readout_s: float | None = explained("From --readout, seconds; geometry is that of a global shutter.")
     time_known: bool = explained("Whether neighbouring frames decided which end came first.", False)
     time_confidence: float = explained("How sure that decision is, 0 to 1.", 0.0)
     mask: dict[str, Any] | None = explained(
         """Of segment: reason (what motion was measured against), shares (of the pixels: static, moving,
         unobservable), regions (moving parts: area_px, box (x, y, width, height), centroid, probability)."""
     )
-    beta: float | None = explained("The option of this name.")
+    beta: float | None = explained("The option --beta.")
     max_error_px: float | None = explained("The option --max-error.")
-    seed: int | None = explained("The option of this name.")
+    seed: int | None = explained("The option --seed.")
     version: str = explained("The version of blur2view.", "")
-    model_ids: list[str] | None = explained("The networks that were used, by their weights.")
+    model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
     options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
 
     @property
     def verdict(self) -> str:
-        """What the photograph shows, in words: the line that is printed."""
+        """What the photograph shows, one sentence: the line that is printed."""
         return verdict(self)
 
     @property
     def smear_percent(self) -> float | None:
-        """The smear over the width of the picture, per cent."""
+        """Length of the smear over the width of the picture, per cent."""
         return None if self.smear_px is None or not self.width else 100 * self.smear_px / self.width
 
     @property
     def width_px(self) -> float | None:
-        """Width of all of the blur, as the length of a smear, pixels: what photographs are ranked by."""
+        """Width of all blur as the length of a smear, pixels, by which triage ranks photographs."""
         if self.smear_px is None:
             return None
         return math.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0))
 
     @property
     def model(self) -> str:
-        """The likeliest of no motion, rotation, plane and parallax; empty where none were compared."""
+        """The likeliest of no motion, rotation, plane and parallax; empty if none were compared."""
         return str(self.models[0]["model"]) if self.models else ""
 
     @property
     def model_probability(self) -> float | None:
-        """The probability of the likeliest, with a shutter of either kind."""
+        """Probability of the likeliest model, with any shutter."""
         return float(self.models[0]["probability"]) if self.models else None
 
     parallax_probability = property(
-        lambda one: one.probability(MotionModel.PARALLAX), doc="Probability: that depths differ, if compared."
+        lambda one: one.probability(MotionModel.PARALLAX),
+        doc="Probability that depths differ; null if not compared.",
     )
     rotation_probability = property(
-        lambda one: one.probability(MotionModel.ROTATION), doc="Probability: that the camera turned alone."
+        lambda one: one.probability(MotionModel.ROTATION), doc="Probability that the camera turned alone."
     )
     plane_probability = property(
-        lambda one: one.probability(MotionModel.PLANE), doc="Probability: that all lies in one plane."
+        lambda one: one.probability(MotionModel.PLANE), doc="Probability that all lies in one plane."
     )
 
     @property
@@ -179,12 +180,10 @@ class Photograph:
 
     wx = property(
         lambda one: one.rate(0),
-        doc="Rotation vector of cam2_from_cam1 over the exposure time, about x (right), rate_unit.",
+        doc="Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit.",
     )
     wy = property(lambda one: one.rate(1), doc="The same about y (down). A gyroscope shows the negative.")
-    wz = property(
-        lambda one: one.rate(2), doc="The same about z (forwards). The sign is of time: see time_known."
-    )
+    wz = property(lambda one: one.rate(2), doc="The same about z (forwards). All signs depend on time_known.")
     sigma_wx = property(lambda one: one.rate_sigma(0), doc="Standard deviation of wx.")
     sigma_wy = property(lambda one: one.rate_sigma(1), doc="Standard deviation of wy.")
     sigma_wz = property(lambda one: one.rate_sigma(2), doc="Standard deviation of wz.")
@@ -217,7 +216,7 @@ class Photograph:
         return math.sqrt(max(variance, 0.0)) / (self.exposure_s or 1.0)
 
     def probability(self, model: str) -> float | None:
-        """Return the probability of a model of the motion; None where none were compared."""
+        """Return the probability of a model with any shutter; None if none were compared."""
         if not self.models:
             return None
         return float(sum(one["probability"] for one in self.models if one["model"] == model))
