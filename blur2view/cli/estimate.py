@@ -25,7 +25,7 @@ UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
 PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
 PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: one of both does, undecided which, or no motion is about as likely: the same
+PLANAR_OR_PANORAMIC: one of both does, and no motion is about as likely: the same
 DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """

@@ -43,9 +43,9 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews, half_geometry
 from blur2view.files import half_written, write_files
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
-from blur2view.two_view.constants import GUESSED_FOCAL
 
 # Whether every image is a view, and no other pairs are matched than both views of a photograph.
+GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses
 VIEWS_ALONE = """
 SELECT NOT EXISTS (SELECT 1 FROM images WHERE image_id NOT IN (SELECT image_id FROM blur2view_views))
   AND (SELECT count(*) FROM matches) <= (SELECT count(DISTINCT photograph) FROM blur2view_views)"""

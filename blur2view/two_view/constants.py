@@ -7,7 +7,6 @@ photographs. "Bound" marks numbers that any value nearby would do for.
 """
 
 # The camera that is assumed.
-GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses, for positive depth alone, which needs no better
 BEHIND = 0.2  # probability with which noise puts a point behind a camera that is before it: bound
 # Focal length over the longer side of the image. Any value from 0.4 to 0.6 does as well on 35 rendered scenes
 # (focal lengths of 0.6 to 1.6) and RK (0.82); 0.85 and 1.2 raise the mean rho of both by a sixth and by more

@@ -38,9 +38,12 @@ def test_files_and_views_have_one_order(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, None], ids=["translation", "general"])
 def test_depth_orders_what_F_leaves_open(share: float | None) -> None:
-    """Eight scenes with 4 degrees of noise that neighbours share, beside F's orders alone."""
+    """Eight scenes with 4 degrees of noise that neighbours share, beside F's orders alone.
+
+    In the last three depth misleads where the focal length is not the one that F was fitted with.
+    """
     plain, deep = [], []
-    for seed in range(8):
+    for seed in (*range(5), 11, 26, 29):
         rng = np.random.default_rng(seed)
         scene = make_scene(rng, count=800, rotation_share=share)
         scene = disturb(scene, rng, direction_deg=4, length_share=0.1, noise_px=0.3)
@@ -51,7 +54,7 @@ def test_depth_orders_what_F_leaves_open(share: float | None) -> None:
         deep.append(right_share(geometry.second_end_is_open, scene))
     assert np.median(deep) > 0.98
     assert min(deep) > 0.94
-    assert np.median(plain) <= (0.7 if share == 0 else np.median(deep))
+    assert np.median(plain) <= (0.75 if share == 0 else np.median(deep))
 
 
 @pytest.mark.parametrize("reverse", [False, True])
