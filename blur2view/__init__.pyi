@@ -32,12 +32,12 @@ from blur2view.images.video import read_video as read_video
 from blur2view.movers.mask import MotionLabel as MotionLabel
 from blur2view.movers.mask import MotionMask as MotionMask
 from blur2view.movers.mask import MovingRegion as MovingRegion
-from blur2view.movers.mask import segment as segment
-from blur2view.networks.protocol import Detail as Detail
-from blur2view.networks.protocol import SmearReader as SmearReader
+from blur2view.networks.smear_network import Detail as Detail
 from blur2view.networks.smear_network import SmearNetwork as SmearNetwork
+from blur2view.networks.smear_network import SmearReader as SmearReader
 from blur2view.pipeline import Estimate as Estimate
 from blur2view.pipeline import estimate as estimate
+from blur2view.pipeline import segment as segment
 from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind

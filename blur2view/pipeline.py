@@ -14,12 +14,10 @@ from blur2view.geometry.rolling_shutter import LONG_S, RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection, TwoViewGeometry
 from blur2view.images.image import read_content, read_pixels
 from blur2view.images.pixels import photograph_of
-from blur2view.movers.mask import mask_of
-from blur2view.movers.moving import Moving, moving_in
-from blur2view.networks.model_file import Execution
-from blur2view.networks.protocol import Detail, SmearReader
-from blur2view.networks.smear_network import SmearNetwork
-from blur2view.networks.threads import one_thread
+from blur2view.movers.mask import MotionMask, mask_of
+from blur2view.movers.moving import THRESHOLD, Moving, moving_in
+from blur2view.networks.model_file import Execution, one_thread
+from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
 from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close, smeared_share
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
@@ -135,6 +133,44 @@ def estimate(
         moving=moving,
         execution=network.execution,
     )
+
+
+@one_thread
+def segment(
+    estimate: Estimate,
+    image: AnyArray,
+    rng: np.random.Generator | None = None,
+    *,
+    threshold: float = THRESHOLD,
+) -> MotionMask:
+    """Return which pixels of a photograph move by themselves, given the camera's own motion.
+
+    Pixels about which the picture is smooth are unobservable.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The photograph's.
+    image : ndarray of shape (H, W, 3) or (H, W)
+        The photograph, as it was estimated.
+    rng : numpy.random.Generator, optional
+        Draws starts of the fit of the camera's motion; ``default_rng(0)`` by default.
+    threshold : float
+        Probability above 0 and below 1 that the highest place of a part must reach. A lower one misses less
+        of what moves, and marks more of what stands still.
+
+    Raises
+    ------
+    ValueError
+        If the image has another shape than the estimate, or the threshold is out of its range.
+    """
+    image, grid = photograph_of(image), estimate.grid
+    if image.shape[:2] != grid.shape:
+        raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
+    if not 0 < threshold < 1:
+        raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
+    rng = np.random.default_rng(0) if rng is None else rng
+    return mask_of(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
 def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:

@@ -12,7 +12,7 @@ from blur2view.cli.parser import option
 from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.files import write_file
-from blur2view.movers.mask import segment
+from blur2view.pipeline import segment
 from blur2view.results.report import report, section
 
 

@@ -30,8 +30,7 @@ from blur2view.images.inputs import Source, timestamp_of
 from blur2view.images.video import rows_towards
 from blur2view.movers.mask import MotionMask
 from blur2view.networks.model_file import model_path, usable_cores
-from blur2view.networks.protocol import Detail
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import Detail, SmearNetwork
 from blur2view.pipeline import Estimate, estimate
 from blur2view.results.photograph import Photograph, table_text
 

@@ -13,9 +13,9 @@ from blur2view.cli.options import Command, Folder
 from blur2view.cli.parser import one_of, option, probability
 from blur2view.cli.run import FAILURES, Run, estimated, wrote
 from blur2view.cli.terminal import printable
-from blur2view.movers.formats import GREY, MaskFormat, as_stored
-from blur2view.movers.mask import segment
+from blur2view.movers.mask import GREY, MaskFormat, as_stored
 from blur2view.movers.moving import THRESHOLD
+from blur2view.pipeline import segment
 from blur2view.results.overlay import draw_motion, mask_verdict, png
 from blur2view.results.photograph import explanations
 

@@ -18,7 +18,7 @@ from blur2view.colmap.transforms import PLY_KEY, keep_photographs, point_cloud, 
 from blur2view.errors import OutputError
 from blur2view.exposure.views import OPEN
 from blur2view.files import check_file, is_ours, unwritable, write_beside
-from blur2view.movers.formats import MaskFormat, as_stored, stored_labels
+from blur2view.movers.mask import MaskFormat, as_stored, stored_labels
 from blur2view.results.overlay import png
 
 MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given

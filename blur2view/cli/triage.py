@@ -18,7 +18,7 @@ from blur2view.cli.run import Run, estimated
 from blur2view.errors import OutputError
 from blur2view.files import write_file
 from blur2view.images.video import read_frame
-from blur2view.networks.protocol import Detail
+from blur2view.networks.smear_network import Detail
 from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 

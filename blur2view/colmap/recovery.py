@@ -26,8 +26,7 @@ from blur2view.exposure.sequence import frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.image import read_pixels
-from blur2view.networks.protocol import SmearReader
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import SmearNetwork, SmearReader
 
 WORK_SIDE = 960  # pixels: larger photographs are reduced to this side
 PICTURES_KEPT = 16  # pictures in memory

@@ -28,8 +28,7 @@ from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection
 from blur2view.images.pixels import photograph_of, rgb_of
 from blur2view.images.video import read_video
-from blur2view.networks.protocol import SmearReader
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import SmearNetwork, SmearReader
 from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.estimate import EstimatorOptions

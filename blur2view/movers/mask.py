@@ -1,29 +1,31 @@
-"""Motion masks: which pixels move by themselves, given the camera's own motion."""
+"""Motion masks: which pixels move by themselves, and masks as other programs read them."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Protocol
+from enum import IntEnum, StrEnum
+from pathlib import Path, PurePath
+from typing import BinaryIO
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ExifTags, Image
 
 from blur2view.arrays import AnyArray
-from blur2view.images.pixels import photograph_of, white_of
-from blur2view.movers.moving import THRESHOLD, Moving, moving_in
-from blur2view.networks.model_file import Execution
-from blur2view.networks.threads import one_thread
-from blur2view.smears.grid import SmearGrid
+from blur2view.errors import OutputError
+from blur2view.images.pixels import white_of
+from blur2view.movers.moving import THRESHOLD, Moving
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float32]
+Grey = NDArray[np.uint8]
 
-LEAST_PLACES = 25
-"""Places of the smallest piece that outlines leave of a part."""
+MIN_PLACES = 25
+"""Places of the smallest connected piece of a mask; bound."""
 GUIDE_PLACES, GUIDE_EPS = 2, 0.03
-"""Radius of the windows in which outlines follow the picture, places; contrast of what is an edge, levels."""
+"""Radius of the windows in which outlines follow the picture, places; contrast of an edge, levels; bounds."""
 
 
 class MotionLabel(IntEnum):
@@ -39,7 +41,7 @@ class MovingRegion:
     """One connected part of a photograph that moves by itself."""
 
     area_px: int
-    """Its pixels."""
+    """Number of its pixels."""
     box: tuple[int, int, int, int]
     """Left, top, width and height, pixels."""
     centroid: tuple[float, float]
@@ -50,7 +52,7 @@ class MovingRegion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionMask:
-    """Which pixels move by themselves."""
+    """Which pixels of a photograph (H, W) move by themselves."""
 
     labels: NDArray[np.uint8]
     """(H, W) of `MotionLabel`: 0 static, 1 moving, 2 unobservable."""
@@ -59,7 +61,7 @@ class MotionMask:
     regions: tuple[MovingRegion, ...]
     """The connected moving parts, largest first."""
     reason: str
-    """What motion was measured against."""
+    """The camera's motion that it was measured against."""
 
     @property
     def shares(self) -> dict[str, float]:
@@ -67,68 +69,14 @@ class MotionMask:
         return {label.name.lower(): float((self.labels == label).mean()) for label in MotionLabel}
 
 
-class EstimateLike(Protocol):
-    """What is asked of a `blur2view.Estimate`."""
-
-    @property
-    def grid(self) -> SmearGrid:
-        """Return the smears."""
-
-    @property
-    def moving(self) -> Moving | None:
-        """Return what moves by itself, if that was asked."""
-
-    @property
-    def execution(self) -> Execution:
-        """Return what runs the networks."""
-
-
-@one_thread
-def segment(
-    estimate: EstimateLike,
-    image: AnyArray,
-    rng: np.random.Generator | None = None,
-    *,
-    threshold: float = THRESHOLD,
-) -> MotionMask:
-    """Return which pixels move by themselves and which the camera's motion explains.
-
-    Unobservable is what the picture shows nothing of: it is smooth.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of one photograph.
-    image : ndarray of shape (H, W, 3) or (H, W)
-        The photograph, as it was estimated.
-    rng : numpy.random.Generator, optional
-        Draws starts of the fit of the camera's motion; ``default_rng(0)`` by default.
-    threshold : float
-        Probability that the highest place of a part must reach, above 0 and below 1. A lower one misses less
-        of what moves, and marks more of what stands still.
-
-    Raises
-    ------
-    ValueError
-        If the image has another shape than the estimate, or the threshold is no such probability.
-    """
-    image, grid = photograph_of(image), estimate.grid
-    if image.shape[:2] != grid.shape:
-        raise ValueError(f"expected the photograph of the estimate, {grid.shape}, got {image.shape}")
-    if not 0 < threshold < 1:
-        raise ValueError(f"the threshold must be a probability above 0 and below 1, got {threshold}")
-    rng = np.random.default_rng(0) if rng is None else rng
-    return mask_of(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
-
-
 def mask_of(found: Moving, image: AnyArray, threshold: float = THRESHOLD) -> MotionMask:
-    """Return the mask of what moves by itself in an image (H, W, 3) or (H, W)."""
+    """Return the mask of what moves by itself in a photograph (H, W, 3) or (H, W)."""
     side, still = found.place_px, found.camera_moved < 0.5
     parts = _to_pixels(found.parts(threshold).astype(np.float32), image.shape, side)
     moves = _along_edges(parts, image, side) > 0.5
     del parts  # a large photograph's
     probability = _to_pixels(found.probability, image.shape, side)
-    regions = regions_of(moves, probability, LEAST_PLACES * side**2)
+    regions = regions_of(moves, probability, MIN_PLACES * side**2)
     smooth = np.repeat(np.repeat(found.smooth.astype(np.uint8), side, 0), side, 1)
     labels = smooth[: image.shape[0], : image.shape[1]] * np.uint8(MotionLabel.UNOBSERVABLE)  # others static
     labels[moves] = MotionLabel.MOVING
@@ -147,22 +95,22 @@ def _to_pixels(places: Floats, shape: tuple[int, ...], place_px: int) -> Floats:
 
 
 def _along_edges(values: Floats, image: AnyArray, place_px: int) -> Floats:
-    """Return values (H, W) whose steps follow the edges of an image (He, Sun and Tang, ECCV 2010)."""
+    """Filter values (H, W) so that their steps follow the image's edges (He, Sun and Tang, ECCV 2010)."""
     grey = image if image.ndim == 2 else cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_RGB2GRAY)
     grey = np.asarray(grey / np.float32(white_of(image)), np.float32)
     followed = cv2.ximgproc.guidedFilter(grey, values, GUIDE_PLACES, GUIDE_EPS, scale=1 / place_px)
     return np.asarray(followed, np.float32)
 
 
-def regions_of(moves: Mask, probability: Floats, least_px: int = 1) -> tuple[MovingRegion, ...]:
-    """Describe the connected parts of a mask (H, W), largest first, and take smaller ones out of it."""
+def regions_of(moves: Mask, probability: Floats, min_px: int = 1) -> tuple[MovingRegion, ...]:
+    """Describe the connected parts of a mask (H, W), largest first; erase those below ``min_px`` from it."""
     count, part, stats, centres = cv2.connectedComponentsWithStats(moves.astype(np.uint8), connectivity=4)
     regions = []
     for k in range(1, count):
         x, y, width, height, area = stats[k].tolist()
         box = slice(y, y + height), slice(x, x + width)
         own = part[box] == k
-        if area < least_px:
+        if area < min_px:
             moves[box][own] = False
             continue
         regions.append(
@@ -174,3 +122,64 @@ def regions_of(moves: Mask, probability: Floats, least_px: int = 1) -> tuple[Mov
             )
         )
     return tuple(sorted(regions, key=lambda region: -region.area_px))
+
+
+GREY = np.zeros(3, np.uint8)
+GREY[[MotionLabel.STATIC, MotionLabel.MOVING, MotionLabel.UNOBSERVABLE]] = 0, 255, 128
+"""Grey of each `MotionLabel` in ``*.mask.png``."""
+DAMAGED = (OSError, ValueError, SyntaxError, Image.DecompressionBombError)
+"""Errors of Pillow on a picture that it cannot read."""
+
+
+class MaskFormat(StrEnum):
+    """A program that reads masks.
+
+    COLMAP (``--ImageReader.mask_path``) and Nerfstudio (``mask_path`` of a frame) ignore pixels that are 0,
+    instant-ngp the others. All read photographs and masks as their pixels are stored, without EXIF's
+    orientation: their masks are `as_stored`.
+    """
+
+    COLMAP = "colmap"
+    NERFSTUDIO = "nerfstudio"
+    INSTANT_NGP = "instant-ngp"
+
+    def path(self, photograph: PurePath) -> PurePath:
+        """Return the mask's path below the folder of masks; for instant-ngp beside the photograph."""
+        stem = photograph.stem
+        names = {
+            self.COLMAP: photograph.name,
+            self.NERFSTUDIO: stem,
+            self.INSTANT_NGP: f"dynamic_mask_{stem}",
+        }
+        return photograph.parent / f"{names[self]}.png"
+
+    def picture(self, labels: Grey) -> Grey:
+        """Return the mask (H, W), 0 or 255, of labels (H, W)."""
+        marked = (labels == MotionLabel.MOVING) == (self is MaskFormat.INSTANT_NGP)
+        return np.where(marked, 255, 0).astype(np.uint8)
+
+
+def stored_labels(path: Path) -> Grey:
+    """Return the labels (H, W) of a file ``*.mask.png``; OutputError if it is not one."""
+    try:
+        with Image.open(path, formats=["PNG"]) as picture:
+            grey = np.asarray(picture)
+    except DAMAGED:
+        grey = np.zeros(0, np.uint8)
+    if grey.ndim != 2 or not np.isin(grey, GREY).all():
+        raise OutputError(f"{path}: is no mask of blur2view segment; segment the photograph again")
+    label_of = np.zeros(256, np.uint8)
+    label_of[GREY] = np.arange(len(GREY))
+    return np.asarray(label_of[grey])
+
+
+def as_stored(upright: Grey, photograph: Path | BinaryIO) -> Grey:
+    """Turn a mask of an upright photograph to how its pixels are stored (EXIF 2.3, tag 0x0112)."""
+    orientation = 1
+    with suppress(*DAMAGED), Image.open(photograph, formats=("JPEG", "PNG", "TIFF", "WEBP")) as picture:
+        orientation = picture.getexif().get(ExifTags.Base.Orientation, 1)
+    if orientation in (3, 4, 7, 8):
+        upright = upright[::-1]
+    if orientation in (2, 3, 6, 7):
+        upright = upright[:, ::-1]
+    return upright.swapaxes(0, 1) if orientation in (5, 6, 7, 8) else upright

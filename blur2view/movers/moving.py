@@ -1,9 +1,11 @@
-"""What moves by itself in a photograph, and whether the camera moved.
+"""Which places of a photograph move by themselves, and whether the camera moved.
 
-Two networks say so of every 4 x 4 pixels: the U-Net by what the photograph looks like, the other by how its
-blur departs from the camera's motion, one smooth field through the smears of what the U-Net takes for still.
-Their log-odds add, as of independent evidence, and places of a like colour nearby share them. How high they
-stand differs between photographs, so a part reaches from the photograph's highest halfway to its median.
+A place has 4 x 4 pixels. Two networks judge it: ``models/unet.onnx`` sees the photograph and the cells of its
+`SmearGrid`; ``models/movers.onnx`` sees the cells against the camera's motion, one smooth field through the
+smears of what the U-Net takes for still, and gradients along that motion's blur, which are weak where only
+the camera moved. Their log-odds add, as of independent evidence, and are shared among near places of like
+colour. Their level differs between photographs, so a part reaches from the photograph's highest log-odds
+halfway to its median.
 """
 
 from __future__ import annotations
@@ -16,51 +18,53 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.images.pixels import brightened, gain_of, rgb_of
-from blur2view.movers.evidence import (
-    PLACE_PX,
-    Cells,
-    at_places,
-    camera_field,
-    cell_values,
-    of_cells,
-    of_places,
-    smooth_places,
-)
 from blur2view.networks.model_file import BLUR, UNET, Execution, shipped
-from blur2view.networks.octave_reader import LARGE_PX
-from blur2view.networks.smear_network import SmearNetwork
+from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
-from blur2view.smears.grid import SmearGrid
+from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
+from blur2view.smears.likelihood import DIRECTIONS, IN_FOCUS_PX, KINDS
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-SLOPE, INTERCEPT = 0.7, 0.5
-"""From the sum of both, shared, to log-odds that hold: logistic regression on scenes of both renderers has
-0.66 and 0.58, on DAVIS 0.89 and 2.0; photographs without movers pull the other way."""
-ALIKE = 2 / 3
-"""Weight of the mean over places nearby of a like colour; the place itself has the rest."""
+PLACE_PX = 4
+"""Side of a place, pixels."""
+CELL_VALUES = DIRECTIONS + LENGTHS + len(KINDS) + 1
+"""Values of a cell for the U-Net: `cell_values`."""
+MIN_SIGMA_PX, FLOOR_PX, FLOOR_SHARE = 0.1, 0.4, 0.05
+"""Least deviation of a smear, pixels; errors beside it: constant, and per pixel of length; bounds."""
+SEEN_PX = 2.0
+"""Length from which on a smear's direction counts fully, pixels; bound."""
+OCTAVES, MIN_GRADIENT = 3, 1e-5
+"""Octaves in which gradients are measured; their least mean square, of levels in [0, 1] a pixel."""
+SMOOTH, SMOOTH_PX = 1.5e-6, 96
+"""Mean square gradient, a third of a level of 255 a pixel, below which a window of this side, as the smears
+are read in, shows nothing; bound."""
+SAMPLES, SCORED, STEPS = 150, 400, 12
+"""Triples of cells that start the camera's field, cells that score them, reweighted steps; bounds."""
+SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
+RIDGE, RIDGE_SHARE = 0.3, 0.3
+"""Weight, in cells, of each quadratic coefficient of the field over this share of the median length."""
 LEFT = 0.05
-"""Weight, in the fit of the camera's motion, of what looks most like moving."""
-EDGE_HEIGHT, TOP_HEIGHT = 0.5, 0.8
-"""Heights between the median and the highest log-odds of a photograph: of a part's edge, and what each part
-must reach. Chosen, as NEAR, on every second photograph; tools/results/segmentation.md has the others."""
-AT_REST = 1.0
-"""Log-odds in favour of moving before a camera that stands still, which smears nothing itself. With 2 in its
-place 10 of 56 sharp photographs had a mask instead of 4, and 8 % more of rendered movers were named."""
-THRESHOLD = 0.5
-"""Probability that the highest place of a part must reach."""
-PLAIN_PX = 4.0
-"""Length of the camera's motion that speaks neither for nor against it: of half of the rendered and real
-photographs of tools/results/segmentation.md it errs in the fewest."""
-LUMA, COLOUR, NEAR = 0.07, 0.025, 0.13
-"""Standard deviations of the weights: luma, differences of colours, and position as a share of the width."""
-BIN = 1.5
-"""Side of a bin, standard deviations."""
-EDGE_PLACES, EDGE_EPS = 3, 1e-2
-"""Radius of the windows in which averages follow the picture's edges, places; OpenCV's epsilon."""
-ROWS = 1000
-"""Bins that are weighed at a time, which bounds the memory."""
+"""Weight, in the fit of the camera's motion, of what looks most like moving; bound."""
+SLOPE, INTERCEPT = 0.7, 0.5
+"""From the sum of both networks, shared, to calibrated log-odds: logistic regression on scenes of both
+renderers has 0.66 and 0.58, on DAVIS 0.89 and 2.0; photographs without movers pull the other way."""
+ALIKE = 2 / 3
+"""Weight of the mean over near places of like colour; the place itself has the rest."""
+LUMA, COLOUR, NEAR, BIN = 0.07, 0.025, 0.13, 1.5
+"""Deviations of that mean's weights: luma, differences of colours, position as a share of the width; side of
+a bin, deviations."""
+ROWS, EDGE_PLACES, EDGE_EPS = 1000, 3, 1e-2
+"""Bins weighed at a time, which bounds the memory; radius, places, and epsilon of OpenCV's guided filter."""
+AT_REST, PLAIN_PX = 1.0, 4.0
+"""Log-odds added before a camera that stands still, which smears nothing itself (with 2 in its place 10 of 56
+sharp photographs had a mask instead of 4, and 8 % more of rendered movers were named); length of the camera's
+motion that is no evidence for or against it, pixels (it errs in the fewest of half of the photographs)."""
+EDGE_HEIGHT, TOP_HEIGHT, THRESHOLD = 0.5, 0.8, 0.5
+"""Heights between the median and the highest log-odds of a photograph, of a part's edge and of its top, and
+the probability of its top. `tools.evaluation.segmentation`, by every second photograph, chose these, NEAR
+and PLAIN_PX."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +88,7 @@ class Moving:
         return np.asarray(np.where(self.smooth, 0, sigmoid(self.log_odds)), np.float32)
 
     def parts(self, threshold: float = THRESHOLD) -> Mask:
-        """Mark the places (h, w) of connected parts that move: one at least of each has this probability."""
+        """Mark the places (h, w) of connected parts that move: the top of each has this probability."""
         seen = ~self.smooth
         if not seen.any():
             return np.zeros(seen.shape, bool)
@@ -110,13 +114,13 @@ def moving_in(
     Parameters
     ----------
     image : ndarray of shape (H, W, 3) or (H, W)
-        As of `blur2view.images.pixels.photograph_of`; with more than `LARGE_PX` it is halved.
+        As `blur2view.images.pixels.photograph_of` returns it; halved while it has more than `LARGE_PX`.
     grid : SmearGrid
-        Its smears. They are read anew of a halved photograph, or where another network read them.
+        Its smears; they are read anew if the photograph is halved or another network read them.
     rng : numpy.random.Generator
         Draws starts of the fit of the camera's motion.
     execution : Execution, optional
-        What runs the networks, which raise ModelError if they cannot be run.
+        Threads and providers of the networks. ModelError if they cannot be run.
     """
     execution, factor = execution or Execution(), 1
     while image.shape[0] * image.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
@@ -126,14 +130,12 @@ def moving_in(
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
     if factor > 1 or grid.shares is None or grid.blur is None:
         grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
-    assert grid.blur is not None
     gain = gain_of(image)
     missing = [(0, -side % STEP) for side in image.shape[:2]]
     image = np.pad(rgb_of(image), [*missing, (0, 0)], mode="symmetric")
     gradients, colour = at_places(image)
     seen = first_axis(brightened(image, gain)), first_axis(cell_values(grid))
     looks, moved = shipped(UNET, execution).run(*seen)
-    cells, smooth = Cells.of(grid), smooth_places(gradients)
     low, high = np.quantile(looks, [0.5, 0.995])
     likely = np.clip((at_cells(looks, grid.cells.shape) - low) / max(high - low, 1.0), 0, 1)
     motion = camera_field(grid, 1 - (1 - LEFT) * likely, rng)
@@ -141,10 +143,11 @@ def moving_in(
     camera_moved = float(sigmoid(float(moved) + 2 * np.log(max(camera_px, 0.1) / PLAIN_PX)))
     if camera_moved < 0.5:
         motion, camera_px = np.zeros_like(motion), 0.0
-    against = of_places(gradients, colour, cells, motion), of_cells(cells, grid.blur, motion)
+    against = of_places(gradients, colour, grid, motion), of_cells(grid, motion)
     ((blurred, _),) = shipped(BLUR, execution).run(*map(first_axis, against))
     odds = INTERCEPT + SLOPE * (looks + blurred)
     odds += np.float32(AT_REST * (1 - camera_moved))
+    smooth = smooth_places(gradients)
     return Moving(
         log_odds=(1 - ALIKE) * odds + ALIKE * bilateral_mean(odds, colour, ~smooth),
         smooth=smooth,
@@ -154,11 +157,150 @@ def moving_in(
     )
 
 
+def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Array:
+    """Return the displacement (h, w, 2) that the camera's motion gives every cell of a grid, pixels.
+
+    A quadratic polynomial of the place, as instantaneous rotations and planes give it. The sign of a smear is
+    the one nearer to the field. Affine fields through three cells each, in every choice of signs, are
+    starts, which ``rng`` draws; that of least Geman-McClure cost is refined by reweighted least squares.
+    ``weight`` (h, w), 0 to 1, is small where something moves by itself.
+    """
+    displacement, _, error = _smears(grid)
+    seen, sigma, counted = displacement.reshape(-1, 2), error.ravel(), weight.ravel()
+    size = np.array(grid.shape[::-1])
+    x, y = (grid.points().reshape(-1, 2) - (size - 1) / 2).T / (max(size) / 2)
+    basis, model = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1), np.zeros((6, 2))
+    model[:3] = _start(basis[:, :3], seen, sigma, counted, rng)
+    length = RIDGE_SHARE * max(float(np.median(np.linalg.norm(seen, axis=1))), 1.0)
+    ridge = np.diag(np.array([0, 0, 0, 1, 1, 1]) * RIDGE / length**2 + 1e-9)
+    for _ in range(STEPS):
+        predicted = basis @ model
+        signed = np.where((predicted * seen).sum(axis=1, keepdims=True) < 0, -seen, seen)
+        squared = ((signed - predicted) ** 2).sum(axis=1) / (4 * sigma**2)
+        weighed = basis * (counted / (1 + squared) ** 2 / sigma**2)[:, None]
+        model = np.linalg.solve(weighed.T @ basis + ridge, weighed.T @ signed)
+    return np.asarray((basis @ model).reshape(displacement.shape))
+
+
+def _smears(grid: SmearGrid) -> tuple[Array, Array, Array]:
+    """Return the smears (h, w, 2) of a grid's cells, and their stated and whole deviations (h, w), pixels."""
+    smears = grid.smears()
+    displacement = smears.displacement.astype(float)
+    sigma = np.maximum(smears.sigma_px.astype(float), MIN_SIGMA_PX)
+    error = np.hypot(sigma, FLOOR_PX + FLOOR_SHARE * np.linalg.norm(displacement, axis=-1))
+    return displacement, sigma, error
+
+
+def _start(basis: Array, seen: Array, sigma: Array, weight: Array, rng: np.random.Generator) -> Array:
+    """Return the field (3, 2) of least cost, affine through three cells or constant as one of them."""
+    share = weight / sigma
+    share = share / share.sum() if share.sum() > 0 else np.full(len(seen), 1 / len(seen))
+    triples = rng.choice(len(seen), (SAMPLES, 3), p=share)
+    inverse = np.linalg.pinv(basis[triples], rcond=1e-3)  # (S, 3, 3)
+    signed = seen[triples][:, None] * SIGNS[None, :, :, None]  # (S, 4, 3, 2)
+    constant = np.zeros((SAMPLES, 3, 2))
+    constant[:, 0] = seen[triples[:, 0]]
+    models = np.concatenate([(inverse[:, None] @ signed).reshape(-1, 3, 2), constant])
+    scored = rng.permutation(len(seen))[:SCORED]
+    x, y = (models[..., k] @ basis[scored].T for k in (0, 1))  # (M, SCORED)
+    seen_x, seen_y = seen[scored].T
+    squared = x * x + y * y + (seen_x**2 + seen_y**2) - 2 * np.abs(x * seen_x + y * seen_y)
+    error = squared / (4 * sigma[scored] ** 2)
+    cost = (weight[scored] / sigma[scored] * error / (1 + error)).sum(axis=1)
+    return np.asarray(models[np.argmin(cost)])
+
+
+def cell_values(grid: SmearGrid) -> Floats:
+    """Return the U-Net's values (h, w, 70) of the cells of a grid that a photograph was read into.
+
+    Square roots of the shares of directions and lengths, probabilities of the kinds of blur, logarithm of
+    the radius out of focus. ValueError if another network read the grid, or in cells of other than 32 px.
+    """
+    if grid.shares is None or grid.blur is None:
+        raise ValueError("expected smears as SmearNetwork reads them off a photograph")
+    radius = np.log(np.maximum(grid.blur[..., :1], IN_FOCUS_PX))  # 0 where nothing is seen
+    return np.concatenate([np.sqrt(grid.shares), grid.blur[..., 1:], radius], axis=-1).astype(np.float32)
+
+
+def of_cells(grid: SmearGrid, camera: Array) -> Floats:
+    """Compare the cells of a grid with the camera's motion (h, w, 2), pixels: (h, w, 19), most logarithms."""
+    assert grid.blur is not None
+    seen, sigma_px, error = _smears(grid)
+    sigma_rad = np.minimum(grid.smears().sigma_rad.astype(float), np.pi / 2)
+    length, expected = np.linalg.norm(seen, axis=-1), np.linalg.norm(camera, axis=-1)
+    apart = np.minimum(*(np.linalg.norm(seen - sign * camera, axis=-1) for sign in (1, -1)))
+    scale = max(float(np.median(apart / error)), 0.5)
+    cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
+    angle = np.arccos(np.minimum(cosine, 1.0))
+    readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
+    one, other = (np.asarray(to_double_angle(d)) @ np.array([1, 1j]) for d in (seen, camera))
+    turned = (one - other) * np.exp(-1j * np.angle(other)) / (np.abs(one) + np.abs(other) + 2)
+    lines = np.zeros_like(length)  # of F: the network was trained with them, too
+    evidence = [
+        np.log1p(apart / (scale * error)),
+        np.log1p(apart),
+        readable * np.log1p(angle / np.hypot(sigma_rad, 0.03)),
+        np.log((length + 1) / (expected + 1)),
+        lines,
+        lines,
+        np.log1p(length),
+        np.log1p(expected),
+        np.log(sigma_px / (length + 2) + 0.02),
+        np.log(sigma_rad + 0.01),
+        lines,
+        turned.real,
+        np.abs(turned.imag),  # its size alone, which mirroring keeps
+        np.log(grid.blur[..., 0] + 0.5),
+    ]
+    return np.concatenate([np.stack(evidence, axis=-1), grid.blur[..., 1:]], axis=-1, dtype=np.float32)
+
+
+def of_places(gradients: Floats, colour: Floats, grid: SmearGrid, camera: Array) -> Floats:
+    """Return values (h, w, 15) of places: logarithms of gradients along and across motions, and colours.
+
+    Gradients and colours are `at_places`; the motions are the camera's (h/8, w/8, 2) and the grid's smears.
+    """
+    double = np.concatenate([to_double_angle(d) for d in (camera, _smears(grid)[0])], axis=-1)
+    fine = upsample_grid(double.astype(np.float32), len(gradients) // len(camera))
+    values = []
+    for direction in (fine[..., :2], fine[..., 2:]):
+        unit = direction / np.maximum(np.linalg.norm(direction, axis=-1, keepdims=True), 1e-6)
+        for octave in range(OCTAVES):
+            total, c, s = np.moveaxis(gradients[..., 3 * octave : 3 * octave + 3], -1, 0)
+            turned = c * unit[..., 0] + s * unit[..., 1]
+            values += [np.log(0.5 * np.maximum(total + k * turned, 0) + MIN_GRADIENT) for k in (1, -1)]
+    return np.dstack([*values, colour])
+
+
+def at_places(image: Floats) -> tuple[Floats, Floats]:
+    """Return mean squared gradients (H/4, W/4, 9) and colours (H/4, W/4, 3) of a photograph (H, W, 3).
+
+    RGB in [0, 1], whose sides are multiples of 32. Gradients are of each octave gx^2 + gy^2, gx^2 - gy^2 and
+    2 gx gy, which turn like double angles; colours are luma and two differences.
+    """
+    size = image.shape[1] // PLACE_PX, image.shape[0] // PLACE_PX
+    grey, gradients = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), []
+    for _ in range(OCTAVES):
+        dx, dy = (0.125 * cv2.Sobel(grey, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
+        squares = cv2.merge([dx * dx + dy * dy, dx * dx - dy * dy, 2 * dx * dy])
+        gradients.append(cv2.resize(squares, size, interpolation=cv2.INTER_AREA))
+        grey = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    r, g, b = np.moveaxis(cv2.resize(image, size, interpolation=cv2.INTER_AREA), -1, 0)
+    return np.dstack(gradients), np.dstack([(r + g + b) / 3, r - g, b - (r + g) / 2])
+
+
+def smooth_places(gradients: Floats) -> Mask:
+    """Mark the places (h, w) about which a window shows nothing, by gradients (h, w, 9) of `at_places`."""
+    side = SMOOTH_PX // PLACE_PX
+    mean = cv2.blur(np.ascontiguousarray(gradients[..., 0]), (side, side))
+    return np.asarray(mean < SMOOTH)
+
+
 def bilateral_mean(values: Floats, colour: Floats, known: Mask) -> Floats:
-    """Return the mean (h, w) of the values (h, w) that are known, over places nearby of a like colour.
+    """Return the mean (h, w) of the known values (h, w) over near places of like colour.
 
     A bilateral filter as wide as objects are. Places are gathered in bins of colour (h, w, 3), of levels in
-    [0, 1] as of `evidence.at_places`, and position, all of which are weighed against each other (Chen, Paris
+    [0, 1] as `at_places` returns it, and position, all of which are weighed against each other (Chen, Paris
     and Durand, Real-time edge-aware image processing with the bilateral grid, SIGGRAPH 2007), and the means
     follow the picture's edges.
     """

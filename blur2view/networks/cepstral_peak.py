@@ -1,8 +1,8 @@
 """Smears refined on the cepstral peak: between the network's bins, with the deviations that are left.
 
 The network reads the negative peak of an even smear robustly, in bins of 5.6 degrees and 19 % of the length.
-Here the cepstra of windows are sampled about its smears, by how far these would be turned and scaled, and
-summed over neighbours, whose errors are alike and whose textures are not. The smear is then the mean over
+Here the cepstra of windows are sampled about its smears, turned and scaled in small steps, and summed over
+neighbours, which share the error but not the texture. The smear is then the mean over
 the network's own distribution times the likelihood of the peak (Bayes).
 """
 
@@ -21,7 +21,7 @@ from blur2view.smears.likelihood import MIN_SIGMA_PX, MIN_SIGMA_RAD
 
 Floats = NDArray[np.float32]
 
-SHORTEST_PX, LONGEST_PX = 14.0, 28.0  # of an octave's pixels; longer smears are read in the next octave
+SHORTEST_PX, LONGEST_PX = 14.0, 28.0  # octave's pixels; longer smears are read in the next octave
 UNSURE = 0.6  # deviation over length up to which the network's smear is taken for the peak's neighbourhood
 # Rotations, radians, and log scales at which a cepstrum is sampled: half a pixel of the longest smear apart.
 ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
@@ -38,7 +38,7 @@ ERF = np.vectorize(math.erf, otypes=[np.float32])  # SciPy is slow to import
 
 
 class Prior(NamedTuple):
-    """What the network says of the smears of windows (h, w), in an octave's pixels: means of cells."""
+    """The network's distribution of the smears of windows (h, w): means of their cells, octave's pixels."""
 
     smear: NDArray[np.complex64]  # x + iy, of either sign
     sigma_rad: Floats  # standard deviation of the direction
@@ -47,10 +47,10 @@ class Prior(NamedTuple):
 
 
 def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:
-    """Return smears (h, w, 4), as of `read_smears`, with long and sure ones moved to their cepstral peaks.
+    """Move long and sure smears (h, w, 4), as `read_smears` returns them, to their cepstral peaks.
 
-    ``spectra`` are `power_spectra` (h, w, 96, 49) of the picture and its smaller copies, which halve it; of
-    windows as far apart in the picture as the cells, or 2, 4, ... times as far.
+    ``spectra`` are the `power_spectra` (h, w, 96, 49) of the picture's octaves, the picture first. Their
+    windows stand as far apart in the picture as the cells, or 2, 4, ... times as far.
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
     octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
@@ -66,12 +66,12 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
 
 
 def repeated(cells: NDArray[Any], times: int) -> NDArray[Any]:
-    """Return cells (h, w, ...) as those so many times smaller along both axes that lie in them."""
+    """Repeat cells (h, w, ...) a number of times along both axes."""
     return np.repeat(np.repeat(cells, times, 0), times, 1)
 
 
 def _prior(cells: Floats, length: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Prior:
-    """Return what the network says of an octave's windows of side x side cells; its pixels are scaled."""
+    """Return the prior of an octave's windows of side x side cells; its pixels are ``scale`` times larger."""
     height, width = own.shape[0] // side, own.shape[1] // side
     values = np.concatenate([cells, length[..., None], np.ones_like(length)[..., None]], -1) * own[..., None]
     sums = values.reshape(height, side, width, side, 6).sum((1, 3))
@@ -87,7 +87,7 @@ def _prior(cells: Floats, length: Floats, own: NDArray[np.bool_], side: int, sca
 
 
 def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, Floats]:
-    """Return how deep, in deviations, cepstra are about smears (h, w, 33, 25), and halves (h, w, 221)."""
+    """Return the depths of cepstra about smears (h, w, 33, 25) and half smears (h, w, 221), in deviations."""
     usable = prior.usable
     whole = np.exp(LOG_SCALES + 1j * ROTATIONS[:, None])
     steps = np.concatenate([whole.ravel(), 0.5 * whole[::2, ::2].ravel()]).astype(np.complex64)
@@ -106,12 +106,12 @@ def _sampled_peaks(power: Floats, prior: Prior, threads: int) -> tuple[Floats, F
 
 
 def _corrections(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
-    """Return how smears are to be turned and scaled, (h, w, 5), given their windows' sampled peaks.
+    """Return the corrections (h, w, 5) of smears, given the sampled peaks of their windows.
 
-    Radians, the logarithm of the factor, what is left of both variances, and the probability that the peak
-    is the smear's. The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2).
-    Beyond the samples lies what the network's distribution, taken for normal, has there, with the evidence
-    for half the smear: a smear has a second, shallower peak at twice its length.
+    Rotation, radians; logarithm of the factor of length; both posterior variances; the probability that the
+    peak is the smear's. The evidence for a peak of unknown height that is v deviations deep is exp(v^2 / 2).
+    Beyond the samples the network's distribution is taken for normal, with the evidence for half the smear,
+    since a smear has a second, shallower peak at twice its length.
     """
     a, b = ROTATIONS / prior.sigma_rad[..., None], LOG_SCALES / prior.sigma_log[..., None]
     density = np.exp(-0.5 * a**2)[..., :, None] * np.exp(-0.5 * b**2)[..., None, :]
@@ -133,12 +133,12 @@ def _corrections(peaks: Floats, halves: Floats, prior: Prior) -> Floats:
 
 
 def _evidence(peaks: Floats) -> Floats:
-    """Return the log likelihood ratio of peaks against noise, tempered; 0 where there is a rise."""
+    """Return the tempered log likelihood ratio of peaks against noise; 0 where the cepstrum rises."""
     return np.asarray(0.5 * TEMPER * np.maximum(peaks, 0) ** 2, np.float32)
 
 
 def _corrected(cells: Floats, corrections: Floats) -> Floats:
-    """Return cells (..., 4) turned and scaled, with the deviations that are left, LEAST_SIGMA at least."""
+    """Return cells (..., 4) turned and scaled, with the posterior deviations."""
     rotation, log_scale, variance_rad, variance_log, trust = np.moveaxis(corrections, -1, 0)
     x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
     length = np.hypot(x, y)
@@ -153,7 +153,7 @@ def _corrected(cells: Floats, corrections: Floats) -> Floats:
 
 
 def _along(length: Floats, sigma_px: Floats, sigma_rad: Floats) -> Floats:
-    """Return deviations along smears, pixels: of the whole error less that across, three tenths at least."""
+    """Return deviations along smears, pixels: the whole error less that across, at least 0.3 of it."""
     along: Floats = np.sqrt(np.maximum(sigma_px**2 - (length * sigma_rad) ** 2, (0.3 * sigma_px) ** 2))
     return along
 
@@ -182,7 +182,7 @@ def _cepstra(power: Floats) -> Floats:
 
 @functools.cache
 def _filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return a spectrum's taper (96, 49), factors by lag (96, 96) that leave trends out, and peaks' lags."""
+    """Return the taper of spectra (96, 49), factors by lag (96, 96) that remove trends, peaks' lags."""
     rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
     radius, lags = np.hypot(rows, columns), np.arange(-WINDOW // 2, WINDOW // 2)
     distance = np.hypot(lags, lags[:, None])
@@ -193,7 +193,7 @@ def _filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
 
 
 def _values_at(cepstra: Floats, lags: NDArray[np.complex64]) -> Floats:
-    """Return the values of cepstra (n, 96, 96) at lags x + iy, (n, m), each its own; 0 outside."""
+    """Return the values (n, m) of cepstra (n, 96, 96) at lags x + iy (n, m), pixels; 0 outside."""
     x, y = lags.real + WINDOW // 2, lags.imag + WINDOW // 2
     x[np.abs(lags.imag) >= WINDOW // 2 - 1] = -WINDOW  # or it would be read off the next cepstrum
     y += WINDOW * np.arange(len(cepstra), dtype=np.float32)[:, None]

@@ -1,20 +1,24 @@
-"""Files of networks: found, checked, opened and run by ONNX Runtime."""
+"""Files of networks: found, checked, opened and run by ONNX Runtime, beside one thread of other libraries."""
 
 import os
 from collections.abc import Sequence
+from contextlib import ContextDecorator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
+import cv2
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.files import read_regular
 
-MAX_FILE_BYTES = 1 << 28  # the shipped networks have 10 MB at most
-BYTES_A_CORE = 1 << 29  # of what networks compute; a piece of a photograph takes half of it
+MAX_FILE_BYTES = 1 << 28  # bound: the shipped networks have at most 10 MB
+BYTES_A_CORE = 1 << 29  # bound of their memory: a piece of a photograph takes half of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +72,44 @@ def usable_cores() -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """What runs networks: threads, on which results do not depend, and providers of ONNX Runtime."""
+    """Threads of the networks, on which results do not depend, and providers of ONNX Runtime."""
 
     threads: int = field(default_factory=usable_cores)
     providers: tuple[str, ...] = ()
 
 
-class OnnxNetwork:
-    """A network of a format, opened by ONNX Runtime: the shipped one, or that of a path.
+class OneThread(ContextDecorator):
+    """Limits BLAS and OpenCV to one thread in a block: beside theirs, networks take 3 times as long."""
 
-    ModelError if it is no network of the format. All of a process get `BYTES_A_CORE` for each core at most.
+    def __init__(self) -> None:
+        self._lock, self._inside = Lock(), 0
+
+    def __enter__(self) -> None:
+        """Note the limits and set them to one."""
+        with self._lock:
+            if not self._inside:
+                self._of_opencv = cv2.getNumThreads()
+                cv2.setNumThreads(1)
+                self._of_blas = threadpool_limits(limits=1, user_api="blas")
+            self._inside += 1
+
+    def __exit__(self, *error: object) -> None:
+        """Restore the limits when the last block ends."""
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._of_blas.restore_original_limits()
+                cv2.setNumThreads(self._of_opencv)
+
+
+one_thread = OneThread()
+
+
+class OnnxNetwork:
+    """A network of a format, shipped or in a file, opened by ONNX Runtime.
+
+    ModelError if the file is not a network of the format. All networks of a process share `BYTES_A_CORE` for
+    each core.
     """
 
     def __init__(
@@ -93,7 +125,7 @@ class OnnxNetwork:
         try:
             self.session = _session(content, self.execution.threads, wanted)
             self.metadata: dict[str, str] = self.session.get_modelmeta().custom_metadata_map
-        except Exception:  # of a dozen types of its own, and UnicodeDecodeError of a damaged name
+        except Exception:  # ONNX Runtime has a dozen types; UnicodeDecodeError of a damaged name
             raise self.error("is not an ONNX network that can be run") from None
         if idle := [name for name in wanted if name not in self.session.get_providers()]:
             raise ModelError(
@@ -105,11 +137,11 @@ class OnnxNetwork:
         self.model_id: str = self.metadata.get("model_id", "unnamed")
 
     def error(self, what: str) -> ModelError:
-        """Return the error that names the file, what is wrong and the remedy."""
+        """Return an error that names the file, the defect and the remedy."""
         return ModelError(f"{self.path}: {what}; {self.form.remedy}")
 
     def run(self, *inputs: AnyArray, frugal: bool = False) -> list[AnyArray]:
-        """Return all outputs for the inputs, without the first axis of both; ``frugal``: free the memory."""
+        """Return all outputs for inputs, both without the batch axis; ``frugal`` frees the memory."""
         options = _onnxruntime().RunOptions()
         if frugal:
             options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
@@ -126,7 +158,7 @@ class OnnxNetwork:
 
 @cache
 def shipped(form: NetworkFormat, execution: Execution) -> OnnxNetwork:
-    """Return the network of a format that ships, opened once."""
+    """Return the shipped network of a format, opened once."""
     return OnnxNetwork(form, execution=execution)
 
 
@@ -171,10 +203,10 @@ def _onnxruntime() -> Any:
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime  # 0.2 s, so only when a network is used
 
-    most = BYTES_A_CORE * max(usable_cores(), 2)
+    max_bytes = BYTES_A_CORE * max(usable_cores(), 2)
     cpu = onnxruntime.OrtMemoryInfo(
         "Cpu", onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, onnxruntime.OrtMemType.DEFAULT
     )
-    arena = onnxruntime.OrtArenaCfg({"max_mem": most, "arena_extend_strategy": 1})
+    arena = onnxruntime.OrtArenaCfg({"max_mem": max_bytes, "arena_extend_strategy": 1})
     onnxruntime.create_and_register_allocator(cpu, arena)
     return onnxruntime

@@ -1,11 +1,16 @@
-"""The smear network: a checked ONNX file, run on photographs.
+"""The smear network: a checked ONNX file, run on octaves of a photograph, each half of the one before.
 
-Of a large photograph it reads as many windows as of an ordinary one, spread over the picture, and only the
-octaves that its smears need.
+The octaves' likelihoods are joined on one axis of lengths, and smears and kinds of blur are read off it. A
+large photograph is read in as many windows as an ordinary one, spread over it, and only in the octaves that
+its smears need.
 """
 
+from __future__ import annotations
+
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -13,30 +18,83 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray
 from blur2view.images.pixels import floats_of, gain_of, photograph_of
-from blur2view.networks.model_file import SMEAR, Execution, OnnxNetwork, model_path, shipped, usable_cores
-from blur2view.networks.octave_reader import LARGE_PX, LEAST_PX, VALUES, octave_count, octaves, read_octaves
-from blur2view.networks.protocol import Detail
-from blur2view.networks.spectra import STEP
-from blur2view.networks.threads import one_thread
+from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
+from blur2view.networks.model_file import (
+    SMEAR,
+    Execution,
+    OnnxNetwork,
+    model_path,
+    one_thread,
+    shipped,
+    usable_cores,
+)
+from blur2view.networks.spectra import STEP, WINDOW, in_batches, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.grid import SmearGrid
-from blur2view.smears.likelihood import CANNOT_TELL, KINDS
+from blur2view.smears.likelihood import (
+    BINS,
+    CANNOT_TELL,
+    DIRECTIONS,
+    KINDS,
+    PER_OCTAVE,
+    lengths_px,
+    read_radii,
+    read_smears,
+    shares_of,
+    softmax,
+    with_unseen,
+)
 from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
-LEAST_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}  # where not every window is read; four times at most
-FLAT_PX = 33  # where at most one grey level of 255 is seen within this many pixels nothing can be measured
-UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2  # of such cells: constant pictures, burnt skies
-STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as RGB floats
+MAX_OCTAVES = 4  # bound, within the network's reach of 2 to 38 px; the photograph is the first
+MIN_HALVED_PX = 90  # shorter side of the smallest octave: one window has 96 px
+MIN_SIDE_PX = 64  # of the smallest octave, mirrored up to it: two cells, more than its mirrored border
+LARGE_PX = 2_500_000  # bound, pixels: all windows of smaller photographs are read, and all memory is kept
+LONG_PX = 12.0  # bound, octave's pixels: a finer octave adds nothing to longer smears
+SHORT_BINS = int(np.searchsorted(lengths_px(BINS), LONG_PX))
+MAX_SHORT = 0.1  # bound: mean probability of shorter smears up to which the finer octave is not read
+ROWS = 4  # of cells, decoded at a time: a core's cache holds their likelihoods
+LENGTHS = 32  # lengths of `SmearGrid.shares`: those of four octaves
+VALUES = 5 + len(KINDS) + DIRECTIONS + LENGTHS  # of a cell
+FLAT_PX = 33  # side of the windows in which one grey level of 255 or less shows nothing
+UNSEEN_SIGMA_PX, UNSEEN_SIGMA_RAD = 1000.0, np.pi / 2  # of cells that show nothing: constant, burnt out
+STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a large photograph as floats
+
+
+class Detail(StrEnum):
+    """What a photograph is read for."""
+
+    GEOMETRY = "geometry"  # motion and masks: of more than 2.5 megapixels some thousand windows
+    RANKING = "ranking"  # the order of photographs by their blur: some fifty to two hundred windows
+
+
+MIN_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}  # where not all windows are read; at most four times
+
+
+class SmearReader(Protocol):
+    """What the pipeline asks of a network that reads smears, so that another architecture is one class."""
+
+    @property
+    def model_id(self) -> str:
+        """Name of the weights, which results state."""
+
+    @property
+    def execution(self) -> Execution:
+        """Threads and providers, also of the networks that find movers."""
+
+    def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
+        """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1]."""
 
 
 class SmearNetwork:
     """A loaded smear network; load once, predict many times.
 
-    Of a file that ``tools/training/export.py`` wrote, by default the shipped one; ``info`` is what it says
-    of itself. Results do not depend on ``threads``, by default all cores; ``providers`` of ONNX Runtime, as
+    ``path`` is a file that ``tools/training/export.py`` wrote, by default the shipped one; ``info`` is its
+    metadata. Results do not depend on ``threads``, by default all cores; ``providers`` of ONNX Runtime, as
     ``["cuda"]``, are tried before the processor and differ by rounding. ModelError if the file is missing,
-    not ONNX, or no network of this format, or there is no such provider.
+    not ONNX or of another format, or if this ONNX Runtime lacks the provider.
     """
 
     def __init__(
@@ -77,7 +135,7 @@ class SmearNetwork:
         network breaks its format's promise.
         """
         image = photograph_of(image)
-        apart = STEP << _spread(image.shape, Detail(detail))  # a word will do
+        apart = STEP << _spread(image.shape, Detail(detail))  # also of a string
         with one_thread:
             values, flat = self._read(image, apart)
         cells, blur, shares = np.split(values, [4, 5 + len(KINDS)], axis=-1)
@@ -88,11 +146,11 @@ class SmearNetwork:
         own, shape = shares if apart == STEP else None, (height, width)
         return SmearGrid(cells=cells, blur=blur, shares=own, stride=apart, shape=shape, window_px=window_px)
 
-    def _read(self, image: AnyArray, apart: int) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return what is read of windows so far apart, (h, w, 74), and which of these cells are flat."""
+    def _read(self, image: AnyArray, apart: int) -> tuple[Floats, Mask]:
+        """Read the windows every ``apart`` pixels: values (h, w, 74), and flat cells (h, w)."""
         levels = octave_count(min(image.shape[:2]))
         step = max(apart, STEP << levels - 1)  # whole windows in the smallest octave
-        height, width = (-(-max(side, LEAST_PX << levels - 1) // step) * step for side in image.shape[:2])
+        height, width = (-(-max(side, MIN_SIDE_PX << levels - 1) // step) * step for side in image.shape[:2])
         grey = _grey(image, gain_of(image, self._brightness), (height, width))
         flat = _flat(grey[: image.shape[0], : image.shape[1]], apart // STEP)
         if flat.all():
@@ -103,16 +161,123 @@ class SmearNetwork:
         return values[: flat.shape[0], : flat.shape[1]], flat
 
 
+class Octave(NamedTuple):
+    """Logits of smears (h, w, 32, B), radii (h, w, B), kinds (h, w, 5); features (h, w, 32, C)."""
+
+    smears: Floats
+    radii: Floats
+    kinds: Floats
+    features: Floats
+
+
+def read_octaves(
+    network: OnnxNetwork, features: int, pictures: Iterator[tuple[int, Floats]], apart: int
+) -> Floats:
+    """Read a picture's `octaves`, the smallest first: values (h, w, 74) of cells of ``apart`` pixels.
+
+    ``apart`` is 32 times a power of two; the picture's sides are multiples of a cell in every octave. The
+    values of a cell: double angle of its smear and both deviations, radius out of focus, probabilities of
+    `KINDS`; where cells have 32 pixels, the shares of directions and lengths. Octaves finer than a cell are
+    read only while the smears may be short.
+    """
+    threads, spectra, read = network.execution.threads, list[Floats](), None
+    for k, picture in pictures:
+        windows = windows_of(picture, max(STEP, apart >> k))
+        spectra.insert(0, power_spectra(windows, threads))
+        shown, frugal = picture if apart >> k <= STEP else thinned(windows), picture.size > LARGE_PX
+        del picture, windows  # a large photograph's
+        read = read_octave(network, features, shown, spectra[0], read, frugal)
+        if k and STEP << k <= apart and not_short(read):
+            break
+    assert read is not None
+    kinds = softmax(read.kinds)
+    values = np.zeros((*kinds.shape[:2], VALUES), np.float32)
+
+    def decode(rows: slice) -> None:
+        values[rows, :, :4] = read_smears(read.smears[rows])
+        if apart == STEP:
+            values[rows, :, -DIRECTIONS - LENGTHS :] = shares_of(read.smears[rows], LENGTHS)
+
+    in_batches(decode, len(values), threads, ROWS)
+    cells = refine_on_cepstrum(values[..., :4], spectra, threads)
+    values[..., :4] = with_unseen(cells, kinds[..., CANNOT_TELL])
+    values[..., 4], values[..., 5 : 5 + len(KINDS)] = read_radii(read.radii), kinds
+    values[..., [0, 1, 2, 4]] *= 2**k  # which are pixels
+    return values
+
+
+def read_octave(
+    network: OnnxNetwork, features: int, grey: Floats, power: Floats, smaller: Octave | None, frugal: bool
+) -> Octave:
+    """Return the joint logits of an octave and all smaller ones, given its picture and its power spectra."""
+    size = power.shape[:2]
+    shape, coarse = (*size, DIRECTIONS, features), smaller
+    if smaller is not None and smaller.radii.shape[:2] != size:
+        coarse = Octave(*(repeated(one, 2)[: size[0], : size[1]] for one in smaller))
+    above = np.zeros(shape, np.float32) if coarse is None else coarse.features
+    outputs = network.run(grey[None], *polar_cepstra(power, network.execution.threads), above, frugal=frugal)
+    expected = [(*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape]
+    if (found := [output.shape for output in outputs]) != expected:
+        raise network.error(f"gives shapes {found}")
+    own = Octave(*outputs)
+    if coarse is None:
+        return own
+    return own._replace(smears=joined(own.smears, coarse.smears), radii=joined(own.radii, coarse.radii))
+
+
+def not_short(read: Octave) -> bool:
+    """Return whether the smears are too long for a finer octave to add anything."""
+    likelihood = np.exp(read.smears - read.smears.max((-2, -1), keepdims=True))
+    short = likelihood[..., :SHORT_BINS].sum((-2, -1)) / likelihood.sum((-2, -1))
+    known = 1 - softmax(read.kinds)[..., CANNOT_TELL]
+    return bool((short * known).sum() < MAX_SHORT * known.sum())
+
+
+def thinned(windows: Floats) -> Floats:
+    """Return every third pixel of windows (h, w, 96, 96) as a picture: the network counts clipped pixels."""
+    h, w = windows.shape[:2]
+    every = WINDOW // STEP
+    return np.ascontiguousarray(windows[:, :, 1::every, 1::every].swapaxes(1, 2)).reshape(h * STEP, w * STEP)
+
+
+def octave_count(side: int) -> int:
+    """Return the number of octaves of a picture whose shorter side has ``side`` pixels."""
+    return min(MAX_OCTAVES, 1 + int(np.log2(max(side / MIN_HALVED_PX, 1))))
+
+
+def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:
+    """Yield the octaves of a picture (H, W) with their numbers, the smallest first; it is number 0."""
+    levels = [grey]
+    del grey  # what was given is not kept
+    for _ in range(count - 1):
+        height, width = levels[-1].shape
+        half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        levels.append(np.asarray(half, np.float32))
+    while levels:
+        yield len(levels) - 1, levels.pop()
+
+
+def joined(fine: Floats, coarse: Floats) -> Floats:
+    """Add logits (h, w, ..., B) of an octave and (h, w, ..., C) of all smaller ones on one axis of lengths.
+
+    A length in the smaller octave stands one octave up the axis; the ends are repeated beyond an axis.
+    """
+    same = [(0, 0)] * (fine.ndim - 1)
+    own = np.pad(fine, [*same, (0, coarse.shape[-1] + PER_OCTAVE - fine.shape[-1])], mode="edge")
+    own += np.pad(coarse, [*same, (PER_OCTAVE, 0)], mode="edge")
+    return own
+
+
 def _spread(shape: tuple[int, ...], detail: Detail) -> int:
-    """Return the octave whose cells are spread over a photograph; 0 if every window is read."""
+    """Return log2 of the distance of windows over 32 px; 0 if every window is read."""
     pixels = shape[0] * shape[1]
     if detail is Detail.GEOMETRY and pixels <= LARGE_PX:
         return 0
-    return int(np.log2(max(pixels / STEP**2 / LEAST_CELLS[detail], 1))) // 2
+    return int(np.log2(max(pixels / STEP**2 / MIN_CELLS[detail], 1))) // 2
 
 
 def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
-    """Return the luma of a photograph so bright; to this shape it continues mirrored, right and below."""
+    """Return the luma of a photograph times ``gain``, mirrored right and below up to a shape."""
     height, width = image.shape[:2]
     mirrored = np.pad(np.arange(height), (0, shape[0] - height), mode="reflect")
     grey = np.empty(shape, np.float32)
@@ -126,8 +291,8 @@ def _grey(image: AnyArray, gain: float, shape: tuple[int, int]) -> Floats:
     return grey
 
 
-def _flat(grey: Floats, times: int) -> NDArray[np.bool_]:
-    """Return the cells, (h, w), of a picture so many times smaller, about which it keeps its grey level."""
+def _flat(grey: Floats, times: int) -> Mask:
+    """Mark the cells (h, w) of a picture, reduced ``times``, about which its grey level does not change."""
     size = -(-grey.shape[1] // times), -(-grey.shape[0] // times)
     shown = cv2.convertScaleAbs(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), alpha=255)
     window = np.ones((FLAT_PX, FLAT_PX), np.uint8)

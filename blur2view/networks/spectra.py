@@ -1,4 +1,4 @@
-"""What is read of a picture before anything is learned: polar cepstra of its windows.
+"""Polar cepstra of a picture's windows, the input of the smear network.
 
 A straight, even smear d multiplies a picture's spectrum by sinc(f . d): the cepstrum, the inverse transform
 of the log power spectrum, has a negative peak at d and -d whatever the texture. It is sampled on a polar
@@ -33,16 +33,16 @@ FREQUENCIES = 40  # frequencies that are kept along each axis, in bins of 1 / 96
 # Lags of both cepstra: 2 to 38 px, eight an octave where peaks are narrow, and 1 to 19 px with the trend.
 PEAK_LAGS_PX = np.concatenate([SHORTEST_PX * 2 ** (np.arange(8) / 4), 8 * 2 ** (np.arange(19) / 8)])
 TREND_LAGS_PX = SHORTEST_PX / 2 * 2 ** (np.arange(18) / 4)
-LEAST_FREQUENCY = 4  # least frequency, in bins, of those whose mean power is given beside the cepstra
+MIN_FREQUENCY = 4  # bins: the mean power beside the cepstra is of this frequency and higher ones
 EIGHTH = DIRECTIONS // 4  # directions in 45 degrees
 LAGS = len(PEAK_LAGS_PX) + len(TREND_LAGS_PX)
 SCALES = 3  # numbers beside the cepstra of a window: logs of both deviations and of the mean power
-BATCH = 16  # windows transformed at a time, which a core's cache holds: bytes do not depend on the threads
+BATCH = 16  # windows transformed at a time: a core's cache holds them, results do not depend on threads
 CEPSTRA_BATCH = 120  # spectra whose cepstra are sampled at a time; matrices of 40 take 1.25 times as long
 
 
 def in_batches(work: Callable[[slice], None], count: int, threads: int, batch: int) -> None:
-    """Call `work` with slices of so many of `count` things, in any order, on some threads."""
+    """Call ``work`` with slices of ``batch`` of ``count`` items, in any order, on some threads."""
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, [slice(first, first + batch) for first in range(0, count, batch)]))
 
@@ -56,7 +56,7 @@ def windows_of(grey: Floats, apart: int = STEP) -> Floats:
 
 
 def power_spectra(windows: Floats, threads: int = 1) -> Floats:
-    """Return the power spectra (h, w, 96, 49) of windows (h, w, 96, 96) of luma in [0, 1], as of an FFT."""
+    """Return the power spectra (h, w, 96, 49), in order of an rfft2, of windows (h, w, 96, 96) of luma."""
     h, w = windows.shape[:2]
     rows, columns = np.divmod(np.arange(h * w), w)
     power = np.empty((h * w, WINDOW, WINDOW // 2 + 1), np.float32)
@@ -135,7 +135,7 @@ def polar_map() -> tuple[Integers, Floats, tuple[Floats, Floats]]:
     columns, rows = np.stack([x, y, x, y]), np.stack([y, x, -y, -x])
     share = np.where(x == y, 0.5, 1) * np.ones((4, 1))  # what stands in two eighths counts half in each
     share[::2] *= np.where(y == 0, 0.5, 1)
-    mean = share * (np.hypot(x, y) >= LEAST_FREQUENCY)
+    mean = share * (np.hypot(x, y) >= MIN_FREQUENCY)
     signs = np.array([[1, 1, 1, 1], [1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]], np.float32) / 4
     weight = share[..., None].astype(np.float32)
     first, second = (

@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from blur2view.images.image import read_image
-from blur2view.movers.mask import MotionLabel, segment
+from blur2view.movers.mask import MotionLabel
 from blur2view.networks.smear_network import SmearNetwork
-from blur2view.pipeline import estimate
+from blur2view.pipeline import estimate, segment
 from tests.support.calls import Call
 from tests.support.colour_code import colour_code, write_picture
 from tests.support.many_photographs import contents

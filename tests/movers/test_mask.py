@@ -12,8 +12,8 @@ from PIL import Image
 from skimage import data
 
 from blur2view.images.image import read_image
-from blur2view.movers.mask import MotionLabel, MotionMask, regions_of, segment
-from blur2view.pipeline import Estimate, estimate
+from blur2view.movers.mask import MotionLabel, MotionMask, regions_of
+from blur2view.pipeline import Estimate, estimate, segment
 from blur2view.results import overlay
 
 HEIGHT, WIDTH = 480, 640

@@ -5,7 +5,7 @@ import numpy as np
 from blur2view import SmearGrid, estimate
 from blur2view.arrays import AnyArray
 from blur2view.networks.model_file import Execution
-from blur2view.networks.protocol import Detail
+from blur2view.networks.smear_network import Detail
 from blur2view.smears.grid import to_double_angle
 
 

@@ -5,9 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import onnx
 import pytest
+from threadpoolctl import threadpool_info
 
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import (
@@ -17,6 +19,7 @@ from blur2view.networks.model_file import (
     NetworkFormat,
     OnnxNetwork,
     model_path,
+    one_thread,
     shipped,
 )
 from blur2view.networks.smear_network import SmearNetwork
@@ -78,3 +81,21 @@ def test_onnx_runtime_sends_nothing_and_writes_nothing(tiny_model: Path, tmp_pat
     environment |= {"HOME": str(tmp_path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     subprocess.run([sys.executable, "-c", code, tiny_model], env=environment, check=True)
     assert list(tmp_path.rglob("*")) == []  # its device id and what it sends lie there
+
+
+def threads() -> list[int]:
+    """Return how many threads OpenCV and BLAS use."""
+    return [
+        cv2.getNumThreads(),
+        *(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"),
+    ]
+
+
+def test_threads_are_as_before_after_the_outermost_block_and_after_an_error() -> None:
+    before = threads()
+    with pytest.raises(KeyError), one_thread:
+        with one_thread:
+            pass
+        assert set(threads()) == {1}
+        raise KeyError
+    assert threads() == before

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 
 from blur2view.arrays import AnyArray
 from blur2view.images.pixels import BRIGHT
-from blur2view.movers.evidence import CELL_VALUES, PLACE_PX
+from blur2view.movers.moving import CELL_VALUES, PLACE_PX
 from blur2view.networks.model_file import BLUR, SMEAR, UNET, NetworkFormat
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS

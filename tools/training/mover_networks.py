@@ -4,7 +4,7 @@
 blocks of attention see all of it, and up again to 1/4. There every place has a smear with its deviations, and
 log-odds that it moves by itself; the whole picture has log-odds that the camera moved.
 
-`BlurNet` sees blur against the camera's motion, as :mod:`blur2view.movers.evidence` measures it, and
+`BlurNet` sees blur against the camera's motion, as :mod:`blur2view.movers.moving` measures it, and
 gives every place two log-odds: that it moves by itself, and that its smear is read right.
 
 References
@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
-from blur2view.movers.evidence import CELL_VALUES, PLACE_PX
+from blur2view.movers.moving import CELL_VALUES, PLACE_PX
 
 WIDTHS, BLOCKS, ATTENTION = (32, 64, 96, 160), (1, 2, 2, 2), 3
 """Of `UNet`: channels and residual blocks of each size, from 1/4 to 1/32; blocks of attention."""
@@ -99,7 +99,7 @@ class UNet(nn.Module):
         """Return what is said of places (N, 5, H/4, W/4), and log-odds (N,) that the camera moved.
 
         ``image`` (N, 3, H, W) has RGB in [0, 1], ``cells`` (N, 70, H/32, W/32) what
-        :func:`blur2view.movers.evidence.cell_values` gives.
+        :func:`blur2view.movers.moving.cell_values` gives.
         """
         x, skips = self.stem(nnf.pixel_unshuffle(image - 0.5, PLACE_PX)), list[Tensor]()
         for enc, down in zip(self.enc, self.down, strict=False):

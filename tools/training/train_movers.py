@@ -23,8 +23,16 @@ from torch.nn import functional as nnf
 
 from blur2view.arrays import AnyArray
 from blur2view.images.pixels import floats_of, gain_of, rgb_of
-from blur2view.movers.evidence import Cells, at_places, camera_field, cell_values, of_cells, of_places
-from blur2view.movers.moving import LEFT, at_cells, first_axis
+from blur2view.movers.moving import (
+    LEFT,
+    at_cells,
+    at_places,
+    camera_field,
+    cell_values,
+    first_axis,
+    of_cells,
+    of_places,
+)
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.spectra import STEP
 from tools.arguments import Existing, run
@@ -80,14 +88,13 @@ def example(
             "share": scene.share,
             "camera": np.array(scene.camera_moved),
         }
-    assert grid.blur is not None
-    cells, side = Cells.of(grid), STEP // PLACE_PX
+    side = STEP // PLACE_PX
     left_out = (1 - LEFT) * (rng.random() < LEFT_OUT_SHARE)
     motion = camera_field(grid, 1 - left_out * at_cells(moving, grid.cells.shape), rng)
-    error = epe_s(np.kron(cells.displacement, np.ones((side, side, 1))), scene.displacement)
+    error = epe_s(np.kron(grid.smears().displacement, np.ones((side, side, 1))), scene.displacement)
     return truth | {
-        "places": first_axis(of_places(*at_places(rgb_of(image)), cells, motion)),
-        "cells": first_axis(of_cells(cells, grid.blur, motion)),
+        "places": first_axis(of_places(*at_places(rgb_of(image)), grid, motion)),
+        "cells": first_axis(of_cells(grid, motion)),
         "read": error < READ_PX + READ_SHARE * np.linalg.norm(scene.displacement, axis=-1),
     }
 
