@@ -1,6 +1,5 @@
-"""COLMAP's models in folders: read by pycolmap, found, written whole, and the pictures that one is of."""
+"""COLMAP's models in folders: read by pycolmap, found, written whole, and what project.ini says of them."""
 
-import mmap
 import os
 import tempfile
 from pathlib import Path
@@ -13,34 +12,42 @@ from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import open_regular, read_regular, writable_folder
 
-FILES = ("rigs.bin", "cameras.bin", "frames.bin", "images.bin", "points3D.bin")
+# Bytes of a record before the number of its parts, but for an image's name, of that number, and of a part;
+# of cameras and rigs those of the smallest record.
+RECORDS = {
+    "rigs.bin": (8, 0, 0),
+    "cameras.bin": (40, 0, 0),
+    "frames.bin": (64, 4, 16),
+    "images.bin": (64, 8, 24),
+    "points3D.bin": (43, 8, 8),
+}
 PROJECT_FILE = "project.ini"  # as COLMAP writes beside a model
-SIGN = "# by blur2view"
-PICTURES, DATABASE = "image_path", "database_path"  # its keys
-BEYOND = 1e30  # of any number in a model
-MAX_PROJECT = 1 << 20  # bytes
-ROOM = 1 << 20  # bytes that must be left on a disk that was not full
-# Of a record: bytes before the number of its parts, but for a name; those of that number; of a part.
-RECORDS = {"images.bin": (64, 8, 24), "points3D.bin": (43, 8, 8), "frames.bin": (64, 4, 16)}
+SIGNATURE = "# by blur2view"
+PICTURES, DATABASE = "image_path", "database_path"  # keys of project.ini
+MAX_VALUE = 1e30  # of any number in a model (bound)
+MAX_PROJECT_BYTES = 1 << 20  # of project.ini (bound)
+SPARE_BYTES = 1 << 20  # that must be left on a disk that was not full
 
 
 def read_model(folder: Path) -> Any:
-    """Return the pycolmap.Reconstruction of a folder; DatabaseError of one that is not whole."""
+    """Return the pycolmap.Reconstruction of a folder; DatabaseError if files are missing, cut or damaged."""
     import pycolmap
 
     if not holds_model(folder):
         remedy = "name the folder with cameras.bin, images.bin and points3D.bin"
         raise DatabaseError(f"{folder}: holds no model of COLMAP's; {remedy}")
     try:
-        for path in folder.iterdir():
-            if path.suffix in (".bin", ".txt"):
-                _check_file(path)
+        for name in RECORDS:
+            if (folder / name).exists():
+                _check_records(folder / name)
         model = pycolmap.Reconstruction(folder)
+        cameras, file = [camera.params for camera in model.cameras.values()], folder / "cameras.bin"
+        if file.exists() and file.stat().st_size < 8 + sum(24 + 8 * len(params) for params in cameras):
+            raise ValueError("cameras.bin ends within a record")
         posed = [image for image in model.images.values() if image.name and image.has_pose]
-        numbers = [camera.params for camera in model.cameras.values()]
-        numbers += [point.xyz for point in model.points3D.values()]
+        numbers = [*cameras, *(point.xyz for point in model.points3D.values())]
         numbers += [image.cam_from_world().matrix().ravel() for image in posed]
-        if not (np.abs(np.concatenate([np.zeros(0), *numbers])) < BEYOND).all():  # False of NaN
+        if not (np.abs(np.concatenate([np.zeros(0), *numbers])) < MAX_VALUE).all():  # False of NaN
             raise ValueError("holds values that are not finite")
         return model
     except (OSError, ValueError, RuntimeError, LookupError, MemoryError) as error:
@@ -48,25 +55,20 @@ def read_model(folder: Path) -> Any:
         raise DatabaseError(f"{folder}: its model is damaged ({why}); let COLMAP write it again") from None
 
 
-def _check_file(path: Path) -> None:
-    """Raise ValueError of a file that ends within a record: pycolmap reads on, or takes all memory."""
+def _check_records(path: Path) -> None:
+    """Raise ValueError if a file ends within a record, where pycolmap reads on and may take all memory."""
     with open_regular(path) as file:
-        count, size = int.from_bytes(file.read(8), "little"), path.stat().st_size
-        whole = path.suffix != ".bin" or size >= max(count, 8)
-        if whole and path.name in RECORDS:
-            before, number, part = RECORDS[path.name]
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                at = 8
-                for _ in range(count):
-                    at += before
-                    if path.name == "images.bin":
-                        at = content.find(b"\0", at) + 1 or size + 1  # behind the name
-                    at += number + part * int.from_bytes(content[at : at + number], "little")
-                    if at > size:
-                        break
-                whole = at <= size
-        if not whole:
-            raise ValueError(f"{path.name} ends within a record")
+        content = file.read()
+    before, number, part = RECORDS[path.name]
+    at, count = 8, int.from_bytes(content[:8], "little")
+    while count and at <= len(content):
+        at += before
+        if path.name == "images.bin":
+            at = content.find(b"\0", at) + 1 or len(content) + 1  # behind the name
+        at += number + part * int.from_bytes(content[at : at + number], "little")
+        count -= 1
+    if at > len(content):
+        raise ValueError(f"{path.name} ends within a record")
 
 
 def find_model(folder: Path) -> Path:
@@ -115,23 +117,23 @@ def add_image(
 
 def refuse_other_model(folder: Path) -> None:
     """Raise an OutputError where a model lies that blur2view did not write, and so does not replace."""
-    present = [name for name in (*FILES, PROJECT_FILE) if os.path.lexists(folder / name)]
-    if present and not _project(folder).startswith(SIGN):
+    present = [name for name in (*RECORDS, PROJECT_FILE) if os.path.lexists(folder / name)]
+    if present and not _project(folder).startswith(SIGNATURE):
         raise OutputError(f"{folder / present[0]}: is not of an earlier call; name another folder with -o")
 
 
 def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:
     """Write a model and COLMAP's project.ini in place of an earlier one when all is there, or OutputError."""
     paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
-    lines = [SIGN, *(f"{key}={path.absolute()}" for key, path in paths.items())]
+    lines = [SIGNATURE, *(f"{key}={path.absolute()}" for key, path in paths.items())]
     with tempfile.TemporaryDirectory(dir=writable_folder(folder)) as name:
         beside = Path(name)
         try:
             model.write(beside)
-            (beside / "room").write_bytes(bytes(ROOM))  # pycolmap does not say that a disk is full
+            (beside / "room").write_bytes(bytes(SPARE_BYTES))  # pycolmap does not say that a disk is full
             (beside / PROJECT_FILE).write_bytes(os.fsencode("\n".join(lines) + "\n"))
             folder.mkdir(parents=True, exist_ok=True)
-            for file in (PROJECT_FILE, *FILES):  # first what says whose they are, if it is killed here
+            for file in (PROJECT_FILE, *RECORDS):  # first what says whose they are, if it is killed here
                 (beside / file).replace(folder / file)
         except (OSError, ValueError, RuntimeError) as error:
             why = getattr(error, "strerror", None) or " ".join(str(error).split())
@@ -150,6 +152,6 @@ def noted(folder: Path, key: str) -> Path | None:
 def _project(folder: Path) -> str:
     """Return the text of a model's project.ini, empty without one."""
     try:
-        return os.fsdecode(read_regular(folder / PROJECT_FILE, MAX_PROJECT))
+        return os.fsdecode(read_regular(folder / PROJECT_FILE, MAX_PROJECT_BYTES))
     except OSError:
         return ""

@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.colmap.models import read_model
-from blur2view.colmap.transforms import transforms
+from blur2view.colmap.transforms import exposed_images, transforms
 from blur2view.errors import DatabaseError
 from tests.support.walks import Walk
 
@@ -48,7 +48,8 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def content_of(folder: Path, **options: Any) -> dict[str, Any]:
     """Return the content of the file of a model's folder."""
-    return transforms(read_model(folder), folder, **options)
+    model = read_model(folder)
+    return transforms(model, folder, exposed_images(model, folder), **options)
 
 
 def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:
@@ -132,7 +133,3 @@ def test_what_cannot_be_written_is_one_line(video: Path, tmp_path: Path) -> None
         content_of(tmp_path / "absent")
     with pytest.raises(DatabaseError, match="FOV, which this trainer does not know.*undistort"):
         content_of(with_camera(video, tmp_path, "FOV", [50, 51, 48, 32, 0.1]))
-    with pytest.raises(ValueError, match="dialect"):
-        content_of(video / "model", dialect="mip")
-    with pytest.raises(ValueError, match="positive time"):
-        content_of(video / "model", exposure_s=float("nan"))
