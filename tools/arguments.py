@@ -1,7 +1,4 @@
-"""Command lines of tools, read off the signatures of their `main`.
-
-Paths are looked at before any work, so that a wrong one costs one line.
-"""
+"""Command lines of tools, read from the signatures of their `main`; a wrong path ends a tool at once."""
 
 import argparse
 import inspect
@@ -13,14 +10,14 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 
 def existing(text: str) -> Path:
-    """Return the path of a file or folder that is there."""
+    """Parse the path of an existing file or folder."""
     if not (path := Path(text)).exists():
         raise argparse.ArgumentTypeError(f"{text}: no such file or folder")
     return path
 
 
 def target(text: str) -> Path:
-    """Return the path of a result, after making its folder."""
+    """Parse the path of a result, and make its folder."""
     path = Path(text)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,7 +31,7 @@ Target = Annotated[Path, target]
 
 
 def run(main: Callable[..., object]) -> None:
-    """Call a tool's ``main`` with what the command line gives; the help is the docstring of its module.
+    """Call a tool's ``main`` with the values of the command line; the help is its module's docstring.
 
     A parameter is an argument or, if it is keyword-only, an option, required without a default.
     """
@@ -57,7 +54,7 @@ def run(main: Callable[..., object]) -> None:
 
 
 def _words(hint: Any) -> dict[str, Any]:
-    """Return the words of argparse for a type."""
+    """Return the keyword arguments of ``add_argument`` for a type."""
     origin, of = get_origin(hint), get_args(hint)
     if origin is Annotated:
         return {"type": of[1]}

@@ -1,4 +1,4 @@
-"""Worker processes with one thread each, so that studies are fair to every library and fill all cores."""
+"""Worker processes of one thread each: a study fills all cores and gives every library the same."""
 
 import multiprocessing
 import os
@@ -14,9 +14,9 @@ THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def mapped(work: Callable[[T], R], items: Iterable[T], processes: int, chunk: int = 1) -> Iterator[R]:
-    """Yield the results of all items in order, by so many processes of one thread, or by this one.
+    """Yield the results of all items in order, by ``processes`` processes of one thread each, or by this one.
 
-    Libraries read their limits when they are loaded: the environment is set for the processes, and stays so.
+    Libraries read their limits when they are loaded, so the environment is set, and stays so.
     """
     if processes == 1:
         yield from map(work, items)

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -14,7 +13,8 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.cli import commands as cli
 from tests.support.colour_code import colour_code
-from tests.support.walks import Walk
+from tests.support.many_photographs import write_frames
+from tests.support.walks import Walk, on_plane
 
 FRAMES, SHARE, FOCAL, SIZE, EXPOSURE_S = 7, 0.5, 300.0, (320, 256), 0.02
 TURN, MOVE = np.array([0.004, 0.02, -0.003]), np.array([0.25, 0.02, 0.05])  # a frame
@@ -26,23 +26,20 @@ WALK = Walk(names=NAMES, size=SIZE, focal=FOCAL, turn=TURN, move=MOVE)
 
 def on_wall(pose: Array, at: Array) -> Array:
     """Return the points (N, 3) of the wall that a camera sees at pixels (N, 2)."""
-    R, centre = pose[:, :3], -pose[:, :3].T @ pose[:, 3]
-    rays = np.column_stack([(at - CENTRE) / FOCAL, np.ones(len(at))]) @ R
-    return np.asarray(centre + rays * ((DISTANCE - NORMAL @ centre) / (rays @ NORMAL))[:, None])
+    rays = np.column_stack([(at - CENTRE) / FOCAL, np.ones(len(at))])
+    return on_plane(pose, rays, NORMAL, DISTANCE)
 
 
 def write_clip(path: Path) -> Path:
     """Return a video, without loss, in whose frames the tiny network sees the true smears of the walk."""
     grid = np.stack(np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1])), -1).reshape(-1, 2).astype(float)
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 10, SIZE)
+    pictures = []
     for k in range(FRAMES):
         points = on_wall(WALK.pose_at(k), grid)
         first, last = (WALK.pixels(WALK.pose_at(k + side * SHARE / 2), points) for side in (-1, 1))
-        smear = last - first
-        picture = colour_code(smear.reshape(*SIZE[::-1], 2), 1.0)
-        video.write(np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8))
-    video.release()
-    return path
+        picture = colour_code((last - first).reshape(*SIZE[::-1], 2), 1.0)
+        pictures.append(np.round(np.clip(picture, 0, 1) * 255).astype(np.uint8))
+    return write_frames(path, pictures, "FFV1")
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from blur2view.geometry.epipolar import transfer
 from blur2view.geometry.pose import rotation_flow, rotation_matrix, rotation_vector
 from tests.results.test_gyroflow import parsed
 from tests.support.calls import Call, table
-from tests.support.many_photographs import write_photographs
+from tests.support.many_photographs import write_frames, write_photographs
 
 SIZE, FOCAL_PX, FRAMES_PER_S = (400, 304), 360.0, 25.0
 OPEN = 0.8  # of the interval of frames
@@ -36,11 +36,8 @@ class Swing(NamedTuple):
 
     def write(self, path: Path) -> Path:
         """Write the video, every frame compressed by itself: else one leaves its traces in the next."""
-        video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), FRAMES_PER_S, SIZE)
-        for frame in self.frames:
-            video.write(np.ascontiguousarray(frame[..., ::-1]))
-        video.release()
-        return path
+        frames = [np.ascontiguousarray(frame[..., ::-1]) for frame in self.frames]
+        return write_frames(path, frames, "MJPG", FRAMES_PER_S)
 
 
 def attitude(frame: float) -> Array:

@@ -15,7 +15,7 @@ from blur2view.colmap.blur_matching import GAMMA
 from blur2view.colmap.blurred_pose import projected
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.smears.grid import SmearGrid, to_double_angle
-from tests.support.walks import Shot, model_of
+from tests.support.walks import Shot, model_of, on_plane
 
 SIZE, FOCAL, STRIDE, INSTANTS = (240, 180), 220.0, 32, 25
 CENTRE = (np.array(SIZE) - 1) / 2
@@ -85,12 +85,9 @@ class BlurredPlane:
 
     def world(self, pixels: Array, time: float) -> Array:
         """Return the points (N, 3) of the plane at pixels (N, 2) of a time."""
-        pose = self.pose(time)
-        rays = np.column_stack([(pixels - CENTRE) / FOCAL, np.ones(len(pixels))])
-        directions, centre = rays @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
         normal = np.cross(PLANE[:, 0], PLANE[:, 1])
-        far = normal @ (PLANE[:, 2] - centre) / (directions @ normal)
-        return np.asarray(centre + far[:, None] * directions)
+        rays = np.column_stack([(pixels - CENTRE) / FOCAL, np.ones(len(pixels))])
+        return on_plane(self.pose(time), rays, normal, float(normal @ PLANE[:, 2]))
 
     def transferred(self, pixels: Array, first: float, second: float) -> Array:
         """Return where pixels (N, 2) of one time are at another."""

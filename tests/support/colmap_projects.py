@@ -93,7 +93,7 @@ def random_views(name: str, count: int, rng: np.random.Generator) -> ExposureVie
 
 
 def some_views(name: str = "a.jpg", count: int = 4) -> ExposureViews:
-    """Return such views, the same each time, of unknown order in time."""
+    """Return random views, the same each time, of unknown order in time."""
     return replace(random_views(name, count, np.random.default_rng(0)), time=TimeDirection())
 
 

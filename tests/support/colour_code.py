@@ -2,8 +2,8 @@
 
 A picture is grey with three fine patterns, columns, rows and squares of one pixel that alternate, whose
 strengths tell the smear: the network reads, as means over each cell of 32 px, the double-angle vector
-``CODE_RANGE_PX * (columns, rows)`` and sigma, ``SIGMA_RANGE_PX * squares``, and gives the likelihood of such
-a smear, all of it in focus. Smaller octaves, where the patterns average out, say nothing. So a test that
+``CODE_RANGE_PX * (columns, rows)`` and sigma, ``SIGMA_RANGE_PX * squares``, and gives the likelihood of that
+smear, all of it in focus. Smaller octaves, where the patterns average out, say nothing. So a test that
 paints a picture knows what the network will see in it.
 """
 

@@ -2,11 +2,11 @@
 
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from subprocess import PIPE, Popen
 
 import cv2
 import numpy as np
@@ -35,10 +35,10 @@ def write_video(path: Path, count: int, shape: tuple[int, int] = (64, 80)) -> Pa
     return write_frames(path, [np.full((*shape, 3), 20 + 2 * index, np.uint8) for index in range(count)])
 
 
-def write_frames(path: Path, frames: Sequence[AnyArray]) -> Path:
-    """Return a video of these frames (H, W, 3), BGR, ten a second."""
+def write_frames(path: Path, frames: Sequence[AnyArray], codec: str = "mp4v", rate: float = 10) -> Path:
+    """Return a video of these frames (H, W, 3), BGR, ``rate`` a second."""
     size = frames[0].shape[1], frames[0].shape[0]
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, size)
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate, size)
     for frame in frames:
         video.write(frame)
     video.release()
@@ -50,17 +50,10 @@ def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "blur2view", *map(str, words)]
 
 
-def start(*words: object) -> subprocess.Popen[str]:
+def start(*words: object) -> Popen[str]:
     """Start the program from this checkout, so that it takes Ctrl-C, which jobs in the background ignore."""
     heeds = None if sys.platform == "win32" else partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    return subprocess.Popen(
-        command(*words),
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=heeds,
-    )
+    return Popen(command(*words), env=environment(), stdout=PIPE, stderr=PIPE, text=True, preexec_fn=heeds)
 
 
 def finish(*words: object) -> tuple[int, str, str]:

@@ -34,10 +34,10 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Smears (N, 2, 2) of a static layered scene seen by a moving camera, ends in random order.
+    """Smears (N, 2, 2) of a layered scene and a moving camera, ends in random order.
 
-    ``ends`` may be disturbed, ``true_ends`` never is; ``swapped`` marks smears whose ends[:, 1] is the open
-    end; ``outlier`` marks smears that do not follow the camera's motion.
+    ``ends`` may be disturbed, ``true_ends`` are exact; ``swapped`` (N,): where ends[:, 1] is the open end;
+    ``outlier`` (N,): smears that do not follow the camera's motion.
     """
 
     K: Array
@@ -80,10 +80,10 @@ def make_scene(
     length_px: float = 15.0,
     rotation_share: float | None = None,
 ) -> Scene:
-    """Random camera, motion and scene without noise.
+    """Draw a camera, motion and scene without noise; ``length_px`` is the median length of the smears.
 
-    ``length_px`` is the median smear length; ``rotation_share`` the median length of the rotation's smears
-    over that of the translation's (default 0.2 to 1; 0: pure translation; inf: pure rotation).
+    ``rotation_share``: median length of the rotation's smears over that of the translation's (default 0.2
+    to 1; 0: pure translation; inf: pure rotation).
     """
     share = rng.uniform(0.2, 1.0) if rotation_share is None else rotation_share
     K, points = camera(rng), rng.uniform(0, 1, (count, 2)) * np.array(IMAGE_SIZE)

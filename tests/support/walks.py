@@ -81,6 +81,12 @@ class Walk:
             model_of(camera, points, [shots[k] for k in frames]).write(folder)
 
 
+def on_plane(pose: Array, rays: Array, normal: Array, distance: float) -> Array:
+    """Return where rays (N, 3) of a camera meet the plane of points x with normal . x = distance, (N, 3)."""
+    rays, centre = rays @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
+    return np.asarray(centre + rays * ((distance - normal @ centre) / (rays @ normal))[:, None])
+
+
 def write_database(path: Path, model: pycolmap.Reconstruction) -> None:
     """Write the features of a model's images, six columns as SIFT's; each matches its own in all others."""
     geometry = pycolmap.TwoViewGeometry()

@@ -1,4 +1,4 @@
-"""Tools: what is not there is one line; a page keeps the words around its marks."""
+"""Tools: a wrong path is one line; a page keeps the words around its marks."""
 
 import contextlib
 from collections.abc import Callable

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -74,23 +75,23 @@ def step_rows(photo: Path, ends: list[Path], repeats: int) -> list[tuple[str, ..
     return [(name, f"{s:.3f}", f"{s / rival:.2f}") for name, s in seconds.items()]
 
 
-def called(*words: object) -> None:
-    """Run the program in a process of its own; SystemExit if it fails."""
-    command = [sys.executable, "-m", "blur2view", *map(str, words)]
-    if code := subprocess.run(command, stdout=subprocess.DEVNULL, cwd=ROOT).returncode:
-        raise SystemExit(f"{' '.join(map(str, words))} ends with {code}")
-
-
 def process_rows(folder: Path, blurred: AnyArray, repeats: int) -> Iterator[tuple[str, ...]]:
     """Yield rows of whole processes: seconds, and frames a second of a video."""
-    cv2.imwrite(str(photo := folder / "a.jpg"), blurred)
-    yield "1280x720", f"{timed(lambda: called('estimate', photo, '-o', folder), repeats):.2f}", ""
-    video = cv2.VideoWriter(str(path := folder / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, SIZE)
+    photo, video = folder / "a.jpg", folder / "a.avi"
+    cv2.imwrite(str(photo), blurred)
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 30, SIZE)
     for k in range(FRAMES):
-        video.write(np.roll(blurred, 8 * k, axis=1))
-    video.release()
-    seconds = timed(lambda: called("triage", path, "--jobs", 1), repeats)
-    yield "triage of a video", f"{seconds:.2f}", f"{FRAMES / seconds:.1f} frames a second"
+        writer.write(np.roll(blurred, 8 * k, axis=1))
+    writer.release()
+
+    def seconds(*words: object) -> float:
+        command = [sys.executable, "-m", "blur2view", *map(str, words)]
+        work = partial(subprocess.run, command, stdout=subprocess.DEVNULL, cwd=ROOT, check=True)
+        return timed(work, repeats)
+
+    yield "1280x720", f"{seconds('estimate', photo, '-o', folder):.2f}", ""
+    triage_s = seconds("triage", video, "--jobs", 1)
+    yield "triage of a video", f"{triage_s:.2f}", f"{FRAMES / triage_s:.1f} frames a second"
 
 
 def machine() -> str:
@@ -102,7 +103,7 @@ def machine() -> str:
 
 
 def main(*, repeats: int = 9, out: Target | None = None) -> None:
-    """Measure, each figure so many times (whole processes a third of that), and write the page."""
+    """Measure every step ``repeats`` times, whole processes a third of that, and write the page."""
     compileall.compile_dir(ROOT / "blur2view", quiet=1)  # as pip does
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

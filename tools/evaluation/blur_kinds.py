@@ -27,7 +27,7 @@ MIN_RADIUS_PX, MIN_SMEAR_PX = 3, 6  # from which a picture counts as blurred
 
 
 class Seen(NamedTuple):
-    """A picture (without its file) and what is read in it.
+    """A picture (without its file) and its estimate.
 
     ``direction_deg`` and ``sure_deg`` are median errors of all smears and of the half of surer directions,
     ``length_px`` the median of this half; ``moving`` the share that is said to move.
@@ -55,7 +55,7 @@ def loaded(model: Path | None) -> blur2view.SmearNetwork:
 
 
 def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
-    """Return what is read in a picture."""
+    """Return a picture and its estimate."""
     image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
     estimate = blur2view.estimate(image, network=network)
     field, true = estimate.grid.at_pixels(), np.array([np.cos(picture.angle), np.sin(picture.angle)])
@@ -75,7 +75,7 @@ def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
 def of_photograph(
     k: int, paths: Sequence[Path], model: Path | None, seed: int, composites: int
 ) -> list[Seen]:
-    """Return all pictures of the k-th photograph, seen."""
+    """Return all blurred pictures of the k-th photograph and their estimates."""
     others = [path for path in paths if path != paths[k]] or paths
     rng = np.random.default_rng([seed, k])
     pictures = pictures_of(rng, radiance_of(paths[k]), others, composites)

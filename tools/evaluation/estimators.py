@@ -50,7 +50,7 @@ FIGURES: dict[str, tuple[int, str, Callable[[AnyArray], Any]]] = {
     "epipole, deg": (2, "epipole_deg", np.median),
     "ms": (1, "ms", np.median),
 }
-"""A method's figures over instances: digits, measure of an instance (`judge`), what is made of all."""
+"""A method's figures over instances: digits, the measure of an instance (`judge`), and its statistic."""
 
 Key = tuple[str, Kind, int]
 """Cell, kind of depth and seed of an instance."""
@@ -146,7 +146,7 @@ def blocks(records: Mapping[Key, Measured]) -> Iterator[str | list[str]]:
 def main(
     *, seeds: int = 40, first_seed: int = 0, paper_seeds: int = 3, jobs: int = 2, out: Target | None = None
 ) -> None:
-    """Run so many seeds of every cell and kind; the paper's method, 6 to 7 s each, has ``paper_seeds``."""
+    """Run ``seeds`` seeds of every cell and kind; the paper's method (6 to 7 s each) runs ``paper_seeds``."""
     numbers = range(first_seed, first_seed + seeds)
     keys = [(cell, kind, seed) for seed in numbers for cell in CELLS for kind in KINDS]
     work = partial(run_instance, paper_seeds=range(first_seed, first_seed + paper_seeds))

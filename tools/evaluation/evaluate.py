@@ -75,7 +75,7 @@ def smear_figures(smears: Smears) -> dict[str, float]:
 def ratio_and_spread(smears: Smears, chosen: AnyArray) -> tuple[float, float]:
     """Return the median of found over true length, and the median deviation of its logarithm.
 
-    A tenth of a pixel is added to what is found, so that the logarithm is finite.
+    A tenth of a pixel is added to found lengths, so that the logarithm is finite.
     """
     found, true = (np.linalg.norm(of[chosen], axis=1) for of in (smears.found, smears.true))
     ratio = np.log((found + 0.1) / np.maximum(true, 1e-6))

@@ -148,7 +148,7 @@ def snapshot(folder: Path) -> dict[str, object]:
 def complaints(
     folder: Path, before: dict[str, object], words: list[str], done: subprocess.CompletedProcess[str]
 ) -> list[str]:
-    """Return what is rude in a call; ``before`` are the files that were there."""
+    """Return a line for each rudeness of a call; ``before`` is the `snapshot` from before it."""
     text, lines = done.stdout + done.stderr, done.stderr.splitlines()
     found = [] if done.returncode in (0, 1, 2) else [f"exit code {done.returncode}"]
     found += [f"traceback {text.strip()[-300:]}"] if "Traceback" in text else []
@@ -156,7 +156,7 @@ def complaints(
     found += [f"foreign line {line[:200]}" for line in lines if not line.startswith("blur2view")][:1]
     found += ["fails in silence"] if done.returncode and not lines else []
     asked = tuple(word.split("/")[0] for option, word in pairwise(words) if option in OUTPUTS)
-    linked = asked if "--link" in words else ()  # and what lies beside such a database
+    linked = asked if "--link" in words else ()  # and files beside that database
     after = snapshot(folder)
     for name in before.keys() | after.keys():
         if name in before and before[name] != after.get(name) and not (linked and name.startswith(linked)):
@@ -168,7 +168,7 @@ def complaints(
 
 
 def try_case(place: Path, seed: int, number: int) -> tuple[str, list[str]]:
-    """Return the kind of a case, and what is rude in its call; ``place`` has good inputs in "whole"."""
+    """Return the kind of a case and the complaints about its call; ``place`` has good inputs in "whole"."""
     rng, folder = np.random.default_rng([seed, number]), place / "case"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(place / "whole", folder)

@@ -8,7 +8,7 @@ cameras that stood still, before something that moves, ``--sharp`` folders of sh
 compared at the centres of 4 x 4 pixels. The page says which numbers were chosen on which photographs.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -85,15 +85,10 @@ def record_of(path: Path, static: Mask, valid: Mask, known: Record, network: Sme
     image = blur2view.read_image(path)
     found = blur2view.estimate(image, network=network)
     smear_px = float(np.median(found.grid.smears().length_px))
-    return {
-        "true_px": smear_px,
-        "sharp": False,
-        **known,
-        **judge(static, valid, blur2view.segment(found, image)),
-        "smear_px": smear_px,
-        "disc_px": 2 * (found.blur.defocus_px or 0.0) if "true_px" in known else 0.0,
-        "kind": str(found.blur.kind),
-    }
+    disc_px = 2 * (found.blur.defocus_px or 0.0) if "true_px" in known else 0.0
+    read = {"smear_px": smear_px, "disc_px": disc_px, "kind": str(found.blur.kind)}
+    judged = judge(static, valid, blur2view.segment(found, image))
+    return {"true_px": smear_px, "sharp": False, **known, **judged, **read}
 
 
 def groups_of(name: str, records: list[Record]) -> dict[str, list[Record]]:
@@ -116,18 +111,17 @@ def figures_of(records: list[Record]) -> list[str]:
     def mean(rows: list[Record], key: str) -> str:
         return f"{np.nanmean([one[key] for one in rows]):.3f}" if rows else "-"
 
-    def count(rows: list[Record], hits: list[bool]) -> str:
-        return f"{sum(hits)} of {len(rows)}" if rows else "-"
+    def count(rows: list[Record], is_hit: Callable[[Record], bool]) -> str:
+        return f"{sum(map(is_hit, rows))} of {len(rows)}" if rows else "-"
 
     return [
         str(len(records)),
-        mean(some, "iou"),
-        mean(some, "precision"),
+        *(mean(some, key) for key in ("iou", "precision")),
         mean(none, "called"),
-        count(none, [one["called"] > FALSE_SHARE for one in none]),
-        count(stood, ["moved" not in one["kind"] for one in stood]),
-        count(stood, [one["kind"] == "camera at rest" for one in stood]),
-        count(moved, ["moved" not in one["kind"] for one in moved]),
+        count(none, lambda one: one["called"] > FALSE_SHARE),
+        count(stood, lambda one: "moved" not in one["kind"]),
+        count(stood, lambda one: one["kind"] == "camera at rest"),
+        count(moved, lambda one: "moved" not in one["kind"]),
     ]
 
 
