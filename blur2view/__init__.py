@@ -18,7 +18,7 @@ Conventions, used everywhere
 
 First calls
 -----------
-- ``result = estimate("a.jpg")``, or of an array as of ``read_image("a.jpg")``: smears, matches and
+- ``result = estimate("a.jpg")``, or of the array that ``read_image("a.jpg")`` returns: smears, matches and
   ``result.geometry``, with F or None, the configuration, its reason and ``parallax``; with
   ``camera=Camera.from_focal(focal, (width, height))``, or ``Camera.from_opencv(K, dist, (width,
   height))``, E and the pose.

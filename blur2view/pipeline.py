@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MIN_CAMERA_SHARE = 0.6
 """Length of the camera's smooth motion over that of the smears, below which the smears may be errors of a
 camera at rest: 0.15 to 0.57 in pictures of cameras at rest, 0.65 to 1 in frames of moving ones."""
-CAMERAS = "as of Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
+CAMERAS = "made by Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

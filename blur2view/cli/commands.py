@@ -1,6 +1,6 @@
 """The command line: ``blur2view estimate`` and the other commands.
 
-Only what is needed to read the arguments is imported here; a command's module is when it is chosen.
+It imports what reads arguments; the module of a command is imported when the command is chosen.
 """
 
 import argparse
@@ -35,11 +35,7 @@ DESCRIPTION = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the exit code of the command line, after running it; its words are the process's by default.
-
-    0: done (a degenerate scene is a result), 1: a named error, 2: usage, 130: interrupted, 141: nobody reads
-    any more what is printed.
-    """
+    """Run the command line, by default with the process's arguments; return one of the `EXIT_CODES`."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file name may hold anything
     try:
@@ -55,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         complain(Blur2ViewError("too little memory; free some, or add --jobs 1"))
     except KeyboardInterrupt:
-        print("blur2view: interrupted", file=sys.stderr)
+        complain(Blur2ViewError("interrupted"))
         return INTERRUPTED
     except OSError as error:
         if error.filename is None:  # stdout: what is left of it goes nowhere
@@ -68,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parse(words: Sequence[str]) -> Any:
-    """Return the options of the command that words name; wrong usage ends the program with one line."""
+    """Return the options of the command that the first word names; wrong usage is one line, and exits."""
     command = next(iter(words), "")
     if command in COMMANDS:
         return parser_of(command, everything="--help-all" in words).read(words[1:])
@@ -86,7 +82,7 @@ def parse(words: Sequence[str]) -> Any:
 
 
 def parser_of(command: str, *, everything: bool = False) -> CommandParser:
-    """Return the parser of a command: of ``to-colmap`` that of ToColmapOptions, in its own module."""
+    """Return the parser of a command: for ``to-colmap`` it reads ToColmapOptions of cli/to_colmap.py."""
     module = import_module(f"blur2view.cli.{command.replace('-', '_')}")
     kind = getattr(module, f"{command.title().replace('-', '')}Options")
     return CommandParser(command, kind, everything=everything)

@@ -98,13 +98,10 @@ def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
     one = estimated(options, job)
     record = one.record()
-    files = {}
-    if job.files:
-        written = [*estimate_contents(one, record), (record.to_json() + "\n").encode()]
-        files = dict(zip(job.files, written, strict=True))
+    contents = estimate_contents(one, record) if job.files else []
     lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, ENDINGS)]
     lines += [record.reason] * options.printing.verbose
-    return Outcome(photograph=record, summary="\n  ".join(lines), files=files)
+    return Outcome(photograph=record, summary="\n  ".join(lines), contents=contents)
 
 
 def estimate_contents(one: Estimated, record: Photograph) -> list[bytes]:

@@ -63,7 +63,7 @@ class Outcome:
 
     photograph: Photograph
     summary: str = ""  # what is printed; its first line stands for the photograph where there are many
-    files: Mapping[Path, bytes] = field(default_factory=dict)  # to be written together, in this order
+    contents: Sequence[bytes] = ()  # of the job's files but the last, which is the record
     section: str = ""  # of the report, HTML
     views: "ExposureViews | None" = None  # for a database
     skipped: bool = False  # whether an earlier call did it
@@ -162,7 +162,7 @@ def _in_order(
         except lost:
             outcome = _alone(work, job)
         pending.popleft()
-        return replace(job, contents={}), _written(outcome)
+        return replace(job, contents={}), _written(job, outcome)
 
     try:
         for job in jobs:
@@ -249,17 +249,18 @@ def _failed(name: str, error: Blur2ViewError) -> Outcome:
     return Outcome(photograph=Photograph(name=name, error=str(error)))
 
 
-def _written(outcome: Outcome) -> Outcome:
+def _written(job: Job, outcome: Outcome) -> Outcome:
     """Return an outcome whose files are written, or a failure; OutputError on a full disk."""
+    if not outcome.contents:
+        return outcome
+    record = (outcome.photograph.to_json() + "\n").encode()
     try:
-        if outcome.files:
-            write_beside(outcome.files)
+        write_beside(dict(zip(job.files, [*outcome.contents, record], strict=True)))
     except OutputError as error:
         if isinstance(error.__cause__, OSError) and error.__cause__.errno in DISK_FULL:
             raise
-        name = outcome.photograph.name
-        return _failed(name, OutputError(f"{name}: {error}"))
-    return replace(outcome, files={})
+        return _failed(job.name, OutputError(f"{job.name}: {error}"))
+    return replace(outcome, contents=())
 
 
 def _alone(work: Work, job: Job) -> Outcome:

@@ -1,6 +1,6 @@
-"""The groups of options that commands over photographs are composed of.
+"""Groups of options, of which commands over photographs are composed.
 
-Which of them the result of a photograph depends on, `run.digest_of` says.
+`run.digest_of` lists those on which the result of a photograph depends.
 """
 
 import sys
@@ -58,7 +58,7 @@ class Reading:
     last: Annotated[float | None, frame_or_seconds] = rare_option("--to FRAME: the last frame, included")
 
     def inputs(self) -> Inputs:
-        """Return the photographs; ImageError of a list that cannot be read."""
+        """Return the photographs that are named; ImageError if a list cannot be read."""
         frames = partial(frame_numbers, every=self.every, first=self.first, last=self.last)
         stdin = None if sys.stdin is None else sys.stdin.buffer
         return list_photographs(self.images, recursive=self.recursive, frames=frames, stdin=stdin)
@@ -137,7 +137,7 @@ class InTime:
         backward in the JSON document""")
 
     def check(self, lens: Lens) -> None:
-        """Raise ValueError where rates are asked for without intrinsics, or no shutter is as slow."""
+        """Raise ValueError if rates are asked for without intrinsics, or the shutter is too slow."""
         for name in ("exposure", "readout"):
             if getattr(self, name) and not lens.stated:
                 raise ValueError(f"--{name} is about rates and poses, which need --focal or --camera")
@@ -236,8 +236,8 @@ class Command:
     many: Many = Many()
     printing: Printing = Printing()
 
-    in_time = InTime(sequence=False)  # of commands without these options
-    folder = Folder()  # likewise
+    in_time = InTime(sequence=False)  # unless a command has these options
+    folder = Folder()  # unless a command has these options
 
     def __post_init__(self) -> None:
         if self.many.dask is not None and self.lens.database is not None:

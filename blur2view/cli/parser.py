@@ -33,7 +33,7 @@ MESSAGES = {
     "^unrecognized arguments: (.*)": r"\1 is too much; name one",
     r"invalid \w+ value: ": "expected a number, got ",
 }
-"""What argparse says, and what is printed."""
+"""Patterns in the words of argparse, and what is printed in their place."""
 
 
 def option(text: str, default: Any = None, *, rare: bool = False) -> Any:
@@ -133,13 +133,13 @@ READERS: dict[Any, Callable[[str], Any]] = {Path: Path, int: whole(1), float: fl
 
 
 def words_of(kind: Any) -> tuple[str, str]:
-    """Return the first line of a class's docstring without its full stop, and the rest as one line."""
+    """Split a class's docstring: the first line without its full stop, and the rest as one line."""
     first, _, rest = inspect.cleandoc(kind.__doc__ or "").partition("\n\n")
     return first.removesuffix("."), " ".join(rest.split())
 
 
 class Layout(argparse.HelpFormatter):
-    """As argparse has it, no wider than is read with ease; a text of several lines keeps them."""
+    """Argparse's layout, 60 to 110 columns wide; a text of several lines keeps them."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, width=min(max(shutil.get_terminal_size().columns, 60), 110) - 2)
@@ -149,7 +149,7 @@ class Layout(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says so where its help cannot be printed, and of wrong usage one line."""
+    """A parser that prints one line on wrong usage, and raises OSError if help cannot be printed."""
 
     def _print_message(self, message: str, file: Any = None) -> None:
         (file or sys.stderr).write(message)
@@ -212,7 +212,7 @@ class CommandParser(Parser):
                 action.help = argparse.SUPPRESS
 
     def read(self, words: Sequence[str]) -> Any:
-        """Return the options that words state; wrong usage ends the program with one line."""
+        """Return the options of a command line; wrong usage is one line, and exits."""
         if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
             self.error("an argument is empty; is it a variable that is not set?")  # or the current folder
         for word in words[: words.index("--")] if "--" in words else words:
@@ -229,7 +229,7 @@ class CommandParser(Parser):
             self.error(str(error))
 
     def _refuse_unknown(self, name: str) -> None:
-        """Refuse an option that is none, with the one that may be meant; -out is not -o ut."""
+        """Refuse a name that no option has, and propose a similar one; -out is not -o ut."""
         options = list(self._option_string_actions)
         near = [one for one in options if len(name) > 2 and one.startswith((name, f"-{name}"))]
         if name in options or (name[:2] in options and not near):
@@ -240,7 +240,7 @@ class CommandParser(Parser):
 
 
 def _settings(one: Field[Any]) -> dict[str, Any]:
-    """Return how argparse reads an option, or an argument."""
+    """Return the arguments of argparse's add_argument."""
     kind, reader = get_args(one.type) if get_origin(one.type) is Annotated else (one.type, None)
     readers = [READERS[part] for part in get_args(kind) or (kind,) if part in READERS]
     how: dict[str, Any] = {"type": reader or next(iter(readers), None)}
@@ -257,7 +257,7 @@ def _settings(one: Field[Any]) -> dict[str, Any]:
 
 
 def _made(kind: Any, values: Mapping[str, Any]) -> Any:
-    """Return the dataclass of parsed values, with its groups; ValueError of what it refuses."""
+    """Make a dataclass, with its groups, from parsed values; ValueError if it refuses one."""
     made = {
         one.name: _made(one.type, values) if is_dataclass(one.type) else values[one.name]
         for one in fields(kind)

@@ -3,11 +3,10 @@
 import hashlib
 import json
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, partial
 from multiprocessing import parent_process
 from pathlib import Path
@@ -19,7 +18,7 @@ from blur2view import __version__
 from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues, read_exif
 from blur2view.cli.jobs import Job, Outcome, in_cluster, in_processes, neighbours_of
-from blur2view.cli.options import Command
+from blur2view.cli.options import Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
 from blur2view.exposure.sequence import Features, Matches, features_of, in_time, match_features
@@ -114,18 +113,18 @@ class Run:
         listed: str = "",
         lines: bool = True,
         total: bool = True,
-        beside: Path | None = None,
+        checked: Path | None = None,
         **targets: Path | None,
     ) -> None:
         """Do all photographs in order, after a check of all that is written; print and write the table.
 
         ``work`` takes the options and a job. A line is printed for each photograph and, if ``total``, one
         for all; with --json instead one document, in which the records are ``listed``. ``targets`` are files
-        of all photographs by their options; ``beside`` is one that the command checks itself. It ends early,
+        of all photographs by their options; ``checked`` is one that the command checks itself. It ends early,
         after a line that says how to go on, if it is interrupted or nothing can be done any more, as on a
         full disk. ModelError or OutputError of what cannot be used.
         """
-        self._check(targets, beside)
+        self._check(targets, checked)
         start = time.monotonic()
         try:
             with closing(self._results(work)) as results:
@@ -136,14 +135,12 @@ class Run:
                     if len(self.jobs) > 1:
                         show_status(f"{len(self.outcomes)} of {plural(len(self.jobs), 'photograph')}")
         except KeyboardInterrupt:
-            self.ended_early = INTERRUPTED
+            self._end_early(INTERRUPTED, "interrupted")
         except (RunError, OutputError) as error:
             complain(error)
-            self.ended_early = FAILED
-        finally:
-            show_status()
+            self._end_early(FAILED, "stopped")
+        show_status()
         self.seconds = time.monotonic() - start
-        self._say_how_to_go_on()
         if self.options.folder.json:
             document = {listed: [one.photograph.plain() for one in self.done], "failures": self.failures}
             print(json.dumps(document, indent=2, allow_nan=False))
@@ -151,13 +148,13 @@ class Run:
         if total and not (self.ended_early or self.options.printing.quiet or self.options.folder.json):
             self._print_total(counted=lines)
 
-    def _check(self, targets: Mapping[str, Path | None], beside: Path | None) -> None:
+    def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
         """Load the network, and check all that the call writes, so that errors come before any work."""
-        network_of(self.options)
+        network_of(self.options.estimating)
         every = {**targets, "csv": self.options.table.csv}
         written = {f"--{option}": path for option, path in every.items() if path is not None}
         paths = [path for job in self.jobs for path in job.files]
-        paths += [one for one in [beside] if one is not None]
+        paths += [] if checked is None else [checked]
         database = self.options.lens.database
         names, used = real_paths(paths), self.inputs.read | real_paths([] if database is None else [database])
         for option, target in written.items():
@@ -178,7 +175,7 @@ class Run:
         return in_processes(do, self.jobs, find, count=count)
 
     def _done_before(self, job: Job) -> Outcome | None:
-        """Return the outcome of a photograph whose results are of the same input and options."""
+        """Return the outcome of a photograph whose files are there, from the same input and options."""
         try:
             record = Photograph.from_json(job.files[-1].read_bytes())
             record.to_json()  # with all that is derived
@@ -191,7 +188,7 @@ class Run:
         return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
 
     def _print(self, one: Outcome, *, lines: bool) -> None:
-        """Print what became of a photograph: why it failed, or its summary, whole if it is the only one."""
+        """Print why a photograph failed, or its summary: whole if it is the only one, else the first line."""
         printing = self.options.printing
         whole = len(self.jobs) == 1 or printing.verbose
         if one.error:
@@ -200,15 +197,14 @@ class Run:
             summary = one.summary.split("\n")
             print("\n".join(map(printable, summary if whole else summary[:1])), flush=True)
 
-    def _say_how_to_go_on(self) -> None:
-        """Print why the run ended early, if it did, and what does the rest."""
-        count = len(self.jobs)
-        if self.ended_early == INTERRUPTED or (self.ended_early and count > 1):
-            line = "interrupted" if self.ended_early == INTERRUPTED else "stopped"
-            if count > 1:
-                line += f" after {len(self.outcomes)} of {plural(count, 'photograph')}"
-                line += "; the same call with --resume does the rest" * any(job.files for job in self.jobs)
-            print(f"blur2view: {line}", file=sys.stderr, flush=True)
+    def _end_early(self, code: int, line: str) -> None:
+        """Note the exit code of a run that ends early, and say what does the rest."""
+        self.ended_early, count = code, len(self.jobs)
+        if count > 1:
+            line += f" after {len(self.outcomes)} of {plural(count, 'photograph')}"
+            line += "; the same call with --resume does the rest" * any(job.files for job in self.jobs)
+        if count > 1 or code == INTERRUPTED:
+            complain(RunError(line))
 
     def _write_table(self) -> None:
         """Write the table; one that cannot be written is a line, as all else is of use without it."""
@@ -240,7 +236,7 @@ class Run:
 
 
 def wrote(job: Job, endings: Sequence[str]) -> str:
-    """Return what a summary says of a photograph's files, if it has some."""
+    """Return the end of a summary, which names the photograph's files; empty without files."""
     if not job.files:
         return ""
     name = printable(str(job.files[-1]).removesuffix(endings[-1]))
@@ -256,22 +252,19 @@ def digest_of(options: Command) -> str:
     """
     files = model_path(options.estimating.model), options.lens.database
     digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
-    own = {one.name: getattr(options, one.name) for one in fields(options) if one.type != Path | None}
-    own = {name: one for name, one in own.items() if not isinstance(one, Path) and not is_dataclass(one)}
+    stated = [one.name for one in fields(options) if one.metadata and "Path" not in str(one.type)]
+    own = {name: getattr(options, name) for name in stated}
     groups = options.lens, options.estimating, options.in_time
     every = type(options).__name__, __version__, digests, groups, own
     return hashlib.sha256(repr(every).encode()).hexdigest()
 
 
-def network_of(options: Command) -> SmearNetwork:
-    """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
-    return _network(options.estimating.model, options.estimating.provider)
-
-
 @lru_cache(maxsize=1)
-def _network(model: str | None, provider: str | None) -> SmearNetwork:
+def network_of(estimating: Estimating) -> SmearNetwork:
+    """Return the smear network of this process, loaded once; ModelError if it cannot be used."""
     threads = usable_cores() if parent_process() is None else 1  # on which bytes do not depend
-    return SmearNetwork(model, threads=threads, providers=() if provider is None else (provider,))
+    providers = () if estimating.provider is None else (estimating.provider,)
+    return SmearNetwork(estimating.model, threads=threads, providers=providers)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,7 +272,7 @@ class Estimated:
     """The estimate of a photograph's file, its pixels, and what options and file add to its record."""
 
     estimate: Estimate
-    image: AnyArray  # (H, W, 3), as of `read_pixels`, upright unless wanted as stored
+    image: AnyArray  # (H, W, 3) from `read_pixels`, upright unless wanted as stored
     stated: Mapping[str, Any]
 
     def record(self, mask: MotionMask | None = None) -> Photograph:
@@ -307,7 +300,7 @@ def estimated(
     exposure_s = options.in_time.exposure or exif.exposure_s
     found = estimate(
         image,
-        network=network_of(options),
+        network=network_of(estimating),
         select=estimating.select(),
         options=estimating.robust(),
         rng=np.random.default_rng(estimating.seed),

@@ -83,13 +83,12 @@ def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     rng = np.random.default_rng(options.estimating.seed)
     mask = segment(one.estimate, one.image, rng, threshold=options.threshold)
     record = one.record(mask)
-    files = {}
+    contents = []
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF
         masks = [to.picture(stored) for to in options.programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
         pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
-        written = [*map(png, pictures), (record.to_json() + "\n").encode()]
-        files = dict(zip(job.files, written, strict=True))
+        contents = [png(picture) for picture in pictures]
     summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, ENDINGS)}"
-    return Outcome(photograph=record, summary=summary, files=files)
+    return Outcome(photograph=record, summary=summary, contents=contents)

@@ -21,14 +21,15 @@ EXIT_CODES = """
 
 
 def printable(text: str) -> str:
-    """Return a text on one line in which what a terminal would obey is written as escapes."""
+    """Return a text on one line, with escapes for control characters."""
     return "".join(
         mark if mark.isprintable() else mark.encode("unicode_escape").decode("ascii") for mark in text
     )
 
 
 def complain(error: Blur2ViewError) -> None:
-    """Print one line on stderr."""
+    """Print one line on stderr, in place of the status that a person sees."""
+    show_status()
     print(f"blur2view: {printable(str(error))}", file=sys.stderr, flush=True)
 
 
@@ -38,19 +39,19 @@ def plural(count: int, noun: str) -> str:
 
 
 def verdict_line(name: str, one: "Photograph") -> str:
-    """Return the one sentence that matters, then, where the camera moved, the configuration's COLMAP name."""
+    """Return a photograph's verdict and, where the camera moved, COLMAP's name of the configuration."""
     return f"{printable(name)}: {one.verdict}" + f" [{one.config}]" * one.moved()
 
 
 def show_status(text: str = "") -> None:
-    """Show a person a text as the last line, in place of the one before; print nothing elsewhere."""
+    """Show a text as the last line of a terminal, in place of the one before; print nothing elsewhere."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{printable(text)}", end="", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def waiting(text: str) -> Iterator[Callable[[int, int], None]]:
-    """Show what is waited for, until it is done; yield what shows how many steps of all are."""
+    """Show a text until the block ends; yield a function that shows how many of all steps are done."""
     show_status(f"{text} ...")
     try:
         yield lambda done, count: show_status(f"{text}: {done} of {count} ...")

@@ -109,7 +109,7 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         by_name = {job.name: job for job in jobs if job.refusal is None}
-        run.do(views_one, lines=False, beside=db)
+        run.do(views_one, lines=False, checked=db)
         done = [(by_name[one.views.name], one.views) for one in run.done if one.views is not None]
         if run.ended_early or not done:
             return run.exit_code

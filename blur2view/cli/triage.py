@@ -23,14 +23,7 @@ from blur2view.results.photograph import Photograph, explanations
 from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, Use
 
 FRAME_DIGITS = 5  # as ns-process-data names frames
-COUNTED = {
-    Use.SHARP: "sharp",
-    Use.BLURRED: "blurred but of use",
-    Use.UNUSABLE: "unusable",
-    Use.OUT_OF_FOCUS: "out of focus",
-    Use.UNCLEAR: "unclear",
-    "": "failed",
-}
+COUNTED = {Use.BLURRED: "blurred but of use", "": "failed"}  # other uses are called by their names
 USES = """
 sharp: the smear is at most --max-smear, the radius out of focus of what is in focus, if anything is, at most
     --max-defocus; kept
@@ -100,7 +93,7 @@ class TriageOptions(Command):
         run = Run(self)
         if self.extract is not None:
             refuse_filled(self.extract)
-        run.do(look_at, total=False, beside=self.extract, keep=self.keep)
+        run.do(look_at, total=False, checked=self.extract, keep=self.keep)
         if run.done and not run.ended_early:
             self._write(run)
         return run.exit_code
@@ -121,7 +114,7 @@ class TriageOptions(Command):
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
             said = f"none is kept: {remedy}"
-        counts = {words: uses[use] for use, words in COUNTED.items()}
+        counts = {COUNTED.get(use, use): uses[use] for use in (*Use, "")}
         run.print_counts(counts, run.table, self.keep, self.extract if kept else None, said=said)
 
     def _kept(self, read: Mapping[Job, Photograph]) -> list[Job]:

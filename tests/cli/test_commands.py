@@ -69,10 +69,3 @@ def test_json_is_one_document_that_equals_the_file(
     for document in done.document["estimates"]:
         file = tmp_path / "out" / f"{Path(document['name']).stem}.json"
         assert json.loads(file.read_text()) == document
-
-
-def test_same_seed_gives_the_same_bytes(run: Call, moving: Path, still: Path, tmp_path: Path) -> None:
-    assert run(moving, "-o", tmp_path / "alone", "--seed", 7) == 0
-    assert run(still, moving, "-o", tmp_path / "second", "--seed", 7) == 0
-    for name in ("moving.smear.npz", "moving.png"):
-        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()

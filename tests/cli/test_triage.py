@@ -48,12 +48,6 @@ def test_a_list_in_the_folder_names_its_photographs_from_anywhere(
     assert [one["name"] for one in table(tmp_path / "t.csv")] == ["left/moving.png", "still.png"]
 
 
-def test_where_all_fail_no_list_is_written_and_nothing_judged(call: Call, here: Path) -> None:
-    (here / "broken.png").write_bytes(b"no picture")
-    done = call("triage", "broken.png", "--keep", "keep.txt")
-    assert done == 1 and done.out == "" and not Path("keep.txt").exists()
-
-
 def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     frames: Path, call: Call, tmp_path: Path
 ) -> None:
