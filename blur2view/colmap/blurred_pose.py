@@ -41,6 +41,7 @@ Mask = NDArray[np.bool_]
 CELL = 8  # pixels of the lattice on which the warp and the blur are computed
 NEAREST, SMOOTH_PX = 8, 8.0  # points whose inverse depths are averaged; weights are 1 / (distance + this)^2
 BORDER_PX = 3.0  # points nearer to the border are not used
+FAR_PX = 1e4  # bound of the warp and the blur: cv2.remap mirrors what is far outside again and again
 MAX_WARP_PX = 6.0  # between the projection of a point into a neighbour and the warp by the smooth depth
 ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # share of the working size, and pyramid levels of the tracker
 MIN_SIGMA_PX = 0.3  # of smears, and of places beside what the patch itself says
@@ -273,9 +274,10 @@ def _in_rows(camera: Any, field: Array) -> Array:
 
 
 def _everywhere(camera: Any, field: Array) -> Any:
-    """Return a field (h w, C) on the lattice at all pixels, (H, W, C), float32."""
+    """Return a field (h w, C) on the lattice at all pixels, (H, W, C), float32, within `FAR_PX`."""
     columns, rows = (np.arange(side, dtype=np.float32) / CELL for side in (camera.width, camera.height))
-    return resampled(_in_rows(camera, field).astype(np.float32), np.dstack(np.meshgrid(columns, rows)))
+    near = np.clip(_in_rows(camera, field), -FAR_PX, FAR_PX).astype(np.float32)
+    return resampled(near, np.dstack(np.meshgrid(columns, rows)))
 
 
 def _warp(neighbour: View, view: View, surface: Array, path: Array) -> tuple[Any, Any, Any]:
