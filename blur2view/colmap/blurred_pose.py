@@ -182,9 +182,9 @@ def _fit_from(start: Array, flow: Array, smears: Array, sigma: Array, prior: flo
     return float(np.log1p((missed**2).sum(axis=1) / sigma**2).sum()), motion
 
 
-def same_sense(vectors: Array, like: Array) -> Array:
-    """Return vectors (N, 2), turned round where they run against those of another array (N, 2)."""
-    return np.asarray(vectors * np.where((vectors * like).sum(axis=1) < 0, -1.0, 1.0)[:, None])
+def same_sense(vectors: Array, reference: Array) -> Array:
+    """Return vectors (N, 2), reversed where they run against a reference (N, 2)."""
+    return np.asarray(vectors * np.where((vectors * reference).sum(axis=1) < 0, -1.0, 1.0)[:, None])
 
 
 def fit_pose(camera: Any, pose: Array, world: Array, places: Array, covariance: Array) -> tuple[Array, Array]:

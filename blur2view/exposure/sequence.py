@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.camera import Camera
 from blur2view.exposure.views import ExposureViews, other_translation, share_in_front, views_of
 from blur2view.geometry.pose import decompose_essential
@@ -143,15 +143,6 @@ def agreement_of(views: ExposureViews, motion: PictureMotion) -> float:
     return float(((smear * velocity).sum(axis=1) / smeared).sum() / length.sum())
 
 
-def _rotation_agreement(views: ExposureViews, motion: PictureMotion) -> float:
-    """Return the cosine between the rotations of pose and neighbours; 0 if one is unknown."""
-    pose = views.geometry.cam2_from_cam1
-    if pose is None:
-        return 0.0
-    lengths = float(np.linalg.norm(pose.rotation_vector) * np.linalg.norm(motion.rotation))
-    return float(pose.rotation_vector @ motion.rotation) / lengths if lengths > 0 else 0.0
-
-
 def directed(
     views: ExposureViews, motion: PictureMotion, candidates: Sequence[ExposureViews] = ()
 ) -> ExposureViews:
@@ -163,8 +154,11 @@ def directed(
         candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
     def score(one: ExposureViews) -> float:
-        rotation, in_front = _rotation_agreement(one, motion), share_in_front(one)
-        return agreement_of(one, motion) + ROTATION_WEIGHT * rotation + CHEIRALITY_WEIGHT * in_front
+        pose = one.geometry.cam2_from_cam1
+        turn = np.zeros(3) if pose is None else pose.rotation_vector
+        lengths = max(float(np.linalg.norm(turn) * np.linalg.norm(motion.rotation)), TINY)
+        cosine = float(turn @ motion.rotation) / lengths
+        return agreement_of(one, motion) + ROTATION_WEIGHT * cosine + CHEIRALITY_WEIGHT * share_in_front(one)
 
     best = max(candidates, key=score)
     from scipy.special import ndtr
@@ -196,8 +190,8 @@ def frame_times(names: Sequence[str]) -> list[int]:
         numbered = [place_of(name) for name in folder]
         own = [second - first for (_, first), (_, second) in pairwise(numbered)]
         usual = max(sorted(set(own)), key=own.count, default=0)
-        alike = len({frame for frame, _ in numbered}) == 1
-        steps += [GAP_FRAMES, *(GAP_FRAMES if alike and step != usual else 1 for step in own)]
+        differ = len({text for text, _ in numbered}) > 1
+        steps += [GAP_FRAMES, *(1 if differ or step == usual else GAP_FRAMES for step in own)]
     return list(accumulate(steps))
 
 
@@ -222,10 +216,10 @@ def estimate_frames(
 ) -> Iterator[Estimate]:
     """Return an iterator over estimates of a video's frames, each in the right direction of time.
 
-    Each is as of :func:`estimate`, given when the next frame is there: both neighbours decide the direction
-    (``time``). ``frames``, of one size, are pictures (H, W, 3) or (H, W) in the order of time, or a video's
-    file; ``timestamps_s``, as of `timestamps_of`, go with them. ValueError if they are one photograph, their
-    sizes differ, or there are fewer times; else as `estimate`.
+    Each is what :func:`estimate` returns, and comes when the next frame is there: both neighbours decide the
+    direction (``time``). ``frames``, all of one size, are pictures (H, W, 3) or (H, W) in the order of time,
+    or a video's file; ``timestamps_s`` are their times, for example of `timestamps_of`. ValueError of one
+    photograph, of sizes that differ, or of fewer times than frames; other errors are those of `estimate`.
 
     Examples
     --------

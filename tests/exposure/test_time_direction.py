@@ -54,7 +54,7 @@ class Clip:
 
 
 def clip(rng: np.random.Generator) -> Clip:
-    """Smears of about ten pixels, of rotation and translation alike."""
+    """Smears of about ten pixels, half of rotation, half of translation."""
     count, turn = 300, 0.008
     axis, heading = rng.normal(size=3), rng.normal(size=3)
     return Clip(
