@@ -22,7 +22,7 @@ from tests.support.many_photographs import write_frames, write_photographs
 SIZE, FOCAL_PX, FRAMES_PER_S = (400, 304), 360.0, 25.0
 OPEN = 0.8  # of the interval of frames
 EXPOSURE_S = OPEN / FRAMES_PER_S
-SUBFRAMES, PERIOD = 24, 23.0  # per exposure; frames of a swing
+SUBFRAMES, PERIOD = 24, 16.0  # per exposure; frames of a swing
 SWING: Array = np.array([0.03, 0.11, 0.05])  # radians about x, y and z
 LAG: Array = np.array([1.0, 0.0, 2.0])
 WALL = (1400, 1100)
@@ -69,7 +69,7 @@ def swing(count: int) -> Swing:
 pytestmark = pytest.mark.slow
 CAMERA = ("--focal", FOCAL_PX, "--exposure", EXPOSURE_S)
 AXES = ("wx", "wy", "wz")
-FRAMES = 26
+FRAMES = 18
 
 
 @cache
