@@ -37,17 +37,12 @@ RANK = {room: rank for rank, row in enumerate(ROWS) for room in row.split()}
 MAX_FILES, MAX_MODULES, MAX_LINES = 12, 17, 400
 CODE = [*PACKAGE.rglob("*.py"), *(ROOT / "tools").rglob("*.py")]
 SOURCES = sorted(path.relative_to(ROOT) for path in CODE)
-FOLDERS = sorted({path.parent for path in SOURCES})
 
 NUMERIC = {"numpy", "scipy", "cv2"}
 ARRAYS_ONLY = {"arrays", "smears", "two_view"}  # geometry states itself as pycolmap's
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
-EXTRAS = {
-    "pillow_heif": "heic",
-    "rawpy": "raw",
-    "distributed": "dask",
-}  # what one door alone needs, and the extra that brings it
+EXTRAS = {"pillow_heif": "heic", "rawpy": "raw", "distributed": "dask"}  # imported by one function each
 PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl"} | set(EXTRAS)
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
@@ -106,14 +101,11 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
 
 
 def test_rooms_are_small() -> None:
-    for folder in FOLDERS:
+    for folder in {path.parent for path in SOURCES}:
         modules = [path for path in (ROOT / folder).glob("*.py") if path.name != "__init__.py"]
         assert len(modules) <= MAX_MODULES, folder
         for path in modules:
             assert len(path.read_text().splitlines()) <= MAX_LINES, path
-
-
-def test_the_package_has_few_files_beside_its_rooms() -> None:
     assert sum(path.is_file() for path in PACKAGE.iterdir()) <= MAX_FILES
 
 
