@@ -1,4 +1,7 @@
-"""``blur2view triage``: which photographs are sharp, and which blurred ones are of use; options and work."""
+"""``blur2view triage``: which photographs are sharp, and which blurred ones are of use; options and work.
+
+The columns of its table are fields and properties of `results.photograph.Photograph`.
+"""
 
 import os
 from collections import Counter
