@@ -26,6 +26,7 @@ from blur2view.images.video import EndOfVideo, frame_time
 from blur2view.results.photograph import Photograph
 
 if TYPE_CHECKING:
+    from blur2view.colmap.database import ProjectImage
     from blur2view.exposure.views import ExposureViews
 
 CONNECT_S, WORKERS_S = 5, 10  # bounds: for a scheduler to answer, and then for a worker to be there
@@ -47,6 +48,7 @@ class Job:
     files: tuple[Path, ...] = ()  # where its results go, in the order of writing, its JSON last
     neighbours: Neighbours = ()
     refusal: Blur2ViewError | None = None  # why it cannot be begun
+    plan: "ProjectImage | None" = None  # its image in a project that its views are added to
     contents: Mapping[Source, bytes] = field(default_factory=dict)  # of its file and its neighbours'
     input_sha256: str = ""  # of its file
     options_sha256: str = ""  # of the call's options, and of all else that its result depends on

@@ -13,13 +13,12 @@ from blur2view.cli.options import Command, InTime
 from blur2view.cli.parser import flag, option, rare_option, required
 from blur2view.cli.run import Run, estimated
 from blur2view.cli.terminal import plural, printable, waiting
-from blur2view.colmap.database import ProjectImage, check_target, plan_links, write_database, write_links
+from blur2view.colmap.database import check_target, plan_links, write_database, write_links
 from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
 
-NO_UTF8 = "its name is no UTF-8, which a database needs; rename it"
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
     COLMAP with --image_path of that folder; with --link the name in your database
@@ -48,13 +47,6 @@ photographs: (list) Those that were written: image, name, config, parallax and r
     time_known and time_confidence, whether neighbours decided which view came first, and how surely.
 failures: (list) Photographs that failed: image, error.
 """
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ViewsJob(Job):
-    """A photograph with its image in a project, if it is to be linked."""
-
-    plan: ProjectImage | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,12 +97,11 @@ class ToColmapOptions(Command):
         A run that ends early writes nothing.
         """
         run, db, backup = Run(self), self.db, None
-        run.jobs = jobs = view_jobs(run.jobs, db if self.link else None)
+        run.jobs = view_jobs(run.jobs, db if self.link else None)
         if not self.link:
             check_target(db)
-        by_name = {job.name: job for job in jobs if job.refusal is None}
         run.do(views_one, lines=False, checked=db)
-        done = [(by_name[one.views.name], one.views) for one in run.done if one.views is not None]
+        done = [(job, one.views) for job, one in run.outcomes if one.views is not None]
         if run.ended_early or not done:
             return run.exit_code
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
@@ -121,13 +112,8 @@ class ToColmapOptions(Command):
                 write_database(db, [views for _, views in done])
         records = [views_record(job, views) for job, views in done]
         if self.json:
-            document = {
-                "target": str(db),
-                "backup": None if backup is None else str(backup),
-                "photographs": records,
-                "failures": run.failures,
-            }
-            print(json.dumps(document, indent=2, allow_nan=False))
+            document = {"target": str(db), "backup": backup and str(backup), "photographs": records}
+            print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
         elif not self.printing.quiet:
             print("\n".join(self._summary(records, backup)))
         return run.exit_code
@@ -147,7 +133,7 @@ class ToColmapOptions(Command):
         return [*lines, f"{printable(str(self.db))}: wrote {count}{kept}"]
 
 
-def views_one(options: ToColmapOptions, job: ViewsJob) -> Outcome:
+def views_one(options: ToColmapOptions, job: Job) -> Outcome:
     """Return the record of one photograph, and its views."""
     plan, lens = job.plan, options.lens
 
@@ -165,32 +151,28 @@ def views_one(options: ToColmapOptions, job: ViewsJob) -> Outcome:
         return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else stated
 
     one = estimated(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
-    if plan is None:
-        views = views_of(job.name, one.estimate)
-    else:
-        robust = options.estimating.robust()
-        views = keypoint_views(job.name, plan.keypoints, one.estimate, robust)
+    views = views_of(job.name, one.estimate)
+    if plan is not None:
+        views = keypoint_views(job.name, plan.keypoints, one.estimate, options.estimating.robust())
     return Outcome(photograph=one.record(), views=views)
 
 
-def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[ViewsJob]:
+def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:
     """Return the jobs, with their images in a user's project if one is given."""
-    plans: Sequence[ProjectImage | DatabaseError | None] = [
-        None if storable(job.name) else DatabaseError(f"{job.source}: {NO_UTF8}") for job in jobs
-    ]
-    if project is not None:
-        plans = plan_links(project, [Path(str(job.source)) for job in jobs])
-    made = []
-    for job, plan in zip(jobs, plans, strict=True):
+    if project is None:
+        rule = "its name is no UTF-8, which a database needs; rename it"
+        refusals = [None if storable(job.name) else DatabaseError(f"{job.source}: {rule}") for job in jobs]
+        return [replace(job, refusal=job.refusal or why) for job, why in zip(jobs, refusals, strict=True)]
+    planned = []
+    for job, plan in zip(jobs, plan_links(project, [Path(str(job.source)) for job in jobs]), strict=True):
         if isinstance(plan, DatabaseError):
-            made.append(ViewsJob(**vars(job) | {"refusal": job.refusal or plan}))
+            planned.append(replace(job, refusal=job.refusal or plan))
         else:
-            name = job.name if plan is None else plan.name
-            made.append(ViewsJob(**vars(job) | {"name": name, "plan": plan}))
-    return made
+            planned.append(replace(job, name=plan.name, plan=plan))
+    return planned
 
 
-def views_record(job: ViewsJob, views: ExposureViews) -> dict[str, Any]:
+def views_record(job: Job, views: ExposureViews) -> dict[str, Any]:
     """Return the entry of a photograph's views in the JSON document."""
     geometry, plan, count = views.geometry, job.plan, len(views.matched)
     unsure = plan is not None and not count and not (geometry.F is None and geometry.H is None)

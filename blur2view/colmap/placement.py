@@ -22,7 +22,7 @@ from blur2view.exposure.sequence import frame_times, place_of
 from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, changed, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 
-MAX_ERROR_PX = 4.0  # of a point in a view, as COLMAP's filter_max_reproj_error
+MAX_ERROR_PX = 4.0  # of a point in a view: COLMAP's filter_max_reproj_error
 
 
 class Placement(NamedTuple):
@@ -33,7 +33,7 @@ class Placement(NamedTuple):
     fraction: float  # exposure over frame interval: given, or as measured from the smears; NaN if unknown
     measured: bool  # False where it is a guess, as the camera shakes faster than frames follow one another
     placed: tuple[str, ...]  # photographs whose views were placed
-    refused: dict[str, str]  # why, of every other photograph with views in the database, by its name
+    refused: dict[str, str]  # the reason, by the name of every other photograph with views in the database
 
 
 class _Linked(NamedTuple):
@@ -42,7 +42,7 @@ class _Linked(NamedTuple):
     photograph: Any  # pycolmap.Image of the model
     ids: tuple[int, int]  # of the views at open and close
     ends: Array  # (2, N, 2): COLMAP's keypoints of both views
-    seen: dict[int, int]  # features that have both ends, and the ids of their 3D points
+    seen: dict[int, int]  # ids of 3D points by the features that observe them and have both ends
 
 
 def place_views(
@@ -62,22 +62,20 @@ def place_views(
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     reconstruction = read_model(Path(model))
     registered = photographs_of(reconstruction)
-    if names is None:
-        names = sorted(registered, key=place_of)
+    names = sorted(registered, key=place_of) if names is None else names
     times = dict(zip(names, frame_times(names), strict=True))
     linked, refused = _read_linked(Path(database), reconstruction, registered, times)
     if not linked:
         why = "; ".join(dict.fromkeys(refused.values())) or "link them first (blur2view to-colmap --link)"
         raise DatabaseError(f"{database}: has no views of frames in {model} that can be placed: {why}")
-    known = [name for name in names if name in registered]
-    poses = np.stack([registered[name].cam_from_world().matrix() for name in known])
-    path = CameraPath(np.array([times[name] for name in known]), poses, PATH_REACH)
-    frames = [_frame(reconstruction, one, times[one.photograph.name]) for one in linked]
+    known = {times[name]: registered[name].cam_from_world().matrix() for name in names if name in registered}
+    path = CameraPath(np.array([*known]), np.stack([*known.values()]), PATH_REACH)
+    frames = [_exposed(reconstruction, one, times[one.photograph.name]) for one in linked]
     ends, used, measured = exposures(frames, path, fraction)
     placed = []
-    for one, end in zip(linked, ends, strict=True):
-        if np.isfinite(end).all():
-            _add_views(reconstruction, one, end)
+    for one, changes in zip(linked, ends, strict=True):
+        if np.isfinite(changes).all():
+            _add_views(reconstruction, one, changes)
             placed.append(one.photograph.name)
         else:
             refused[one.photograph.name] = "no frame of the model is next to them by number"
@@ -87,13 +85,12 @@ def place_views(
 def _read_linked(
     database: Path, model: Any, registered: Mapping[str, Any], times: Mapping[str, int]
 ) -> tuple[list[_Linked], dict[str, str]]:
-    """Return the photographs that can be placed, in order, and why the others with both views cannot."""
+    """Return the photographs that can be placed, in order, and why others with both views cannot."""
     found, refused = dict[str, _Linked](), dict[str, str]()
     views = {image.name for image in model.images.values() if image.has_pose}
     with open_read_only(database) as opened:
         ids = image_names(opened)
-        both = [name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()]
-        for name in both:
+        for name in (name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()):
             if name not in registered:
                 refused[name] = "COLMAP did not register them, or calls them otherwise"
             elif name + OPEN in views:  # of an earlier call, or recovered
@@ -108,18 +105,17 @@ def _read_linked(
 
 
 def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], model: Any, photograph: Any) -> _Linked:
-    """Return a photograph with its views, of which the database has both; ValueError if a row is damaged."""
+    """Return a photograph with its views; ValueError if a row is damaged."""
     first, last = (ids[photograph.name + end] for end in (OPEN, CLOSE))
     ends = [read_keypoints(opened, number) for number in (first, last)]
     count, points = min(map(len, ends)), observed(model, photograph)
     matched = map(int, read_matches(opened, ids[photograph.name], first)[:, 0])
     seen = {index: points[index] for index in matched if index < count and index in points}
-    stacked = np.stack([one[:count] for one in ends])
-    return _Linked(photograph, (first, last), stacked, seen)
+    return _Linked(photograph, (first, last), np.stack([one[:count] for one in ends]), seen)
 
 
-def _frame(model: Any, one: _Linked, time: float) -> ExposedFrame:
-    """Return the smears of the features whose 3D point lies in front of the camera."""
+def _exposed(model: Any, one: _Linked, time: float) -> ExposedFrame:
+    """Return the smears of features whose 3D points lie in front of the camera."""
     camera, pose = model.cameras[one.photograph.camera_id], one.photograph.cam_from_world().matrix()
     world = np.array([model.points3D[number].xyz for number in one.seen.values()]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
@@ -130,15 +126,14 @@ def _frame(model: Any, one: _Linked, time: float) -> ExposedFrame:
 
 
 def _add_views(model: Any, one: _Linked, changes: Array) -> None:
-    """Add both images, by the changes (2, 6) from the photograph's pose to theirs, and what they observe."""
+    """Add both images, by the changes (2, 6) from the photograph's pose, and observations of its points."""
     import pycolmap
 
-    photograph = one.photograph
-    pose = photograph.cam_from_world().matrix()
+    pose = one.photograph.cam_from_world().matrix()
     for end, number, points, change in zip((OPEN, CLOSE), one.ids, one.ends, changes, strict=True):
-        image = add_image(model, photograph.name + end, changed(pose, change), points, photograph, number)
+        name = one.photograph.name + end
+        image = add_image(model, name, changed(pose, change), points, one.photograph, number)
         for index, point in one.seen.items():
-            projected = image.project_point(model.points3D[point].xyz)
-            missed = None if projected is None else np.linalg.norm(projected - points[index])
-            if missed is not None and missed < MAX_ERROR_PX:
+            pixel = image.project_point(model.points3D[point].xyz)
+            if pixel is not None and np.linalg.norm(pixel - points[index]) < MAX_ERROR_PX:
                 model.add_observation(point, pycolmap.TrackElement(image.image_id, index))
