@@ -5,7 +5,7 @@ from importlib import import_module
 
 import pytest
 
-from tools.arguments import run
+from tools.command import run
 
 
 @pytest.fixture

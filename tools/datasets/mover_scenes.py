@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from tools.arguments import Existing, run
+from tools.command import Existing, run
 from tools.datasets.testset import in_range, write_photographed, write_truth
 from tools.rendering.layer_scenes import KINDS, Sources, layer_scene, silhouettes
 from tools.rendering.render import Rendering, RenderOptions, render

@@ -22,8 +22,7 @@ import numpy as np
 from blur2view import SmearMatches, read_image
 from blur2view.arrays import AnyArray
 from blur2view.smears.grid import Floats, smear_ends
-from tools.arguments import Existing, run
-from tools.processes import mapped
+from tools.command import Existing, mapped, run
 from tools.rendering.render import (
     GRID,
     Exposure,

@@ -25,9 +25,8 @@ import pycolmap
 
 import blur2view
 from blur2view.arrays import AnyArray
-from tools.arguments import Target, run
+from tools.command import Target, publish, run, table
 from tools.datasets.testset import write_scene
-from tools.pages import publish, table
 from tools.rendering.render import RenderOptions
 
 SIZE = (1280, 720)

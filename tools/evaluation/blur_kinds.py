@@ -16,11 +16,9 @@ import numpy as np
 
 import blur2view
 from blur2view import BlurKind
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, mapped, publish, run, table
 from tools.datasets.blurred_photographs import Picture, pictures_of, radiance_of
 from tools.metrics import direction_error_deg
-from tools.pages import publish, table
-from tools.processes import mapped
 from tools.rendering.textures import photographs_of
 
 MIN_RADIUS_PX, MIN_SMEAR_PX = 3, 6  # from which a picture counts as blurred

@@ -14,11 +14,9 @@ import numpy as np
 import blur2view
 from blur2view import Configuration, Parallax, SmearMatches, TwoViewGeometry, estimate_two_view
 from blur2view.smears.noise import NoiseModel
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, mapped, publish, run, table
 from tools.datasets.synthetic_matches import IMAGE_SIZE, SCENES, Scene, draw_scene, with_shared_errors
 from tools.datasets.testset import read_test_set
-from tools.pages import publish, table
-from tools.processes import mapped
 
 OUTCOMES = {
     Configuration.DEGENERATE: "no motion",

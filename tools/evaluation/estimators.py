@@ -15,13 +15,11 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import serrmin
-from tools.arguments import Target, run
+from tools.command import Target, mapped, publish, run, table
 from tools.datasets.synthetic_matches import Kind, KnownMatches, SyntheticOptions, synthetic_smears
 from tools.evaluation.baselines import METHODS, PAPER
 from tools.evaluation.benchmark import machine
 from tools.metrics import NO_POSE_DEG, PAPER_INLIER, epipole_angle_deg, pose_auc, pose_error_deg, rho
-from tools.pages import publish, table
-from tools.processes import mapped
 
 LIBRARIES = ("numpy", "opencv-contrib-python-headless", "pycolmap", "poselib")
 KINDS: tuple[Kind, ...] = get_args(Kind)

@@ -16,13 +16,12 @@ import numpy as np
 import blur2view
 from blur2view import SelectOptions, SmearGrid, SmearMatches, select_matches
 from blur2view.arrays import AnyArray
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, publish, run, table
 from tools.datasets.synthetic_matches import KnownMatches
 from tools.datasets.testset import TestScene, read_test_set
 from tools.evaluation.baselines import METHODS, OURS, PAPER, against
 from tools.evaluation.estimators import Measured, judge, measured, method_table
 from tools.metrics import DIRECTION_MIN_PX, direction_error_deg, epe_s, sparsification_area
-from tools.pages import publish, table
 
 OCTAVES_PX = (1, 2, 4, 8, 16, 32, 64)  # lower ends of the classes of true length
 OCTAVE_HEAD = "true px | smears | ratio | spread | direction, deg | EPE-S / length"

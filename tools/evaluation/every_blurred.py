@@ -17,10 +17,9 @@ from blur2view.colmap.mapping import blurred_options
 from blur2view.geometry.pose import rotation_vector
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, publish, run, table
 from tools.evaluation.placed import Poses, poses_of
 from tools.evaluation.recovered import averaged
-from tools.pages import publish, table
 
 SEEDS = range(3)  # of COLMAP's mapper, which may begin with a wrong pair: of 11 frames of 36 px 0 joins 3
 WIDER = [1, 2, 3]  # frames averaged before and after

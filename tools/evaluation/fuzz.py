@@ -28,8 +28,7 @@ import pycolmap
 
 from blur2view.cli import commands
 from blur2view.networks.model_file import shipped_file
-from tools.arguments import Target, run
-from tools.pages import publish, table
+from tools.command import Target, publish, run, table
 
 Rng = np.random.Generator
 T = TypeVar("T")

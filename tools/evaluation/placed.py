@@ -20,8 +20,7 @@ from blur2view.arrays import Array
 from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
 from blur2view.geometry.pose import rotation_matrix, rotation_vector
-from tools.arguments import run
-from tools.pages import publish, table
+from tools.command import publish, run, table
 from tools.rendering.video import Shake, VideoOptions, write_video
 
 SHAKES = {"30, slower": (30, 0.7, 10), "10, as fast": (10, 0.7, 10), "10, faster": (10, 6, 12)}

@@ -11,13 +11,11 @@ from typing import get_args
 import numpy as np
 
 from blur2view import RigidTransform, estimate_two_view
-from tools.arguments import Target, run
+from tools.command import Target, mapped, publish, run, table
 from tools.datasets.synthetic_matches import Kind, SyntheticOptions, synthetic_smears
 from tools.evaluation.baselines import camera_of
 from tools.evaluation.degeneracy import erring
 from tools.metrics import CHI_SQUARED_90, rotation_error, squared_distance, translation_direction_error_deg
-from tools.pages import publish, table
-from tools.processes import mapped
 
 PARTS = slice(0, 5), slice(0, 3), slice(3, 5)  # of the pose: all, rotation, translation
 HEAD = "smears | poses | pose | rotation | translation | rotation error | translation error, degrees"

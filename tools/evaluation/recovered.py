@@ -25,9 +25,8 @@ from blur2view.colmap.recovery import NEAR_FRAMES, adjust, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
-from tools.arguments import run
+from tools.command import publish, run, table
 from tools.evaluation.placed import Poses, begun, centre_of, extracted, poses_of
-from tools.pages import publish, table
 from tools.rendering.video import VideoOptions, write_video
 
 RUNS, WIDER = [1, 3, 6], (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 import blur2view
 from blur2view import MotionLabel, MotionMask, SmearNetwork
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, publish, run, table
 from tools.datasets.testset import read_test_set
 from tools.metrics import average_precision
-from tools.pages import publish, table
 from tools.rendering.render import GRID
 from tools.rendering.textures import photographs_of
 

@@ -29,7 +29,7 @@ import numpy as np
 from blur2view.arrays import AnyArray, Array
 from blur2view.errors import Blur2ViewError
 from blur2view.geometry.epipolar import fundamental_from_pose
-from tools.arguments import Existing, run
+from tools.command import Existing, run
 from tools.datasets.testset import write_truth
 from tools.evaluation import baselines
 from tools.rendering.render import GRID, grid_points, pixel_grid

@@ -32,10 +32,9 @@ from torch.nn import functional as nnf
 
 from blur2view.smears.grid import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, publish, run, table
 from tools.datasets.shards import Example, load_shards
 from tools.evaluation.evaluate import Smears, smear_figures
-from tools.pages import publish, table
 from tools.training.reader import Reader, ReaderOptions, doubled
 from tools.training.run import Schedule, Task, fit
 from tools.training.train_reader import Batch, batch_of

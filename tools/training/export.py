@@ -27,7 +27,7 @@ from blur2view.movers.moving import CELL_VALUES, PLACE_PX
 from blur2view.networks.model_file import BLUR, SMEAR, UNET, NetworkFormat
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
-from tools.arguments import Existing, Target, run
+from tools.command import Existing, Target, run
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.mover_networks import CELLS, PLACES, BlurNet, UNet

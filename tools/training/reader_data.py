@@ -20,7 +20,7 @@ import torch
 from blur2view.arrays import AnyArray as Array
 from blur2view.images.pixels import gain_of
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
-from tools.arguments import Existing, run
+from tools.command import Existing, run
 from tools.datasets.shards import Example, write_shards
 from tools.rendering import textures
 from tools.rendering.layer_scenes import PLACE_PX, LayerScene, Sources, layer_scene, silhouettes

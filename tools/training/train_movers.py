@@ -35,7 +35,7 @@ from blur2view.movers.moving import (
 )
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.networks.spectra import STEP
-from tools.arguments import Existing, run
+from tools.command import Existing, run
 from tools.datasets.shards import Example
 from tools.metrics import average_precision, epe_s
 from tools.rendering.layer_scenes import KINDS, PLACE_PX, Sources, layer_scene, silhouettes

@@ -23,7 +23,7 @@ from torch.nn import functional as nnf
 from blur2view.errors import ModelError
 from blur2view.smears.grid import from_double_angle
 from blur2view.smears.likelihood import read_smears
-from tools.arguments import Existing, run
+from tools.command import Existing, run
 from tools.datasets.shards import Example, load_shard, load_shards
 from tools.evaluation.evaluate import Smears, smear_figures
 from tools.metrics import DIRECTION_MIN_PX

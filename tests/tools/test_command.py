@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.pages import publish
+from tools.command import publish
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,26 @@
-"""Command lines of tools, read from the signatures of their `main`; a wrong path ends a tool at once."""
+"""How a tool runs: its command line, its worker processes, and the page in Markdown that it writes.
+
+The command line is read from the signature of the tool's `main`; a wrong path ends the tool at once.
+"""
 
 import argparse
 import inspect
+import multiprocessing
+import os
+import shlex
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import cv2
+
+T = TypeVar("T")
+R = TypeVar("R")
+THREAD_COUNTS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+MADE, END = "<!-- made -->\n", "<!-- end -->"
 
 
 def existing(text: str) -> Path:
@@ -65,3 +79,38 @@ def _words(hint: Any) -> dict[str, Any]:
     if origin is Literal:
         return {"choices": of}
     return {"action": "store_true"} if hint is bool else {"type": hint}
+
+
+def mapped(work: Callable[[T], R], items: Iterable[T], processes: int, chunk: int = 1) -> Iterator[R]:
+    """Yield the results of all items in order, by ``processes`` processes of one thread each, or by this one.
+
+    Libraries read their limits when they are loaded, so the environment is set, and stays so.
+    """
+    if processes == 1:
+        yield from map(work, items)
+        return
+    os.environ.update(dict.fromkeys(THREAD_COUNTS, "1"))
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, fresh, cv2.setNumThreads, (1,)) as pool:
+        yield from pool.map(work, items, chunksize=chunk)
+
+
+def table(head: str, rows: Iterable[Iterable[object]]) -> list[str]:
+    """Return a table in Markdown as lines; the head's cells have a bar between them."""
+    lines = [f"| {' | '.join(map(str, cells))} |" for cells in rows]
+    return [f"| {head} |", "|---" * (head.count("|") + 1) + "|", *lines]
+
+
+def publish(out: Path | None, *blocks: str | Iterable[str]) -> None:
+    """Print blocks, each a text or lines, and the command that made them; write them where a path is given.
+
+    A page that has the marks `MADE` and `END` keeps the words around them, which are by hand.
+    """
+    name = getattr(sys.modules["__main__"].__spec__, "name", Path(sys.argv[0]).name)
+    made = f"Made by `python -m {name} {shlex.join(sys.argv[1:])}`."
+    text = "\n\n".join(one if isinstance(one, str) else "\n".join(one) for one in (*blocks, made)) + "\n"
+    print(text)
+    if out is not None:
+        before, mark, rest = (out.read_text() if out.exists() else "").partition(MADE)
+        end, after = rest.partition(END)[1:]
+        out.write_text(before + mark + text + end + after if end else text)
