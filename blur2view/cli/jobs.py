@@ -13,6 +13,7 @@ from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import pairwise
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,13 +92,11 @@ def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neig
     """
     if sequence is False:
         return [()] * len(sources)
-    stills = [None, *(one for one in sources if one.frame is None), None] if sequence else []
-    place = {one: index for index, one in enumerate(stills) if one}
+    after = dict(pairwise(one for one in sources if one.frame is None)) if sequence else {}
+    before = {later: earlier for earlier, later in after.items()}
     found = []
     for one in sources:
-        near = [
-            (steps, stills[place[one] + steps] if one in place else one.beside(steps)) for steps in (-1, 1)
-        ]
+        near = (-1, before.get(one) or one.beside(-1)), (1, after.get(one) or one.beside(1))
         found.append(tuple((steps, other) for steps, other in near if other and other.folder == one.folder))
     return found
 

@@ -1,7 +1,6 @@
 """``--resume``: what is skipped, and what is done again."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -54,18 +53,6 @@ def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path,
     assert run(*words, "--csv", "whole.csv") == 0
     assert run(*words, "--csv", "again.csv", "--resume") == 0
     assert Path("again.csv").read_bytes() == Path("whole.csv").read_bytes()
-
-
-def test_resume_takes_no_result_of_another_photograph(call: Call, folder: Path, tmp_path: Path) -> None:
-    out, first, other = tmp_path / "out", folder / "000.png", tmp_path / "other" / "000.png"
-    other.parent.mkdir()
-    shutil.copy(folder / "001.png", other)
-    assert call("segment", first, "-o", out) == 0
-    done = call("segment", first, "-o", out, "--resume")
-    assert done == 0 and done.out == f"{first}: done before\n"
-    before = contents(out)
-    done = call("segment", other, "-o", out, "--resume")
-    assert done == 0 and "done before" not in done.out and contents(out) != before
 
 
 def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: Path, tmp_path: Path) -> None:
