@@ -1,6 +1,5 @@
 """Frames put into a model that lacks them: exact renderings, refusals, what a user's model keeps."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -8,12 +7,12 @@ import numpy as np
 import pycolmap
 import pytest
 
-from blur2view.arrays import Array
+from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blurred_tracks import track_frames
 from blur2view.colmap.models import photographs_of
 from blur2view.colmap.recovery import NEAR_FRAMES, FrameSequence, recover_frames
 from blur2view.exposure.trajectory import CameraPath, change_of
-from tests.support.blurred_plane import BlurredPlane, ExactSmears
+from tests.support.blurred_plane import SIZE, BlurredPlane, ExactSmears
 
 PLANE, MISSING = BlurredPlane(), (3, 4)
 REGISTERED = [k for k in range(PLANE.frames) if k not in MISSING]
@@ -110,11 +109,13 @@ def test_large_frames_are_worked_on_smaller(
     assert PLANE.inside(found.places).all() and np.ptp(found.places, axis=0).min() > 120
 
 
-def test_same_call_gives_same_bytes(folder: Path, network: ExactSmears, tmp_path: Path) -> None:
+def test_same_call_gives_same_bytes(
+    folder: Path, recovery: FrameSequence, network: ExactSmears, tmp_path: Path
+) -> None:
     written = []
-    for name in ("first", "second"):
+    for name, found in (("first", recovery), ("second", recover(folder, network))):
         (tmp_path / name).mkdir()
-        recover(folder, network).model.write(tmp_path / name)
+        found.model.write(tmp_path / name)
         written.append({path.name: path.read_bytes() for path in (tmp_path / name).iterdir()})
     assert written[0] == written[1]
 
@@ -127,32 +128,24 @@ def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: E
         assert degrees < (0.3 if k in MISSING else 1e-9)
 
 
-def other_picture(path: Path) -> None:
-    noise = np.random.default_rng(5).normal(size=(180, 240)).astype(np.float32)
-    cv2.imwrite(str(path), np.clip(128 + 400 * cv2.GaussianBlur(noise, (0, 0), 3), 0, 255))
+def encoded(picture: AnyArray) -> bytes:
+    return cv2.imencode(".png", np.asarray(np.clip(picture, 0, 255), np.uint8))[1].tobytes()
 
 
-def small_picture(path: Path) -> None:
-    cv2.imwrite(str(path), np.full((90, 120, 3), 99, np.uint8))
+OTHER = cv2.GaussianBlur(np.random.default_rng(5).normal(128, 400, SIZE[::-1]), (0, 0), 3)
+SPOILT = {
+    "too few points of its neighbours": encoded(OTHER),
+    "its camera of 240x180": encoded(np.full((90, 120, 3), 99)),
+    "damaged": encoded(OTHER)[:300],
+}
 
 
-def broken_picture(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:300])
-
-
-@pytest.mark.parametrize(
-    ("spoil", "reason"),
-    [
-        (other_picture, "too few points of its neighbours"),
-        (small_picture, "its camera of 240x180"),
-        (broken_picture, "damaged"),
-    ],
-)
+@pytest.mark.parametrize("reason", SPOILT)
 def test_frame_that_does_not_fit_is_refused_with_the_reason(
-    tmp_path: Path, network: ExactSmears, spoil: Callable[[Path], None], reason: str
+    tmp_path: Path, network: ExactSmears, reason: str
 ) -> None:
     PLANE.write(tmp_path / "plane", REGISTERED)
-    spoil(tmp_path / "plane" / "frames" / PLANE.names[4])
+    (tmp_path / "plane" / "frames" / PLANE.names[4]).write_bytes(SPOILT[reason])
     found = recover(tmp_path / "plane", network)
     assert list(found.recovered) == [PLANE.names[3]] and list(found.refused) == [PLANE.names[4]]
     assert reason in found.refused[PLANE.names[4]]
