@@ -18,7 +18,7 @@ from blur2view.geometry.pose import rotation_vector
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.command import Existing, Target, publish, run, table
-from tools.evaluation.placed import Poses, poses_of
+from tools.evaluation.placed import Poses, extracted, poses_of
 from tools.evaluation.recovered import averaged
 
 SEEDS = range(3)  # of COLMAP's mapper, which may begin with a wrong pair: of 11 frames of 36 px 0 joins 3
@@ -44,19 +44,6 @@ def blur(source: Path, folder: Path, wider: int) -> Poses:
         cv2.imwrite(str(folder / name), mean)
         found[name] = true[names[k]]
     return found
-
-
-def extracted(database: Path, frames: Path, camera: Any, features: Any, matching: Any) -> Path:
-    """Return a project of frames with COLMAP's features and matches."""
-    reader = pycolmap.ImageReaderOptions()
-    features.use_gpu, features.num_threads, matching.num_threads = False, 1, 1
-    reader.camera_model, reader.camera_params = camera.model.name, ",".join(map(str, camera.params))
-    single = pycolmap.CameraMode.SINGLE
-    pycolmap.extract_features(
-        database, frames, camera_mode=single, reader_options=reader, extraction_options=features
-    )
-    pycolmap.match_exhaustive(database, matching_options=matching)
-    return database
 
 
 def mapped(database: Path, frames: Path, folder: Path) -> Path:
@@ -97,9 +84,13 @@ def row(sequence: Path, work: Path, wider: int, network: SmearNetwork) -> tuple[
     true = blur(sequence, frames, wider)
     smears = [network.predict(read_pixels(frames / name)).smears().length_px for name in true]
     camera = next(iter(pycolmap.Reconstruction(sequence / "model").cameras.values()))
-    options = pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()
-    defaults = extracted(work / "defaults.db", frames, camera, *options)
-    best = extracted(work / "best.db", frames, camera, *blurred_options())
+    options = {
+        "defaults": (pycolmap.FeatureExtractionOptions(), pycolmap.FeatureMatchingOptions()),
+        "best": blurred_options(),
+    }
+    for features, matching in options.values():
+        features.use_gpu, features.num_threads, matching.num_threads = False, 1, 1
+    defaults, best = (extracted(work / f"{key}.db", frames, camera, *one) for key, one in options.items())
     models = [mapped(defaults, frames, work / "defaults"), mapped(best, frames, work / "best")]
     tracks = recovered(models[-1], frames, work / "tracks", "--tracks", best) / "tracks.db"
     models.append(mapped(tracks, frames, work / "anew"))

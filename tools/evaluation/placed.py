@@ -39,16 +39,27 @@ Step = tuple[Array, Array]  # cam_open and cam_close from cam_middle, (3, 4) eac
 Poses = dict[str, Array]  # by frame: cam_from_world (3, 4)
 
 
-def extracted(folder: Path, frames: str, options: VideoOptions) -> Path:
-    """Return a project of the frames in a folder below, with features and matches."""
-    database, reader = folder / "project.db", pycolmap.ImageReaderOptions()
+def extracted(database: Path, frames: Path, camera: Any, features: Any = None, matching: Any = None) -> Path:
+    """Return a new project of a folder of frames with COLMAP's features and matches, of a known camera."""
     database.unlink(missing_ok=True)
-    reader.camera_model, f = "PINHOLE", options.focal_px
-    reader.camera_params = ",".join(map(str, (f, f, *(side / 2 for side in options.size))))
-    single = pycolmap.CameraMode.SINGLE
-    pycolmap.extract_features(database, folder / frames, camera_mode=single, reader_options=reader)
-    pycolmap.match_exhaustive(database)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model, reader.camera_params = camera.model.name, ",".join(map(str, camera.params))
+    pycolmap.extract_features(
+        database,
+        frames,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=reader,
+        extraction_options=features or pycolmap.FeatureExtractionOptions(),
+    )
+    pycolmap.match_exhaustive(database, matching_options=matching or pycolmap.FeatureMatchingOptions())
     return database
+
+
+def camera_of(options: VideoOptions) -> Any:
+    """Return the pycolmap.Camera of a rendered video."""
+    (width, height), f = options.size, options.focal_px
+    params = [f, f, width / 2, height / 2]
+    return pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params)
 
 
 def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path, Path]:
@@ -58,7 +69,7 @@ def reconstruct(folder: Path, options: VideoOptions, true: Poses) -> tuple[Path,
     """
     database, frames, model = folder / "project.db", folder / "frames", folder / "model"
     if not model.exists():
-        extracted(folder, "frames", options)
+        extracted(database, frames, camera_of(options))
         made = pycolmap.triangulate_points(begun(database, true), database, frames, folder)
         fixed = pycolmap.BundleAdjustmentOptions()
         fixed.refine_focal_length = fixed.refine_extra_params = False

@@ -26,7 +26,7 @@ from blur2view.exposure.trajectory import CameraPath, change_of
 from blur2view.images.image import read_pixels
 from blur2view.networks.smear_network import SmearNetwork
 from tools.command import publish, run, table
-from tools.evaluation.placed import Poses, begun, centre_of, extracted, poses_of
+from tools.evaluation.placed import Poses, begun, camera_of, centre_of, extracted, poses_of
 from tools.rendering.video import VideoOptions, write_video
 
 RUNS, WIDER = [1, 3, 6], (0, 1, 2, 3)  # frames missing in a row; frames averaged before and after
@@ -126,7 +126,7 @@ def rendered(work: Path, folder: Path, seed: int, options: VideoOptions, run_len
             shutil.copyfile((sharp if name in known else blurred) / name, folder / "frames" / name)
         for name in known:
             shutil.copyfile(sharp / name, folder / "known" / name)
-        database = extracted(folder, "known", options)
+        database = extracted(folder / "project.db", folder / "known", camera_of(options))
         made = pycolmap.triangulate_points(begun(database, known), database, folder / "known", folder)
         case.end(made)
     return case
