@@ -82,7 +82,7 @@ def check_target(path: Path) -> None:
     """Raise DatabaseError if a file holds more than views, or a log lies there, which SQLite would apply."""
     for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):
         if os.path.lexists(log):
-            why = "of a program that uses the database or was killed; close it, or open it once with COLMAP"
+            why = "of a program that uses it or was killed; close it, or open it once with COLMAP"
             raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
     if os.path.lexists(path):
         try:

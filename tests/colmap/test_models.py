@@ -46,7 +46,8 @@ def test_a_whole_model_is_read_in_both_forms(model: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "cut"), [("points3D.bin", k) for k in (0, 1, 100)] + [("frames.bin", 100), ("images.bin", 9)]
+    ("name", "cut"),
+    [("points3D.bin", 0), ("points3D.bin", 100), ("frames.bin", 100), ("images.bin", 9), ("cameras.bin", 1)],
 )
 def test_a_file_that_ends_early_is_refused_before_pycolmap_takes_memory(
     model: Path, name: str, cut: int

@@ -16,7 +16,7 @@ from blur2view.colmap.placement import place_views
 from blur2view.colmap.project import camera_of_database, open_read_only
 from blur2view.errors import Blur2ViewError
 from tests.colmap.test_placement import FRAMES, NAMES, project
-from tests.support.colmap_projects import check_database, run_sql
+from tests.support.colmap_projects import run_sql
 
 
 def linked_before(path: Path) -> bool:
@@ -28,7 +28,6 @@ READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has foun
     "camera": lambda path: camera_of_database(path, None, f"/data/{NAMES[0]}").known,
     "plans": linked_before,
     "placed": lambda path: len(place_views(path, path.parent.parent / "model").placed) == FRAMES,
-    "check": lambda path: check_database(path) == [],
 }
 
 
@@ -119,7 +118,7 @@ def test_what_is_wrong_is_one_clear_line(
     monkeypatch.setattr("blur2view.colmap.project.LOCK_TIMEOUT_S", 0.05)
     other = fault(path)
     before = contents(path)
-    for name, reads in list(READERS.items())[:3]:
+    for name, reads in READERS.items():
         if fault is newer and name != "plans":
             assert reads(path), name  # as long as the columns are there
             continue
