@@ -4,11 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import Image
 
 from blur2view.colmap.database import write_database
 from blur2view.colmap.mapping import mapper_options
@@ -56,20 +54,3 @@ def test_exposure_becomes_a_model_of_its_motion(scene: Scene, database: Path, tm
     assert translation_direction_error_deg(motion.translation, scene.t) < 3
     (camera,) = model.cameras.values()
     assert camera.focal_length_x == pytest.approx(scene.K[0, 0], abs=1e-9)  # not refined
-
-
-def test_colmap_reads_a_photograph_and_its_mask_as_stored(tmp_path: Path) -> None:
-    noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), np.uint8)
-    mask, exif = np.full((240, 320), 255, np.uint8), Image.Exif()
-    mask[:, :160], exif[0x0112] = 0, 6  # of a photograph that EXIF turns by 90 degrees
-    for folder in ("photographs", "masks"):
-        (tmp_path / folder).mkdir()
-    smooth = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2), None, 0, 255, cv2.NORM_MINMAX)  # type: ignore[call-overload]
-    Image.fromarray(smooth).save(tmp_path / "photographs" / "a.jpg", exif=exif)
-    Image.fromarray(mask).save(tmp_path / "masks" / "a.jpg.png")
-    reading = pycolmap.ImageReaderOptions()
-    reading.mask_path = tmp_path / "masks"
-    pycolmap.extract_features(tmp_path / "a.db", tmp_path / "photographs", reader_options=reading)
-    with pycolmap.Database.open(tmp_path / "a.db") as opened:
-        keypoints = opened.read_keypoints(1)
-    assert len(keypoints) > 100 and keypoints[:, 0].min() >= 160
