@@ -1,6 +1,6 @@
 """Sharp photographs, blurred in every way that has a name, with the truth; see `tools.evaluation.blur_kinds`.
 
-What blurs does so in linear light; then come a camera's noise, gamma and JPEG, as the bytes of a file.
+They are blurred in linear light; a camera's noise, gamma and JPEG follow.
 """
 
 import functools
@@ -17,34 +17,36 @@ from blur2view.arrays import AnyArray
 from tools.rendering.sensor import add_noise, log_uniform
 from tools.rendering.textures import read_photograph
 
+STILL = BlurKind.SHARP, BlurKind.OUT_OF_FOCUS
+MOVED = BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED
+"""Kinds of blur without a smear and with one; of each the first has no radius."""
 GAMMA = 2.2
-SIDE_PX, MULTIPLE_PX = 640, 32  # the longer side of a picture, and what divides both: cells of the network
+SIDE_PX, MULTIPLE_PX = 640, 32  # the longer side of a picture; what divides both, as cells of the network do
 RADII_PX = (2, 3, 4, 5, 6, 7, 8)
 SMEARS_PX = (4, 6, 8, 12, 18, 25, 40)
 BOTH_PX = ((4, 12), (3, 20))  # radius and smear
 DIMMED_PX, GAIN = 12, 8  # the smear that is also tried dim; the divisor of 8-bit values
 QUALITY = (85, 95)  # of JPEG, both drawn
 READ_NOISE, SHOT_NOISE = (1e-4, 1e-3), (1e-5, 3e-4)  # of `sensor.add_noise`: 0.4 to 2 levels at mid-grey
-MOVER_SHARE, MOVER_PX, MOST_MOVERS = (0.03, 0.25), (10.0, 40.0), 3
-PLACES = 4  # tried for every cut-out: a mover without any texture would be no question
-FAINT = 1e-3  # smeared alpha under which nothing moves; a filter's rounding is far below
-FINE = 16  # samples of a pixel along each side, of the edge of an aperture
+MOVER_SHARE, MOVER_PX, MAX_MOVERS = (0.03, 0.25), (10.0, 40.0), 3
+PLACES = 4  # tried for every cut-out: a mover without texture would be no question
+FAINT = 1e-3  # smeared alpha below which nothing moves; a filter's rounding is far below
+FINE = 16  # samples of a pixel along each side, at the edge of an aperture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Picture:
-    """A picture's file and what it shows.
+    """A photograph (H, W, 3), uint8 RGB, and its blur.
 
-    ``coding`` is "" or how dim it is, as "1/8"; ``moving`` is the share of the picture that moves before a
-    camera at rest.
+    ``angle`` of the smear is in radians; ``coding`` is "" or how dim it is, as "1/8"; ``moving`` is the share
+    of the picture that moves before a camera at rest.
     """
 
-    file: bytes
-    suffix: str
+    image: AnyArray
     kind: BlurKind
     radius_px: float = 0.0
     smear_px: float = 0.0
-    angle: float = 0.0  # of the smear, radians
+    angle: float = 0.0
     coding: str = ""
     moving: float = 0.0
 
@@ -93,16 +95,15 @@ def blurred(light: AnyArray, weights: AnyArray) -> AnyArray:
     return np.asarray(cv2.filter2D(light, -1, weights, borderType=cv2.BORDER_REFLECT))
 
 
-def taken(rng: np.random.Generator, light: AnyArray, dim: bool = False, **truth: Any) -> Iterator[Picture]:
-    """Yield the JPEG of linear light with a camera's noise; with ``dim`` also its values divided, as PNG."""
+def taken(rng: np.random.Generator, light: AnyArray, dim: bool, **truth: Any) -> Iterator[Picture]:
+    """Yield the photograph, as JPEG codes it, of linear light; with ``dim`` also its values divided."""
     coded = np.asarray(add_noise(rng, light, READ_NOISE, SHOT_NOISE) ** np.float32(1 / GAMMA))[..., ::-1]
     quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(QUALITY[0], QUALITY[1] + 1))]
     jpeg = cv2.imencode(".jpg", (coded * 255).round().astype(np.uint8), quality)[1]
-    yield Picture(file=jpeg.tobytes(), suffix=".jpg", **truth)
+    image = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR))[..., ::-1]
+    yield Picture(image=image, **truth)
     if dim:
-        pixels = np.round(np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR)) / GAIN).astype(np.uint8)
-        file = cv2.imencode(".png", pixels)[1].tobytes()
-        yield Picture(file=file, suffix=".png", coding=f"1/{GAIN}", **truth)
+        yield Picture(image=np.round(image / GAIN).astype(np.uint8), coding=f"1/{GAIN}", **truth)
 
 
 def outline(rng: np.random.Generator, shape: tuple[int, ...]) -> AnyArray:
@@ -135,7 +136,7 @@ def texture(rng: np.random.Generator, light: AnyArray, cover: AnyArray) -> AnyAr
     return max(places, key=lambda place: place[0])[1]
 
 
-def passed(
+def with_movers(
     rng: np.random.Generator, light: AnyArray, others: Sequence[Path], movers: int
 ) -> tuple[AnyArray, AnyArray]:
     """Return linear light with smeared cut-outs of other photographs before it, and their smeared alpha."""
@@ -156,17 +157,14 @@ def pictures_of(
     rng: np.random.Generator, light: AnyArray, others: Sequence[Path], composites: int
 ) -> Iterator[Picture]:
     """Yield all pictures of a sharp photograph; what moves before a camera at rest is cut out of others."""
-    yield from taken(rng, light, dim=True, kind=BlurKind.SHARP)
-    for radius_px in RADII_PX:
-        soft = blurred(light, disc(radius_px))
-        yield from taken(rng, soft, kind=BlurKind.OUT_OF_FOCUS, radius_px=radius_px)
-    for radius_px, smear_px in (*((0, px) for px in SMEARS_PX), *BOTH_PX):
-        angle = float(rng.uniform(0, np.pi))
+    alone = ((0, 0), *((px, 0) for px in RADII_PX), *((0, px) for px in SMEARS_PX))
+    for radius_px, smear_px in (*alone, *BOTH_PX):
+        angle = float(rng.uniform(0, np.pi)) if smear_px else 0.0
         soft = blurred(light, disc(radius_px)) if radius_px else light
-        kind = BlurKind.OUT_OF_FOCUS_AND_MOVED if radius_px else BlurKind.CAMERA_MOVED
+        moved = blurred(soft, kernel(smear_px, angle)) if smear_px else soft
+        kind = (MOVED if smear_px else STILL)[bool(radius_px)]
         truth = {"kind": kind, "radius_px": radius_px, "smear_px": smear_px, "angle": angle}
-        moved, dim = blurred(soft, kernel(smear_px, angle)), not radius_px and smear_px == DIMMED_PX
-        yield from taken(rng, moved, dim, **truth)
+        yield from taken(rng, moved, not radius_px and smear_px in (0, DIMMED_PX), **truth)
     for _ in range(composites):
-        scene, moving = passed(rng, light, others, int(rng.integers(1, MOST_MOVERS + 1)))
-        yield from taken(rng, scene, kind=BlurKind.CAMERA_AT_REST, moving=float((moving > 0).mean()))
+        scene, moving = with_movers(rng, light, others, int(rng.integers(1, MAX_MOVERS + 1)))
+        yield from taken(rng, scene, False, kind=BlurKind.CAMERA_AT_REST, moving=float((moving > 0).mean()))

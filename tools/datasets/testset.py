@@ -3,13 +3,12 @@
 ``python -m tools.datasets.testset render/test --scenes 60`` writes, per scene, ``NNNN.png`` (the blurred
 photograph), ``NNNN.npz`` (truth on the stride-4 grid, K, R, t, F) and ``NNNN_open.png``, ``NNNN_close.png``,
 the sharp first and last instants. With ``--kinds`` it writes that number of scenes of each of four kinds of
-motion, ``KIND/NNNNN.png`` and ``.npz`` of seed NNNNN: a camera that only turns, or holds still, sees any
-scene; a plane fills the picture; of general motion those scenes are kept whose parallax is at least a fifth
-of the smears (`off_plane`). The same seeds give the same bytes; what is there already is kept.
+motion, ``KIND/NNNNN.png`` and so on, of seed NNNNN: a camera that only turns, or holds still, sees any scene;
+a plane fills the picture; of general motion those scenes are kept whose parallax is at least a fifth of the
+smears (`off_plane`). The same seeds give the same bytes; files that exist are kept.
 """
 
 import multiprocessing
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
@@ -47,7 +46,7 @@ from tools.rendering.textures import photographs
 
 FIRST_SEED = 1_000_000  # of the test split
 SERIES = 100_000  # distance of the seeds that are tried for one scene
-ARRAYS = ("displacement", "valid", "static", "K", "R", "t")  # what is stored of a scene as it is
+ARRAYS = ("displacement", "valid", "static", "K", "R", "t")  # of a scene, stored as they are
 TRANSLATING = ("translation", "forward", "orbit", "mixed")
 KINDS = {
     "rotation": ("rotation",),
@@ -68,7 +67,7 @@ class TestScene(SceneTruth):
     name: str
     image_path: Path
 
-    __test__ = False  # not a test class, whatever its name makes pytest think
+    __test__ = False  # pytest takes classes of this name for tests
 
     @property
     def image(self) -> Floats:
@@ -109,7 +108,7 @@ def off_plane(scene: SceneTruth) -> float:
 
 
 def of_kind(seed: int, kind: str, options: RenderOptions) -> Rendering:
-    """Return one rendered scene of a kind, whatever its parallax."""
+    """Return a rendered scene of a kind, of any parallax."""
     rng, size = np.random.default_rng([seed, list(KINDS).index(kind), 16]), options.size
     pool, K = photographs(options.photos), sample_intrinsics(rng, size)
     if kind == "plane":
@@ -124,39 +123,27 @@ def of_kind(seed: int, kind: str, options: RenderOptions) -> Rendering:
     return expose(rng, layers, Exposure(camera=camera, K=K, size=size).scaled(layers, length_px), path)
 
 
-def is_clear(scene: Rendering, kind: str, smear_px: tuple[float, float]) -> bool:
-    """Whether a scene shows what its kind says."""
-    seen = scene.valid.mean() > MIN_SEEN and (kind == "still" or in_range(scene, smear_px))
-    return bool(seen and (kind != "general" or off_plane(scene) >= MIN_PARALLAX))
+def is_wanted(scene: Rendering, kind: str, smear_px: tuple[float, float]) -> bool:
+    """Whether a scene shows what its kind says, or, without one, smears as long as wanted."""
+    seen = not kind or scene.valid.mean() > MIN_SEEN
+    deep = kind != "general" or (seen and off_plane(scene) >= MIN_PARALLAX)
+    return bool(seen and deep and (kind == "still" or in_range(scene, smear_px)))
 
 
-def first_wanted(
-    draw: Callable[[int], Rendering], seed: int, wanted: Callable[[Rendering], bool]
-) -> tuple[Rendering, int]:
-    """Return the first wanted rendering of the seeds ``seed`` + SERIES k, and its seed."""
-    return next((scene, one) for one in count(seed, SERIES) if wanted(scene := draw(one)))
-
-
-def write_scene(index: int, out: Path, options: RenderOptions) -> None:
-    """Render, photograph and store one scene of the split."""
-    if (path := out / f"{index:04d}.npz").exists():
+def write_scene(task: tuple[str, int], out: Path, options: RenderOptions) -> None:
+    """Render, photograph and store the scene of a kind and a seed, or of the split ("") and a number."""
+    kind, number = task
+    path = out / kind / (f"{number:05d}.npz" if kind else f"{number:04d}.npz")
+    if path.exists():
         return
-    wanted = partial(in_range, smear_px=options.smear_px)
-    scene, seed = first_wanted(partial(render, options=options), FIRST_SEED + index, wanted)
-    rng = np.random.default_rng([seed, 2])
+    draw, first = (partial(of_kind, kind=kind), number) if kind else (render, FIRST_SEED + number)
+    scenes = ((seed, draw(seed, options=options)) for seed in count(first, SERIES))
+    seed, scene = next(one for one in scenes if is_wanted(one[1], kind, options.smear_px))
+    rng = np.random.default_rng([number, 3] if kind else [seed, 2])
     write_photographed(path, scene, rng)
-    for suffix, instant in {"_open": scene.open_image, "_close": scene.close_image}.items():
+    for end, instant in {"_open": scene.open_image, "_close": scene.close_image}.items():
         picture = sharp_photograph(rng, instant, scene.linear)
-        cv2.imwrite(str(out / f"{index:04d}{suffix}.png"), picture[..., ::-1])
-
-
-def write_motion(task: tuple[str, int], out: Path, options: RenderOptions) -> None:
-    """Render, photograph and store the scene of a kind and a seed."""
-    kind, seed = task
-    if not (path := out / kind / f"{seed:05d}.npz").exists():
-        wanted = partial(is_clear, kind=kind, smear_px=options.smear_px)
-        scene, _ = first_wanted(partial(of_kind, kind=kind, options=options), seed, wanted)
-        write_photographed(path, scene, np.random.default_rng([seed, 3]))
+        cv2.imwrite(str(path.with_name(f"{path.stem}{end}.png")), picture[..., ::-1])
 
 
 def write_photographed(path: Path, scene: Rendering, rng: np.random.Generator) -> None:
@@ -192,17 +179,13 @@ def main(
     scenes: int = 60,
     kinds: bool = False,
     photos: Existing | None = None,
-    size: tuple[int, int] = (640, 480),
     jobs: int = multiprocessing.cpu_count(),
     seed: int = 20_000,
 ) -> None:
     """Write the scenes, or those of each kind of seeds from ``seed`` on; photographs are further textures."""
-    given: dict[str, Any] = {"out": out, "options": RenderOptions(size=size, photos=photos)}
-    if kinds:
-        tasks = [(kind, seed + i) for i in range(scenes) for kind in KINDS]
-        list(mapped(partial(write_motion, **given), tasks, jobs))
-    else:
-        list(mapped(partial(write_scene, **given), range(scenes), jobs))
+    of_kinds = [(kind, seed + k) for k in range(scenes) for kind in KINDS]
+    tasks = of_kinds if kinds else [("", k) for k in range(scenes)]
+    list(mapped(partial(write_scene, out=out, options=RenderOptions(photos=photos)), tasks, jobs))
 
 
 if __name__ == "__main__":

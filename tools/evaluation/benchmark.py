@@ -106,7 +106,7 @@ def main(*, repeats: int = 9, out: Target | None = None) -> None:
     compileall.compile_dir(ROOT / "blur2view", quiet=1)  # as pip does
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_scene(SCENE, folder, RenderOptions(size=SIZE, smear_px=(15.0, 20.0)))
+        write_scene(("", SCENE), folder, RenderOptions(size=SIZE, smear_px=(15.0, 20.0)))
         photo, *ends = (folder / f"{SCENE:04d}{end}.png" for end in ("", "_open", "_close"))
         steps = step_rows(photo, ends, repeats)
         processes = list(process_rows(folder, np.asarray(cv2.imread(str(photo))), max(3, repeats // 3)))

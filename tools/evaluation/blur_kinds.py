@@ -25,7 +25,7 @@ MIN_RADIUS_PX, MIN_SMEAR_PX = 3, 6  # from which a picture counts as blurred
 
 
 class Seen(NamedTuple):
-    """A picture (without its file) and its estimate.
+    """A picture (without its pixels) and its estimate.
 
     ``direction_deg`` and ``sure_deg`` are median errors of all smears and of the half of surer directions,
     ``length_px`` the median of this half; ``moving`` the share that is said to move.
@@ -54,14 +54,13 @@ def loaded(model: Path | None) -> blur2view.SmearNetwork:
 
 def seen(picture: Picture, network: blur2view.SmearNetwork) -> Seen:
     """Return a picture and its estimate."""
-    image = blur2view.read_image(Path(picture.name + picture.suffix), content=picture.file)
-    estimate = blur2view.estimate(image, network=network)
+    estimate = blur2view.estimate(picture.image, network=network)
     field, true = estimate.grid.at_pixels(), np.array([np.cos(picture.angle), np.sin(picture.angle)])
     error_deg = direction_error_deg(field.displacement, true)
     sure = field.sigma_rad <= np.median(field.sigma_rad)
     blur = estimate.blur
     return Seen(
-        picture=replace(picture, file=b""),
+        picture=replace(picture, image=np.empty(0)),
         kind=blur.kind,
         direction_deg=float(np.median(error_deg)),
         sure_deg=float(np.median(error_deg[sure])),

@@ -2,7 +2,7 @@
 
 A scene is up to six layers, the background first: a piece of a photograph, or a thing, with an outline and
 the displacement that a moving camera gives it at its inverse depth, plus a motion of its own where it
-moves by itself. What stands nearer than the background is there without moving, so that depth is no mover.
+moves by itself. Other layers stand still nearer than the background, so that depth alone is no mover.
 
 A point x of a layer, the middle of its chord, stands at x + s(t) D(x) + bend (t^2 - 1/4) at times t from -1/2
 to 1/2, where s(t) = t + a (t^2 - 1/4) and D is the layer's displacement. Every pixel of every sub-frame
@@ -28,8 +28,8 @@ Floats = NDArray[np.float32]
 Pictures = list[NDArray[np.uint8]]
 
 KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved", "shallow")
-"""The camera moves; before depth; follows things; things cross; things before a camera at rest; nothing
-moves; nothing moves and what is behind sharp things is out of focus."""
+"""The camera moves; it moves before much depth; it follows things; things cross its view; things move before
+a camera at rest; nothing moves; nothing moves and the background of sharp things is out of focus."""
 SHARES = (0.16, 0.19, 0.16, 0.16, 0.16, 0.07, 0.1)
 """Shares of the kinds in training."""
 PLACE_PX, GRID = 4, 16
@@ -44,12 +44,12 @@ EMOJI = (
     (0x1F446, 0x1F450), (0x1F339, 0x1F33F), (0x1F6F4, 0x1F6FA), (0x1FAB0, 0x1FABA),
 )  # fmt: skip
 """Code points of people, animals, vehicles, plants, hands and things that are carried about."""
-COVERED = 0.08, 0.85  # of its box, by a thing
+COVERED = 0.08, 0.85  # bounds of the share of its box that a thing covers
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sources:
-    """What scenes are made of: photographs (h, w, 3) and things (h, w, 4), uint8 RGB and RGBA."""
+    """Photographs (h, w, 3) and things (h, w, 4) that scenes are made of, uint8 RGB and RGBA."""
 
     photographs: Pictures
     things: Pictures
@@ -72,7 +72,7 @@ class LayerScene:
 
     @property
     def camera_moved(self) -> float:
-        """1 where the camera's motion shows, 0 where it stood still, between for smears of 0.7 to 1.7 px."""
+        """1 if the camera's motion shows, 0 if it stood still; between for smears of 0.7 to 1.7 px."""
         if self.kind in ("rest", "unmoved", "shallow"):
             return 0.0
         length = float(np.median(np.linalg.norm(self.displacement, axis=-1)))
@@ -107,8 +107,8 @@ def layer_scene(
 ) -> LayerScene:
     """Return a scene of a size (width, height, multiples of 4) whose smears have at most ``longest_px``.
 
-    A ``focus_share``, and half of what does not move, is out of focus by ``radius_px``, log-uniform: as a
-    whole, or the things, or what is behind them.
+    A ``focus_share`` of scenes, and half of those in which nothing moves, is out of focus by ``radius_px``,
+    log-uniform: the whole picture, the things, or the background.
     """
     kind = kind or KINDS[int(rng.choice(len(KINDS), p=SHARES))]
     if kind == "shallow":
@@ -121,7 +121,7 @@ def layer_scene(
     all_soft, colours, radii = rng.random() < 0.5, [], []
     for k in range(len(fields)):
         front = surface(rng, sources, shape, size, is_background=k == 0)
-        soft = all_soft or (k == 0) == (radius > 3)  # large discs: of what is behind
+        soft = all_soft or (k == 0) == (radius > 3)  # large discs: of the background
         colours.append(defocused(rng, front, radius) if radius and soft else front)
         radii.append(radius if soft else 0.0)
     reach = min(1.3 * float(np.abs(fields).max()), 1.5 * longest_px)
@@ -184,7 +184,7 @@ def shallow_scene(rng: np.random.Generator, sources: Sources, size: tuple[int, i
 def displacements(
     rng: np.random.Generator, size: tuple[int, int], kind: str, longest_px: float, margin: int
 ) -> tuple[Floats, NDArray[np.bool_], float]:
-    """Draw the layers' displacements (L, gh, gw, 2), which move by themselves, and the camera's length."""
+    """Draw the layers' displacements (L, gh, gw, 2), which of them move, and the camera's smear length."""
     width, height = size
     rows, columns = ((side + 2 * margin) // GRID + 1 for side in (height, width))
     left, top = margin + (width - 1) / 2, margin + (height - 1) / 2
@@ -258,7 +258,7 @@ def motion_field(x: Array, y: Array, turn: Array, step: Array, depth: Array) -> 
 
 
 def own_motion(rng: np.random.Generator, x: Array, y: Array, size: tuple[int, int], px: float) -> Array:
-    """Draw a motion (2, h, w) of about so many pixels: a shift, half of them with a turn or a zoom."""
+    """Draw a motion (2, h, w) of about ``px`` pixels: a shift, in half of the cases with a turn or a zoom."""
     angle = rng.uniform(0, 2 * np.pi)
     motion = np.stack([np.full_like(x, px * np.cos(angle)), np.full_like(x, px * np.sin(angle))])
     if rng.random() < 0.5:
@@ -269,7 +269,7 @@ def own_motion(rng: np.random.Generator, x: Array, y: Array, size: tuple[int, in
 
 
 def relief(rng: np.random.Generator, shape: tuple[int, ...], cells: int) -> Floats:
-    """Draw smooth noise (h, w) of so many cells down."""
+    """Draw smooth noise (h, w) with this number of cells down."""
     coarse = rng.standard_normal((max(2, cells), max(2, round(cells * shape[1] / shape[0]))))
     return np.asarray(cv2.resize(coarse.astype(np.float32), shape[1::-1], interpolation=cv2.INTER_CUBIC))
 
@@ -320,7 +320,7 @@ def texture(rng: np.random.Generator, sources: Sources, shape: tuple[int, int]) 
 def outline(
     rng: np.random.Generator, sources: Sources, shape: tuple[int, int], size: tuple[int, int], area: float
 ) -> tuple[Floats, Floats | None]:
-    """Draw the coverage (h, w) of a layer of this share of the picture, and the thing's light, or None."""
+    """Draw the coverage (h, w) of a layer, ``area`` of the picture, and a thing's own light, or None."""
     which, pixels = rng.random(), area * size[0] * size[1]
     if which < 0.12:  # blobs
         noise = relief(rng, shape, int(rng.integers(4, 12)))

@@ -14,6 +14,7 @@ import numpy as np
 
 from blur2view.arrays import AnyArray
 from blur2view.geometry.epipolar import fundamental_from_pose
+from blur2view.smears.grid import upsample_grid
 from tools.rendering.scene import (
     Layer,
     Plane,
@@ -34,7 +35,9 @@ GRID = 4
 MAX_MARGIN_PX, DETAIL = 160.0, 1.5
 """How far beyond the border layers are painted at most; canvas pixels per image pixel."""
 GLINT_SHARE = 0.12  # of layers with specular glints and lamps
-CROSS_CHECK_PX = 1.0  # largest disagreement of a smear's end with what is visible there (the paper's eps)
+CROSS_CHECK_PX = (
+    1.0  # largest distance of a cell's point from the point seen at its smear's end: the paper's eps
+)
 
 Size = tuple[int, int]
 """Width and height, pixels."""
@@ -142,7 +145,7 @@ class Exposure:
         return self.moved(points, layer, 0.5) - self.moved(points, layer, -0.5)
 
     def inverse_displacements(self, layer: Layer) -> AnyArray:
-        """Return, per knot, g (h+2, w+2, 2): what is seen at y at that time was at y + g at mid exposure.
+        """Return, per knot, g (h+2, w+2, 2): the point seen at y at that time is at y + g at mid exposure.
 
         Fixed-point iteration on y = W(x); it converges because smears vary slowly over a surface. Where it
         has not converged the cross-check of the truth fails and the pixel is marked invalid.
@@ -182,9 +185,7 @@ def knot_weights(tau: AnyArray) -> AnyArray:
 
 def upsample(field: AnyArray, size: Size) -> AnyArray:
     """Return a ringed grid field (h+2, w+2, 2) interpolated to pixels: float32 (H, W, 2)."""
-    coarse = field.astype(np.float32)
-    large = np.asarray(cv2.resize(coarse, None, fx=GRID, fy=GRID, interpolation=cv2.INTER_LINEAR))
-    return large[GRID : GRID + size[1], GRID : GRID + size[0]]
+    return upsample_grid(field.astype(np.float32), GRID)[GRID : GRID + size[1], GRID : GRID + size[0]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,15 +207,6 @@ class Canvas:
         at = (positions - np.array([self.left, self.top], np.float32)) * np.float32(self.detail)
         border = cv2.BORDER_REPLICATE if self.layer.stencil is None else cv2.BORDER_CONSTANT
         return remapped(self.rgba, at, border)
-
-    def region(self, field: AnyArray, size: Size) -> tuple[slice, slice]:
-        """Return the rows and columns of the image that a displacement field takes it to."""
-        if self.layer.stencil is None:
-            return slice(0, size[1]), slice(0, size[0])
-        sides, start = np.array(self.rgba.shape[1::-1]) / self.detail, np.array([self.left, self.top])
-        first = np.maximum((start - field.max((0, 1))).astype(int) - 2, 0)
-        last = np.maximum((start + sides - field.min((0, 1))).astype(int) + 3, 0)
-        return slice(first[1], last[1]), slice(first[0], last[0])
 
 
 def textured(plane: Plane, rays: AnyArray) -> AnyArray:
@@ -300,10 +292,8 @@ def compose(canvases: list[Canvas], fields: list[AnyArray], size: Size) -> AnyAr
     frame: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
     pixels = pixel_grid(size)
     for canvas, coarse in zip(canvases, fields, strict=True):
-        region = canvas.region(coarse, size)
-        if frame[region].size:
-            rgba = canvas.warp((pixels + upsample(coarse, size))[region])
-            frame[region] = frame[region] * (1 - rgba[..., 3:]) + rgba[..., :3]
+        rgba = canvas.warp(pixels + upsample(coarse, size))
+        frame = frame * (1 - rgba[..., 3:]) + rgba[..., :3]
     return frame
 
 
@@ -323,7 +313,7 @@ def end_visible(canvases: list[Canvas], fields: list[AnyArray], end: AnyArray, s
     ``fields`` are the layers' inverse displacements at that time.
     """
     pixels = pixel_grid(size)
-    origin = pixels.copy()  # the mid-exposure position of what is visible at each pixel
+    origin = pixels.copy()  # where the point seen at each pixel is at mid exposure
     for canvas, coarse in zip(canvases, fields, strict=True):
         positions = pixels + upsample(coarse, size)
         visible = canvas.warp(positions)[..., 3] > 0.5

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array
+from blur2view.geometry.pose import rotation_matrix
 from tools.rendering.textures import BITS, Image, eighths, sample_texture, spectral_noise
 
 Alpha = NDArray[np.float32]
@@ -43,11 +44,11 @@ class Trajectory:
     def at(self, tau: float) -> tuple[Array, Array]:
         """Return the rotation matrix (3, 3) and position (3,) at exposure time tau."""
         s = tau + self.acceleration * tau**2
-        R = np.asarray(cv2.Rodrigues(self.rotation * s + self.rotation_bend * tau**2)[0], np.float64)
-        return R, self.translation * s + self.translation_bend * tau**2
+        position = self.translation * s + self.translation_bend * tau**2
+        return rotation_matrix(self.rotation * s + self.rotation_bend * tau**2), position
 
     def scaled(self, factor: float) -> Self:
-        """Return the same path, `factor` times as far."""
+        """Return the path, `factor` times as far."""
         vectors = ("rotation", "translation", "rotation_bend", "translation_bend")
         return replace(self, **{name: getattr(self, name) * factor for name in vectors})
 

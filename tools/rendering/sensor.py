@@ -8,13 +8,13 @@ from blur2view.arrays import AnyArray
 READ_NOISE, SHOT_NOISE = (3e-4, 6e-3), (1e-5, 1e-3)
 """Deviation in the dark, and variance per unit of signal; log-uniform."""
 DEFOCUS_SHARE, JPEG_SHARE = 0.14, 0.75
-"""Shares of pictures out of focus by up to 6 px (of any camera, not of phones), and of JPEGs."""
+"""Shares of pictures out of focus by up to 6 px (not of phones), and of JPEGs."""
 UNBALANCED_SHARE, GRAIN_SHARE = 0.6, 0.3
-"""Of phones: mosaics clipped before the white balance; grain, and sharpening along one axis, as of videos."""
+"""Shares of a phone's pictures: clipped before the white balance; with grain, sharpened along one axis."""
 SPREAD_SHARES = {"disc": 0.45, "blades": 0.25, "gaussian": 0.18, "ring": 0.12}
 """Point spreads of lenses out of focus, and how often each is drawn."""
 ELLIPTIC_SHARE, MIN_AXIS = 0.3, 0.75
-"""Share of point spreads that are squeezed, as off a lens's axis, and by how much at most."""
+"""Share of point spreads that are squeezed, as off a lens's axis, and the shortest axis over the longest."""
 UPSCALED = 0.8
 """Radius of the disc that spreads as widely as pixels that were far larger, over their side."""
 UPSCALED_SHARE, DENOISED_SHARE, TWICE_SHARE, REDUCED_SHARE = 0.12, 0.12, 0.15, 0.25

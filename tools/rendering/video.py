@@ -14,7 +14,7 @@ from tools.rendering.sensor import sharp_photograph
 from tools.rendering.textures import photographs
 
 MARGIN, DETAIL, CARDS = 200.0, 1.2, range(2, 6)
-WAVES = 6  # of the shake, equally fast
+WAVES, WALK = 6, 0.35  # waves of the shake, equally fast; length of the walk, units of depth
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class VideoOptions:
     """Frames a second, the exposure over the frame interval, how many frames, of which camera.
 
     The shake has frequencies log-uniform in ``hertz`` and turns the picture by ``shake_px`` a frame (root
-    mean square); the walk is ``walk`` units of depth long.
+    mean square).
     """
 
     rate: float
@@ -60,7 +60,6 @@ class VideoOptions:
     focal_px: float = 450.0
     hertz: tuple[float, float] = (0.7, 10.0)
     shake_px: float = 14.0
-    walk: float = 0.35
 
     @property
     def K(self) -> Array:
@@ -77,7 +76,7 @@ def sample_exposures(rng: np.random.Generator, options: VideoOptions) -> list[Sh
     wanted = options.shake_px * options.rate / options.focal_px
     speed *= wanted / np.sqrt((speed[:, :2] ** 2).sum() / 2)
     direction = rng.normal(size=3) * (1, 0.6, 0.6)
-    drift = direction / np.linalg.norm(direction) * options.walk * options.rate / options.frames
+    drift = direction / np.linalg.norm(direction) * WALK * options.rate / options.frames
     phase = rng.uniform(0, 2 * np.pi, speed.shape)
     shake = Shake(drift=drift, hertz=hertz, phase=phase, height=speed / (2 * np.pi * hertz[:, None]))
     middles = (np.arange(options.frames) - (options.frames - 1) / 2) / options.rate
@@ -86,9 +85,9 @@ def sample_exposures(rng: np.random.Generator, options: VideoOptions) -> list[Sh
 
 
 def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
-    """Render the frames f_NNN.png that are not all there, and return their paths.
+    """Render the frames f_NNN.png, unless all exist, and return the camera's path about each.
 
-    A seed has the same scene and path whatever the share of the exposure.
+    The share of the exposure changes neither the scene nor the path of a seed.
     """
     paths = sample_exposures(np.random.default_rng([seed, int(options.rate)]), options)
     targets = [folder / f"f_{index:03d}.png" for index in range(len(paths))]
