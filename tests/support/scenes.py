@@ -105,7 +105,7 @@ def disturb(
     noise_px: float = 0.0,
 ) -> Scene:
     """Turn and stretch the smears about their midpoints as a network errs; add white noise to both ends."""
-    ends = with_shared_errors(scene.ends, rng, direction_deg, length_share, 40.0)
+    ends = with_shared_errors(scene.ends, rng, direction_deg, length_share)
     return replace(scene, ends=ends + noise_px * rng.normal(size=ends.shape))
 
 

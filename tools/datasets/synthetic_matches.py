@@ -32,25 +32,26 @@ Scene = Literal["no motion", "pure rotation", "plane", "pure translation", "gene
 SCENES: tuple[Scene, ...] = get_args(Scene)
 NOISE_PX, OUTLIERS, LENGTH_PX, COUNT = (0.25, 1.0), (0.0, 0.3), (8.0, 40.0), (1000, 2000)
 """Of `draw_scene`: noise of every coordinate, share of random smears, median length, number of smears."""
+SHARED_PX = 40.0  # standard deviation of the Gaussian over which a network's errors agree
 CORRELATIONS_PX = (0.0, 20.0, 40.0, 80.0, 120.0)  # of the directions of fields without any geometry
 
 
 @dataclass(frozen=True, kw_only=True)
 class SyntheticOptions:
-    """What a set of synthetic smears is like.
+    """Properties of a set of synthetic smears.
 
     ``kind`` is how depth varies, ``length_px`` the median true length, ``noise_px`` the standard deviation of
-    every coordinate of both ends (root mean square where it varies). An ``outliers`` share has a random
-    direction and 0.3 to 2 medians of length; ``second_motion``, those nearest to a random point, move rigidly
-    otherwise.
+    every coordinate of both ends (root mean square where it varies). A share of ``outliers`` has a random
+    direction and 0.3 to 2 medians of length; the share ``second_motion``, nearest to a random point, has
+    another rigid motion.
 
     ``motion``: "mixed", any direction and axis, the rotation's smears 0.2 to 1 times as long as the
     translation's; "forward", within about 10 degrees of the optical axis, 0 to 0.5 times; "sideways", across
     it; "rotating", any direction, 3 times; "near-planar", one tilted plane with relief of RELIEF.
 
-    ``report`` says how the noise varies and what ``sigma_px`` states: "equal", the same for all, truly;
-    "constant", stated as 1 px a coordinate whatever it is; "varied", log-normal (NOISE_SPREAD), truly;
-    "varied, constant", as the root mean square; "varied, wrong", as that of other smears.
+    ``report`` is how noise varies and what ``sigma_px`` states of it: "equal", the same for all, the truth;
+    "constant", the same, 1 px a coordinate; "varied", log-normal (NOISE_SPREAD), the truth; "varied,
+    constant", its root mean square; "varied, wrong", that of other smears.
     """
 
     kind: Kind = "smooth"
@@ -98,8 +99,8 @@ def with_swaps(ends: Array, swapped: NDArray[np.bool_]) -> Array:
 def synthetic_smears(seed: int, options: SyntheticOptions | None = None) -> KnownMatches:
     """Return smears of a random camera, scene and motion; the same seed and options give the same smears.
 
-    Camera, scene and motion depend on the seed, kind, motion and length alone, so cells of a sweep that
-    differ in noise or outliers show the same scenes.
+    Camera, scene and motion depend on the seed, kind, motion and length alone: sets that differ in noise or
+    outliers show the same scenes.
     """
     options = options or SyntheticOptions()
     scene, noise, wrong = np.random.default_rng(seed).spawn(3)
@@ -278,16 +279,16 @@ def smooth_noise(rng: np.random.Generator, points: Array, correlation_px: float)
 
 
 def with_shared_errors(
-    ends: Array, rng: np.random.Generator, direction_deg: float, length_share: float, over_px: float = 40.0
+    ends: Array, rng: np.random.Generator, direction_deg: float, length_share: float
 ) -> Array:
     """Return smears (N, 2, 2) that err as a network's: turned and stretched as their neighbours are.
 
     ``direction_deg`` and ``length_share`` are the standard deviations of the direction and of the length's
-    natural logarithm.
+    natural logarithm; errors are correlated over SHARED_PX.
     """
     middle = ends.mean(axis=1)
-    angle = np.radians(direction_deg) * smooth_noise(rng, middle, over_px)
-    stretch = np.exp(length_share * smooth_noise(rng, middle, over_px))
+    angle = np.radians(direction_deg) * smooth_noise(rng, middle, SHARED_PX)
+    stretch = np.exp(length_share * smooth_noise(rng, middle, SHARED_PX))
     x, y = (ends[:, 1] - ends[:, 0]).T * stretch
     turned = np.stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y], axis=1)
     return smear_ends(middle, turned)

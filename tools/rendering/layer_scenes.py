@@ -26,6 +26,7 @@ from tools.rendering.sensor import defocused, log_uniform
 
 Floats = NDArray[np.float32]
 Pictures = list[NDArray[np.uint8]]
+Size = tuple[int, int]
 
 KINDS = ("camera", "deep", "follow", "cross", "rest", "unmoved", "shallow")
 """The camera moves; it moves before much depth; it follows things; things cross its view; things move before
@@ -97,7 +98,7 @@ def silhouettes() -> Pictures:
 def layer_scene(
     rng: np.random.Generator,
     sources: Sources,
-    size: tuple[int, int],
+    size: Size,
     *,
     kind: str | None = None,
     longest_px: float = 40.0,
@@ -120,7 +121,7 @@ def layer_scene(
     radius = log_uniform(rng, radius_px) if rng.random() < focus_share else 0.0
     all_soft, colours, radii = rng.random() < 0.5, [], []
     for k in range(len(fields)):
-        front = surface(rng, sources, shape, size, is_background=k == 0)
+        front = surface(rng, sources, shape, size, k == 0)
         soft = all_soft or (k == 0) == (radius > 3)  # large discs: of the background
         colours.append(defocused(rng, front, radius) if radius and soft else front)
         radii.append(radius if soft else 0.0)
@@ -149,7 +150,7 @@ def layer_scene(
     )
 
 
-def shallow_scene(rng: np.random.Generator, sources: Sources, size: tuple[int, int]) -> LayerScene:
+def shallow_scene(rng: np.random.Generator, sources: Sources, size: Size) -> LayerScene:
     """Return a scene in which nothing moves: a photograph out of focus by depth, or things before it."""
     shape, largest = size[::-1], log_uniform(rng, (2.0, 14.0))
     photograph = texture(rng, sources, shape)
@@ -167,7 +168,7 @@ def shallow_scene(rng: np.random.Generator, sources: Sources, size: tuple[int, i
     radius = (np.interp(place, range(4), shares) * largest).astype(np.float32)
     fronts = [rng.uniform(0.2, 1.2) * largest] * int(rng.integers(0, 3)) + [0.0] * int(rng.integers(1, 3))
     for own in [] if is_subject else fronts:
-        front = defocused(rng, surface(rng, sources, shape, size, is_background=False), own)
+        front = defocused(rng, surface(rng, sources, shape, size, False), own)
         light = light * (1 - front[..., 3:]) + front[..., :3]
         radius[front[..., 3] > 0.5] = own
     still = np.zeros((shape[0] // PLACE_PX, shape[1] // PLACE_PX), np.float32)
@@ -182,7 +183,7 @@ def shallow_scene(rng: np.random.Generator, sources: Sources, size: tuple[int, i
 
 
 def displacements(
-    rng: np.random.Generator, size: tuple[int, int], kind: str, longest_px: float, margin: int
+    rng: np.random.Generator, size: Size, kind: str, longest_px: float, margin: int
 ) -> tuple[Floats, NDArray[np.bool_], float]:
     """Draw the layers' displacements (L, gh, gw, 2), which of them move, and the camera's smear length."""
     width, height = size
@@ -240,7 +241,7 @@ def displacements(
     return fields, np.array([moves for _, moves in layers]), length
 
 
-def inverse_depth(rng: np.random.Generator, x: Array, y: Array, *, rough: bool) -> Array:
+def inverse_depth(rng: np.random.Generator, x: Array, y: Array, rough: bool) -> Array:
     """Draw inverse depths of a surface at x, y: even, slanted, or rough."""
     depth = np.ones_like(x)
     if rng.random() < 0.6:
@@ -257,7 +258,7 @@ def motion_field(x: Array, y: Array, turn: Array, step: Array, depth: Array) -> 
     return np.stack([u, v])
 
 
-def own_motion(rng: np.random.Generator, x: Array, y: Array, size: tuple[int, int], px: float) -> Array:
+def own_motion(rng: np.random.Generator, x: Array, y: Array, size: Size, px: float) -> Array:
     """Draw a motion (2, h, w) of about ``px`` pixels: a shift, in half of the cases with a turn or a zoom."""
     angle = rng.uniform(0, 2 * np.pi)
     motion = np.stack([np.full_like(x, px * np.cos(angle)), np.full_like(x, px * np.sin(angle))])
@@ -275,12 +276,7 @@ def relief(rng: np.random.Generator, shape: tuple[int, ...], cells: int) -> Floa
 
 
 def surface(
-    rng: np.random.Generator,
-    sources: Sources,
-    shape: tuple[int, int],
-    size: tuple[int, int],
-    *,
-    is_background: bool,
+    rng: np.random.Generator, sources: Sources, shape: Size, size: Size, is_background: bool
 ) -> Floats:
     """Draw a layer (h, w, 4): linear light times coverage, and coverage."""
     plain = log_uniform(rng, (0.02, 0.5)) if rng.random() < (0.12 if is_background else 0.25) else 1.0
@@ -300,7 +296,7 @@ def turned(angle: float, across: float, down: float) -> Array:
     return np.asarray(turn @ np.diag([across, down]))
 
 
-def texture(rng: np.random.Generator, sources: Sources, shape: tuple[int, int]) -> Floats:
+def texture(rng: np.random.Generator, sources: Sources, shape: Size) -> Floats:
     """Return a piece of a photograph (h, w, 3), mirrored, reduced or slightly turned, as linear light."""
     photograph = sources.photographs[int(rng.integers(len(sources.photographs)))]
     if rng.random() < 0.45:
@@ -318,7 +314,7 @@ def texture(rng: np.random.Generator, sources: Sources, shape: tuple[int, int]) 
 
 
 def outline(
-    rng: np.random.Generator, sources: Sources, shape: tuple[int, int], size: tuple[int, int], area: float
+    rng: np.random.Generator, sources: Sources, shape: Size, size: Size, area: float
 ) -> tuple[Floats, Floats | None]:
     """Draw the coverage (h, w) of a layer, ``area`` of the picture, and a thing's own light, or None."""
     which, pixels = rng.random(), area * size[0] * size[1]
@@ -352,7 +348,7 @@ def outline(
 def swept(
     colour: Floats,
     displacement: Floats,
-    size: tuple[int, int],
+    size: Size,
     *,
     steps: int,
     bend: Array,
