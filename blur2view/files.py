@@ -136,12 +136,13 @@ def write_files(files: Mapping[Path, bytes]) -> None:
 
     A reader never sees half a file, and the old files stay if a new one cannot be written. The last file
     marks that all are complete: an old one is removed before the first rename. Folders are created. A link
-    stays: the file that it leads to is written.
+    stays: the file that it leads to is written, in a folder that exists.
     """
     places = {Path(os.path.realpath(path)): content for path, content in files.items()}
     try:
-        for path, content in places.items():
+        for path in files:
             path.parent.mkdir(parents=True, exist_ok=True)
+        for path, content in places.items():
             with open(half_written(path), "wb") as file:
                 file.write(content)
                 file.flush()

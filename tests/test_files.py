@@ -48,7 +48,11 @@ def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:
     assert str(refusal).startswith(f"{here}: results cannot be written there (Read-only file system)")
 
 
-def test_a_link_to_itself_is_not_replaced(tmp_path: Path) -> None:
+def test_a_link_to_itself_is_not_replaced_and_one_into_no_folder_makes_none(tmp_path: Path) -> None:
     (loop := tmp_path / "link").symlink_to("link")
     with pytest.raises(OutputError, match="link: is no regular file; name another with --csv"):
         check_file(loop, option="--csv")
+    (astray := tmp_path / "astray").symlink_to("nowhere/x")
+    with pytest.raises(OutputError, match="results cannot be written there"):
+        write_file(astray, b"content")
+    assert not (tmp_path / "nowhere").exists()
