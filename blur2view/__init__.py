@@ -18,20 +18,15 @@ Conventions, used everywhere
 
 First calls
 -----------
-- ``result = estimate("a.jpg")``, or of the array that ``read_image("a.jpg")`` returns: smears, matches and
-  ``result.geometry``, with F or None, the configuration, its reason and ``parallax``; with
-  ``camera=Camera.from_focal(focal, (width, height))``, or ``Camera.from_opencv(K, dist, (width,
-  height))``, E and the pose.
-- ``result.angular_velocity(exposure_s)``: mean and covariance; None without a pose.
-- ``for result in estimate_frames("a.mp4", camera=camera)``: the frames of a video, or those that
-  ``read_video("a.mp4")`` yields, each in the right direction of time, with ``timestamps_s`` if wanted, as of
-  ``timestamps_of(paths)``. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which
-  threads may share; every object with the members of ``SmearReader`` is one, too.
-- ``result.geometry.to_pycolmap()``; ``segment(result, image)``, as `blur2view segment`;
-  ``write_database(Path("new.db"), [views_of("a.jpg", result)])``, as `blur2view to-colmap`.
-- ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written, as ``predict``
-  returns them: ``at(points)``, ``at_pixels()``.
-- ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
+- ``result = estimate("a.jpg")``: smears, matches and ``result.geometry``, with F or None, the configuration
+  and its reason; with ``camera=Camera.from_focal(focal, (width, height))`` E and the pose, of which
+  ``result.angular_velocity(exposure_s)`` has mean and covariance.
+- ``for result in estimate_frames("a.mp4", camera=camera)``: a video's frames, each in the right direction
+  of time. Others: a loop over ``estimate`` with one ``network = SmearNetwork()``, which threads may share.
+- ``segment(result, image)``; ``write_database("new.db", [views_of("a.jpg", result)])``, as `to-colmap`;
+  ``result.geometry.to_pycolmap()``.
+- ``load_smears("out/a.smear.npz")``: the smears that `blur2view estimate -o` has written;
+  ``SmearMatches.from_points(points1, points2)``: matches of unknown order from elsewhere.
 
 The method follows "Robust Fundamental Matrix Estimation from Single Image Motion Blur" (Tran, Forssen,
 Viksten), called "the paper" in this package.

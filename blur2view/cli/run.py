@@ -17,7 +17,7 @@ import numpy as np
 from blur2view import __version__
 from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues, read_exif
-from blur2view.cli.jobs import Job, Outcome, in_cluster, in_processes, neighbours_of
+from blur2view.cli.jobs import Done, Job, Outcome, in_cluster, in_processes, neighbours_of
 from blur2view.cli.options import Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
@@ -165,7 +165,7 @@ class Run:
         for folder in sorted({path.parent for path in (*paths, *written.values())}):
             writable_folder(folder)
 
-    def _results(self, work: Callable[[Any, Any], Outcome]) -> Any:
+    def _results(self, work: Callable[[Any, Any], Outcome]) -> Done:
         """Return a generator of the jobs with their outcomes."""
         many, find = self.options.many, self._done_before if self.options.folder.resume else lambda job: None
         do = partial(work, self.options)
