@@ -20,17 +20,16 @@ from blur2view.images.pixels import floats_of, photograph_of
 from blur2view.images.video import frame_numbers, is_video
 
 MIN_SIDE_PX = 16  # bound: anything smaller shows no smear
-# Formats that Pillow does not decode by itself: RAW by rawpy, HEIC by pillow-heif, each an extra.
-HEIC_SUFFIXES = frozenset([".heic", ".heif", ".hif"])
+# RAW by rawpy, HEIC by pillow-heif: extras.
 RAW_SUFFIXES = frozenset(
     [".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".iiq", ".kdc", ".mef", ".mos", ".mrw"]
     + [".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"]
 )
-PLANES, BITS = ExifTags.Base.PlanarConfiguration, ExifTags.Base.BitsPerSample
 HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 # Files of a folder that are photographs; a file that is named by itself may have any suffix.
-PHOTOGRAPH_SUFFIXES = HEIC_SUFFIXES | RAW_SUFFIXES | {".avif", ".bmp", ".jfif", ".jp2", ".jpe", ".jpeg"}
-PHOTOGRAPH_SUFFIXES |= {".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
+PHOTOGRAPH_SUFFIXES = RAW_SUFFIXES | {".avif", ".bmp", ".heic", ".heif", ".hif", ".jfif", ".jp2", ".jpe"}
+PHOTOGRAPH_SUFFIXES |= {".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
+PLANES, BITS = ExifTags.Base.PlanarConfiguration, ExifTags.Base.BitsPerSample
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
