@@ -18,6 +18,7 @@ from blur2view.colmap.project import storable
 from blur2view.errors import CameraError, DatabaseError
 from blur2view.exposure.views import ExposureViews, keypoint_views, views_of
 from blur2view.geometry.two_view_geometry import Parallax
+from blur2view.results.photograph import Photograph
 
 WRITTEN = """
 NAME: the path of a photograph below the one folder that is given, else below the one that all share, as for
@@ -41,10 +42,10 @@ order in time: one photograph does not show which view came first; neighbours in
 DOCUMENT = """
 target: (str) The database that was written.
 backup: (str or null) The copy of the database from before, with --link.
-photographs: (list) Those that were written: image, name, config, parallax and reason, as of blur2view
-    estimate; views, the names of both; action, added or replaced; num_keypoints of each view; num_matches, of
-    which num_inliers fit; translation_known, whether parallax is proven or the direction known to 30 degrees;
-    time_known and time_confidence, whether neighbours decided which view came first, and how surely.
+photographs: (list) Those that were written: the record of blur2view estimate, in which num_matches and
+    num_inliers count matches of both views; and image, its path; views, the names of both; action, added or
+    replaced; num_keypoints of each view; translation_known, whether parallax is proven or the direction known
+    to 30 degrees.
 failures: (list) Photographs that failed: image, error.
 """
 
@@ -101,16 +102,16 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         run.do(views_one, lines=False, checked=db)
-        done = [(job, one.views) for job, one in run.outcomes if one.views is not None]
+        done = [(job.plan, one.views) for job, one in run.outcomes if one.views is not None]
         if run.ended_early or not done:
             return run.exit_code
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
             if self.link:
-                links = [(job.plan, views) for job, views in done if job.plan is not None]
+                links = [(plan, views) for plan, views in done if plan is not None]
                 backup = write_links(db, links, backup=self.backup)
             else:
                 write_database(db, [views for _, views in done])
-        records = [views_record(job, views) for job, views in done]
+        records = [views_record(job, one.photograph, one.views) for job, one in run.outcomes if one.views]
         if self.json:
             document = {"target": str(db), "backup": backup and str(backup), "photographs": records}
             print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
@@ -172,25 +173,21 @@ def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:
     return planned
 
 
-def views_record(job: Job, views: ExposureViews) -> dict[str, Any]:
-    """Return the entry of a photograph's views in the JSON document."""
+def views_record(job: Job, photograph: Photograph, views: ExposureViews) -> dict[str, Any]:
+    """Return the entry of a photograph in the JSON document."""
     geometry, plan, count = views.geometry, job.plan, len(views.matched)
-    unsure = plan is not None and not count and not (geometry.F is None and geometry.H is None)
-    return {
+    record = photograph.plain() | {
         "image": str(job.source),
-        "name": views.name,
-        "config": geometry.config.name,
-        "parallax": str(geometry.parallax),
-        "reason": "no feature of yours has a smear that can be used" if unsure else geometry.reason,
         "views": list(views.names),
         "action": "replaced" if plan is not None and plan.linked else "added",
         "num_keypoints": len(views.points_open),
         "num_matches": count,
         "num_inliers": int(geometry.inlier_mask.sum()) if count else 0,
         "translation_known": views.translation_known,
-        "time_known": views.time.known,
-        "time_confidence": views.time.confidence,
     }
+    if plan is not None and not count and not (geometry.F is None and geometry.H is None):
+        record["reason"] = "no feature of yours has a smear that can be used"
+    return record
 
 
 def views_line(one: Mapping[str, Any], *, verbose: bool) -> str:

@@ -12,20 +12,9 @@ from blur2view.cli.options import Printing
 from blur2view.cli.parser import exposure_s, one_of, option, radius, required
 from blur2view.cli.segment import ENDINGS
 from blur2view.cli.terminal import plural, printable
+from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths
-from blur2view.colmap.transforms import (
-    DIALECTS,
-    GSPLAT,
-    INSTANT_NGP,
-    PLY,
-    PLY_KEY,
-    Exposed,
-    exposed_images,
-    keep_photographs,
-    point_cloud,
-    transforms,
-)
 from blur2view.errors import OutputError
 from blur2view.files import check_file, write_beside
 from blur2view.movers.mask import MaskFormat, as_stored, stored_labels
@@ -33,6 +22,7 @@ from blur2view.results.overlay import png
 
 MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
 MASKS = "masks"  # beside transforms.json
+Photographs = Sequence[transforms.Exposed]
 KEYS = """
 instant-ngp: transforms.json alone, whose cameras are put into its box
 nerfstudio: the file, and beside it the model's points, sparse_pc.ply; its main line reads the same without
@@ -73,9 +63,9 @@ class ToTransformsOptions:
         is replaced""",
         Path("transforms.json"),
     )
-    dialect: Annotated[str, one_of(*DIALECTS)] = option(
+    dialect: Annotated[str, one_of(*transforms.DIALECTS)] = option(
         "--dialect NAME: for which trainer: instant-ngp, nerfstudio or gsplat (default: %(default)s)",
-        DIALECTS[0],
+        transforms.DIALECTS[0],
     )
     printing: Printing = Printing()
 
@@ -88,18 +78,18 @@ class ToTransformsOptions:
     tables = {"what is written": KEYS}
 
     def __post_init__(self) -> None:
-        if self.dialect == GSPLAT and (self.masks is not None or self.output.suffix == ".json"):
+        if self.dialect == transforms.GSPLAT and (self.masks is not None or self.output.suffix == ".json"):
             raise ValueError("gsplat reads a folder, named with -o, and no masks")
 
     def execute(self) -> int:
         """Return the exit code, after writing for the trainer."""
-        gsplat = self.dialect == GSPLAT
+        gsplat = self.dialect == transforms.GSPLAT
         beside = self.output if gsplat else self.output.parent
         images = self.photographs or noted(self.model, PICTURES) or beside / PHOTOGRAPHS
         if not gsplat:
             check_file(self.output)
         model = read_model(self.model)
-        listed = exposed_images(model, self.model, self.max_smear or float("inf"))
+        listed = transforms.exposed_images(model, self.model, self.max_smear or float("inf"))
         photographs = [one for one in listed if (images / one.image.name).is_file()]
         if not photographs:
             missing = images / listed[0].image.name
@@ -118,12 +108,10 @@ class ToTransformsOptions:
         return 0
 
 
-def _write_file(
-    options: ToTransformsOptions, model: Any, photographs: Sequence[Exposed], images: Path
-) -> str:
+def _write_file(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write the file with its masks and points; return the words that say so."""
     target = options.output
-    content = transforms(
+    content = transforms.content_of(
         model,
         options.model,
         photographs,
@@ -132,13 +120,13 @@ def _write_file(
         exposure_s=options.exposure,
     )
     files = {} if options.masks is None else _masks(options, options.masks, model, photographs, images)
-    if options.masks is not None and options.dialect != INSTANT_NGP:
+    if options.masks is not None and options.dialect != transforms.INSTANT_NGP:
         for frame, path in zip(content["frames"], files, strict=True):
             frame["mask_path"] = path.relative_to(target.parent).as_posix()
     line = plural(len(photographs), "frame") + " and their masks" * (options.masks is not None)
-    if PLY_KEY in content:
-        files[target.parent / PLY] = point_cloud(model)
-        line += f" and their points, {PLY}"
+    if transforms.PLY_KEY in content:
+        files[target.parent / transforms.PLY] = transforms.point_cloud(model)
+        line += f" and their points, {transforms.PLY}"
     for path in files:
         check_file(path)
     content = {"generator": f"blur2view {__version__}", **content}
@@ -149,7 +137,7 @@ def _write_file(
 
 
 def _masks(
-    options: ToTransformsOptions, folder: Path, model: Any, photographs: Sequence[Exposed], images: Path
+    options: ToTransformsOptions, folder: Path, model: Any, photographs: Photographs, images: Path
 ) -> dict[Path, bytes]:
     """Return the masks of photographs, in their order, by the paths at which the trainer reads them."""
     program, files = MaskFormat(options.dialect), dict[Path, bytes]()
@@ -174,12 +162,10 @@ def _masks(
     return files
 
 
-def _write_folder(
-    options: ToTransformsOptions, model: Any, photographs: Sequence[Exposed], images: Path
-) -> str:
+def _write_folder(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write gsplat's folder, their model and a link to the photographs; return the words that say so."""
     folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
-    keep_photographs(model, options.model, {one.image.name for one in photographs})
+    transforms.keep_photographs(model, options.model, {one.image.name for one in photographs})
     refuse_other_model(folder)
     if os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")

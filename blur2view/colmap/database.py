@@ -21,35 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blur2view.camera import Camera, colmap_camera, from_colmap, to_colmap
-from blur2view.colmap.project import (
-    CAMERA_SENSOR,
-    LOGS,
-    check_schema,
-    connect,
-    ensure_table,
-    has_frames,
-    image_names,
-    longest_suffix,
-    open_for_writing,
-    open_read_only,
-    own_views,
-    pair_id,
-    read_camera,
-    read_keypoints,
-    rig_of,
-    storable,
-)
+from blur2view.colmap import project
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import CLOSE, OPEN, ExposureViews, half_geometry
 from blur2view.files import half_written, write_files
 from blur2view.geometry.two_view_geometry import TwoViewGeometry
 
-# Whether every image is a view, and no other pairs are matched than both views of a photograph.
 GUESSED_FOCAL = 1.2  # of the longer side, as COLMAP guesses
+# Whether every image is a view, and no other pairs are matched than both views of a photograph.
 VIEWS_ALONE = """
 SELECT NOT EXISTS (SELECT 1 FROM images WHERE image_id NOT IN (SELECT image_id FROM blur2view_views))
   AND (SELECT count(*) FROM matches) <= (SELECT count(DISTINCT photograph) FROM blur2view_views)"""
-COLUMNS = {  # that pycolmap writes of views, and every version of COLMAP's database has
+COLUMNS = {  # of views, as pycolmap writes them; those that every version of COLMAP's database has
     "keypoints": "image_id, rows, cols, data",
     "matches": "pair_id, rows, cols, data",
     "two_view_geometries": "pair_id, rows, cols, data, config, F, E, H, qvec, tvec",
@@ -57,19 +40,17 @@ COLUMNS = {  # that pycolmap writes of views, and every version of COLMAP's data
 
 Pair = tuple[int, int]
 Placed = tuple[ExposureViews, int, int | None]
-"""Views, the id of their camera, and that of the photograph's image, which a fresh database has not."""
+"""Views, the id of their camera, and the id of the photograph's image, None in a fresh database."""
 
 
 def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureViews]) -> None:
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
     Without F and H nothing is matched. A database of nothing but views is replaced. DatabaseError if any
-    other file is there, or it cannot be written; ValueError if two photographs have one name, or a name is
-    no UTF-8.
+    other file is there, two photographs have one name, or it cannot be written; ValueError if a name is no
+    UTF-8.
     """
-    names, path = [views.name for views in photographs], Path(path)
-    if len(set(names)) != len(names) or not all(map(storable, names)):
-        raise ValueError(f"photographs must have different names, all of them UTF-8, got {names}")
+    path = Path(path)
     check_target(path)
     try:
         write_files({path.resolve(): _views_alone(photographs)})  # a link stays one
@@ -79,14 +60,14 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
 
 
 def check_target(path: Path) -> None:
-    """Raise DatabaseError if a file holds more than views, or a log lies there, which SQLite would apply."""
-    for log in (Path(f"{path.resolve()}{suffix}") for suffix in LOGS):
+    """Raise DatabaseError if a file holds more than views, or SQLite would apply a log beside it."""
+    for log in (Path(f"{path.resolve()}{suffix}") for suffix in project.LOGS):
         if os.path.lexists(log):
             why = "of a program that uses it or was killed; close it, or open it once with COLMAP"
             raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
     if os.path.lexists(path):
         try:
-            with open_read_only(path) as database:
+            with project.open_read_only(path) as database:
                 alone = database.execute(VIEWS_ALONE).fetchone()[0]
         except DatabaseError:
             alone = False
@@ -112,7 +93,7 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
                     rig.add_ref_sensor(pycolmap.sensor_t(type=pycolmap.SensorType.CAMERA, id=number))
                     opened.write_rig(rig)
                 placed.append((views, 1 + cameras.index(camera), None))
-        with closing(connect(path, "mode=rw")) as database:
+        with closing(project.connect(path, "mode=rw")) as database:
             database.execute("PRAGMA journal_mode = DELETE")  # no write-ahead log comes along
             database.execute("BEGIN")
             _put_views(database, placed)
@@ -121,7 +102,7 @@ def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:
 
 
 def colmap_camera_of(camera: Camera | None, size: tuple[int, int]) -> Any:
-    """Return the pycolmap.Camera of a photograph (width, height): a hint is a prior, a guess is not."""
+    """Return the pycolmap.Camera of a photograph (width, height); a hint is a prior, a guess is not."""
     stated = camera or Camera.from_focal(GUESSED_FOCAL * max(size), size)
     model, params = stated.model, stated.params
     if camera is None or not camera.known:
@@ -138,20 +119,20 @@ class ProjectImage(NamedTuple):
     camera_id: int
     name: str
     camera: Camera
-    prior_focal: bool  # whether the project takes the camera's focal length for more than a guess
+    prior_focal: bool  # COLMAP's prior_focal_length of its camera
     keypoints: NDArray[np.float64]  # our pixels (N, 2)
     linked: bool  # whether an earlier call has written its views
 
 
 def plan_links(path: Path, photographs: Sequence[Path]) -> list[ProjectImage | DatabaseError]:
-    """Return the image of each photograph of a project, or why it cannot be linked; nothing is written."""
+    """Return each photograph's image in a project, or why it cannot be linked; nothing is written."""
     plan: list[ProjectImage | DatabaseError] = []
     first_of: dict[str, Path] = {}
-    with open_read_only(path) as database:
-        check_schema(database)
-        names = image_names(database)
+    with project.open_read_only(path) as database:
+        project.check_schema(database)
+        names = project.image_names(database)
         for photograph in photographs:
-            name = longest_suffix(names, photograph)
+            name = project.longest_suffix(names, photograph)
             if name is None:
                 remedy = "leave it out, or choose another --db, without --link"
                 plan.append(DatabaseError(f"{photograph}: {path} has no image of that name; {remedy}"))
@@ -173,30 +154,30 @@ def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: st
         "WHERE name = ?"
     )
     image_id, camera_id, prior = database.execute(sql, (name,)).fetchone()
-    own, keypoints = own_views(database, name), from_colmap(read_keypoints(database, image_id))
+    own = project.own_views(database, name)
+    keypoints = from_colmap(project.read_keypoints(database, image_id))
     if not len(keypoints):
         raise ValueError(f"image {name} has no keypoints; run COLMAP's feature extraction first")
-    if prior is None or (has_frames(database) and rig_of(database, camera_id) is None):
+    if prior is None or (project.has_frames(database) and project.rig_of(database, camera_id) is None):
         raise ValueError(f"image {name} has no camera, or its camera has no rig; the database is damaged")
     for view in (name + OPEN, name + CLOSE):
         if view in names and names[view] not in own.values():
             raise ValueError(f"holds an image {view} that blur2view did not write; rename or delete it")
-    camera = read_camera(database, camera_id)
+    camera = project.read_camera(database, camera_id)
     return ProjectImage(image_id, camera_id, name, camera, bool(prior), keypoints, bool(own))
 
 
 def write_links(
     path: Path, links: Sequence[tuple[ProjectImage, ExposureViews]], *, backup: bool = True
 ) -> Path | None:
-    """Write planned views in one transaction, and return the backup that ``backup`` makes before.
+    """Write planned views in one transaction; return the path of the ``backup`` that is made before it.
 
-    DatabaseError, and nothing is written, if it cannot be used or an image changed since the plan.
+    DatabaseError, and nothing is written, if the database cannot be used or an image changed since the plan.
     """
     if not links:
         return None
-    with open_for_writing(path) as database:
-        check_schema(database)
-        names = image_names(database)
+    with project.open_for_writing(path) as database:
+        names = project.image_names(database)
         for image, _ in links:
             if image.name not in names or _differ(image, _read_image(database, names, image.name)):
                 raise ValueError(f"image {image.name} has changed meanwhile; run again")
@@ -206,16 +187,16 @@ def write_links(
 
 
 def _differ(one: ProjectImage, other: ProjectImage) -> bool:
-    """Return whether ids, camera or keypoints of an image have changed."""
+    """Return whether an image has changed: its ids, camera or keypoints."""
     kept = [(*image[:3], image.camera.model, image.camera.params) for image in (one, other)]
     return kept[0] != kept[1] or not np.array_equal(one.keypoints, other.keypoints, equal_nan=True)
 
 
 def _put_views(database: sqlite3.Connection, placed: Sequence[Placed]) -> None:
-    """Write views of photographs: pycolmap makes keypoints, matches and geometries in a file beside."""
+    """Write views; pycolmap makes their keypoints, matches and geometries in a file beside the database."""
     import pycolmap
 
-    ensure_table(database)
+    project.ensure_table(database)
     any_camera = pycolmap.Camera(model="PINHOLE", width=1, height=1, params=[1, 1, 0, 0])
     with TemporaryDirectory() as folder:
         beside = Path(folder) / "rows.db"
@@ -238,7 +219,7 @@ def _put_views(database: sqlite3.Connection, placed: Sequence[Placed]) -> None:
 
 
 def _geometries(views: ExposureViews, ids: Pair, image_id: int | None) -> dict[Pair, TwoViewGeometry]:
-    """Return the geometries of pairs of images: both views and, if it has an image, the photograph."""
+    """Return the geometries of the pairs of both views and the photograph's image, if there is one."""
     whole, camera, size = views.geometry, views.camera, views.size
     if image_id is None:
         # COLMAP's mapper looks at no configuration: it would make points from a pure rotation
@@ -252,26 +233,24 @@ def _geometries(views: ExposureViews, ids: Pair, image_id: int | None) -> dict[P
 def _put_images(
     database: sqlite3.Connection, views: ExposureViews, camera_id: int, image_id: int | None
 ) -> Pair:
-    """Write and list the images of both views in place of earlier ones; return their ids.
-
-    They have frames unless the project's images have none.
-    """
-    own, with_frames = own_views(database, views.name), image_id is None or has_frames(database)
-    of_view = f"SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = {CAMERA_SENSOR}"
+    """Write the images of both views in place of earlier ones, with frames if others have; return the ids."""
+    own = project.own_views(database, views.name)
+    with_frames = image_id is None or project.has_frames(database)
+    of_view = f"SELECT frame_id FROM frame_data WHERE data_id = ? AND sensor_type = {project.CAMERA_SENSOR}"
     for number in own.values():  # by foreign keys their keypoints, data of frames and entries go along
         if with_frames:
             database.execute(f"DELETE FROM frames WHERE frame_id IN ({of_view})", (number,))
         database.execute("DELETE FROM images WHERE image_id = ?", (number,))
     for pair in combinations([image_id or 0, *own.values()], 2):
         for table in ("matches", "two_view_geometries"):
-            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (pair_id(*pair),))
+            database.execute(f"DELETE FROM {table} WHERE pair_id = ?", (project.pair_id(*pair),))
     ids, time = [], views.time
     for role, name in zip(("open", "close"), views.names, strict=True):
         row = {"image_id": own.get(role), "name": name, "camera_id": camera_id}
         ids.append(_insert(database, "images", row))
         if with_frames:
-            frame_id = _insert(database, "frames", {"rig_id": rig_of(database, camera_id)})
-            sensor = {"sensor_id": camera_id, "sensor_type": CAMERA_SENSOR}
+            frame_id = _insert(database, "frames", {"rig_id": project.rig_of(database, camera_id)})
+            sensor = {"sensor_id": camera_id, "sensor_type": project.CAMERA_SENSOR}
             _insert(database, "frame_data", {"frame_id": frame_id, "data_id": ids[-1], **sensor})
         entry = {"image_id": ids[-1], "photograph": views.name, "role": role}
         entry |= {"config": views.geometry.config.name, "time_known": int(time.known)}
@@ -293,7 +272,7 @@ def back_up(path: Path) -> Path:
     beside.unlink(missing_ok=True)  # of a call that was killed
     try:
         # not `open_read_only`, whose look at the header would end the lock of this process's transaction
-        with closing(connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:
+        with closing(project.connect(path, "mode=ro")) as source, closing(sqlite3.connect(beside)) as target:
             target.execute("PRAGMA journal_mode = MEMORY")  # a half-written file is thrown away
             source.backup(target)
         beside.replace(copy)

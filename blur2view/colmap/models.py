@@ -80,7 +80,7 @@ def find_model(folder: Path) -> Path:
 
 
 def holds_model(folder: Path) -> bool:
-    """Return whether there are files of a model in a folder."""
+    """Return whether a folder holds a model."""
     return any((folder / f"cameras.{suffix}").is_file() for suffix in ("bin", "txt"))
 
 
@@ -91,7 +91,7 @@ def photographs_of(model: Any) -> dict[str, Any]:
 
 
 def observed(model: Any, image: Any) -> dict[int, int]:
-    """Return the ids of the 3D points that an image observes by the places of its keypoints."""
+    """Return the ids of the 3D points that an image observes, by the indices of its keypoints."""
     seen = {place: point.point3D_id for place, point in enumerate(image.points2D) if point.has_point3D()}
     return {place: number for place, number in seen.items() if number in model.points3D}
 
@@ -99,7 +99,7 @@ def observed(model: Any, image: Any) -> dict[int, int]:
 def add_image(
     model: Any, name: str, pose: Array, keypoints: Array, beside: Any, wanted_id: int | None = None
 ) -> Any:
-    """Return a new image at a pose (3, 4), with keypoints (N, 2) and the camera of another one ``beside``."""
+    """Return a new image at a pose (3, 4), with keypoints (N, 2) and the camera of the image ``beside``."""
     import pycolmap
 
     camera_id = beside.camera_id
@@ -116,14 +116,14 @@ def add_image(
 
 
 def refuse_other_model(folder: Path) -> None:
-    """Raise an OutputError where a model lies that blur2view did not write, and so does not replace."""
+    """Raise OutputError if a folder holds a model that blur2view did not write."""
     present = [name for name in (*RECORDS, PROJECT_FILE) if os.path.lexists(folder / name)]
     if present and not _project(folder).startswith(SIGNATURE):
         raise OutputError(f"{folder / present[0]}: is not of an earlier call; name another folder with -o")
 
 
 def write_model(model: Any, folder: Path, photographs: Path, database: Path | None = None) -> None:
-    """Write a model and COLMAP's project.ini in place of an earlier one when all is there, or OutputError."""
+    """Write a model and COLMAP's project.ini whole, in place of earlier ones; OutputError if it fails."""
     paths = {PICTURES: photographs} | ({} if database is None else {DATABASE: database})
     lines = [SIGNATURE, *(f"{key}={path.absolute()}" for key, path in paths.items())]
     with tempfile.TemporaryDirectory(dir=writable_folder(folder)) as name:
@@ -143,7 +143,7 @@ def write_model(model: Any, folder: Path, photographs: Path, database: Path | No
 
 
 def noted(folder: Path, key: str) -> Path | None:
-    """Return the path of a key of a model's project.ini, None without one or where nothing is."""
+    """Return the path under a key of a model's project.ini; None unless it is there and exists."""
     lines = (line.partition("=") for line in _project(folder).splitlines())
     named = next((value.strip() for name, _, value in lines if name.strip() == key), "")
     return Path(named) if named and os.path.exists(named) else None

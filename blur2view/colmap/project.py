@@ -37,8 +37,8 @@ CREATE TABLE IF NOT EXISTS blur2view_views (image_id INTEGER PRIMARY KEY NOT NUL
 """
 ADD_SMEAR = "ALTER TABLE blur2view_views ADD COLUMN smear_px REAL"  # to a table of version 0.2.0
 LOCK_TIMEOUT_S = 2.0  # to wait while a program locks the database (bound)
-LOGS = ("-journal", "-wal")  # endings of SQLite's logs: what is to be undone in the database, or done
-FOREIGN = ("not a database", "no such table", "no such column")  # SQLite's words on other files and tables
+LOGS = ("-journal", "-wal")  # endings of SQLite's logs, of changes to be undone or to be done
+FOREIGN = ("not a database", "no such table", "no such column")  # in SQLite's errors on foreign files
 REMEDY = (
     "close programs that use it; check that it is whole, permissions, room and its image ids; if a program "
     "was killed that used it, open it once with COLMAP"
@@ -139,7 +139,7 @@ def read_keypoints(database: Connection, image_id: int) -> NDArray[np.float64]:
 
 
 def read_matches(database: Connection, id1: int, id2: int) -> NDArray[np.int64]:
-    """Return the indices (M, 2) of matched keypoints of two images; ValueError as of `read_keypoints`."""
+    """Return the indices (M, 2) of matched keypoints of two images; ValueError of a contradictory row."""
     query = "SELECT rows, cols, data FROM matches WHERE pair_id = ?"
     row = database.execute(query, (pair_id(id1, id2),)).fetchone()
     index = _numbers(row, "<u4", f"matches of images {id1} and {id2}").astype(np.int64)
@@ -157,7 +157,7 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
 
 
 def read_camera(database: Connection, camera_id: int) -> Camera:
-    """Return a camera of the database, which is taken for known; ValueError if pycolmap does not know it."""
+    """Return a camera of the database as known intrinsics; ValueError if pycolmap does not know its model."""
     import pycolmap
 
     sql = "SELECT model, width, height, params FROM cameras WHERE camera_id = ?"

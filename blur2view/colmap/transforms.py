@@ -92,7 +92,7 @@ def _smear_px(model: Any, image: Any, first: Any, last: Any) -> float | None:
     return float(np.median(np.linalg.norm(ends[1] - ends[0], axis=1)))
 
 
-def transforms(
+def content_of(
     model: Any,
     folder: Path,
     photographs: Sequence[Exposed],

@@ -40,7 +40,7 @@ class ExposureViews:
     size: tuple[int, int]  # width and height, pixels
     points_open: Array  # (N, 2)
     points_close: Array  # (N, 2)
-    sampson_px: Array  # (N,) standard deviations of Sampson distances, as of `SmearMatches`
+    sampson_px: Array  # (N,) standard deviations of Sampson distances
     geometry: TwoViewGeometry  # from open (1) to close (2)
     camera: Camera | None  # known intrinsics, or approximate ones; None leaves them to COLMAP's default
     time: TimeDirection = field(default_factory=TimeDirection)

@@ -8,8 +8,8 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
+from blur2view.colmap import transforms
 from blur2view.colmap.models import read_model
-from blur2view.colmap.transforms import exposed_images, transforms
 from blur2view.errors import DatabaseError
 from tests.support.walks import Walk
 
@@ -49,7 +49,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def content_of(folder: Path, **options: Any) -> dict[str, Any]:
     """Return the content of the file of a model's folder."""
     model = read_model(folder)
-    return transforms(model, folder, exposed_images(model, folder), **options)
+    return transforms.content_of(model, folder, transforms.exposed_images(model, folder), **options)
 
 
 def opengl_pixels(content: dict[str, Any], camera: Array) -> Array:

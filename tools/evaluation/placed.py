@@ -141,14 +141,14 @@ def interpolated_steps(poses: Poses, share: float) -> dict[str, Step]:
 
 
 def scale_of(poses: Poses, true: Poses) -> float:
-    """Return the unit of a model in that of the scene: by distances of cameras from their mean."""
+    """Return the scale from a model to the scene: the ratio of the cameras' distances from their mean."""
     centres = [np.array([centre_of(one[name]) for name in poses]) for one in (poses, true)]
     spread = [np.linalg.norm(one - one.mean(axis=0)) for one in centres]
     return float(spread[1] / spread[0])
 
 
 def pixels(pose: Array, options: VideoOptions) -> Array:
-    """Return where a lattice of points is seen, (depths, N, 2)."""
+    """Return the pixels (depths, N, 2) of a lattice of points before a camera."""
     x, y = (np.linspace(0, side - 1, 7) for side in options.size)
     lattice = np.stack([*np.meshgrid(x, y), np.ones((7, 7))], -1).reshape(-1, 3)
     points = np.array(DEPTHS)[:, None, None] * (lattice @ np.linalg.inv(options.K).T)
@@ -174,7 +174,7 @@ def errors(step: Step, path: Shake, options: VideoOptions) -> list[float]:
 
 
 def measure(work: Path, key: dict[str, Any]) -> dict[str, Any]:
-    """Return the key of a video with the errors of every frame by every method, and what it is like."""
+    """Return the key of a video with errors of every frame by every method, the exposure and the smears."""
     rate, *hertz = SHAKES[key["shake"]]
     share, seed = key["share"], key["seed"]
     options = VideoOptions(rate=rate, share=share, hertz=(hertz[0], hertz[1]))
@@ -211,7 +211,7 @@ def medians(records: list[dict[str, Any]]) -> list[tuple[object, ...]]:
 
 
 def main(work: Path, *, scenes: int = 3, out: Path | None = None) -> None:
-    """Measure so many videos of each cell in a folder of renderings, projects and models."""
+    """Measure ``scenes`` videos of every cell; ``work`` keeps their renderings, projects and models."""
     cells = product(range(scenes), SHAKES, SHARES)
     keys = [{"shake": shake, "share": share, "seed": seed} for seed, shake, share in cells]
     rows = medians([measure(work, key) for key in keys])
