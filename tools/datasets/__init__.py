@@ -1,1 +1,1 @@
-"""Rendered test sets and shards, synthetic matches."""
+"""Rendered test sets, synthetic matches."""

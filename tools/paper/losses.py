@@ -1,8 +1,6 @@
 """The paper's six losses (its Table 1) and its study of alpha, on the features of the network that ships.
 
-    python -m tools.training.reader_data examples --photos FOLDER... --shards 24
-    python -m tools.training.reader_data held --photos HELD... --first 900000 --shards 1
-    python -m tools.paper.losses examples --held held
+    python -m tools.paper.losses PHOTOGRAPHS
 
 trains a small network for every loss and seed (`VARIANTS`, `SEEDS`), all on the same examples and for as many
 steps; with ``--out tools/results/paper.md`` it fills that page's table. ``--work`` keeps every training: run
@@ -20,7 +18,8 @@ The paper: Tran, Forssen and Viksten, Robust Fundamental Matrix Estimation from 
 arXiv 2605.01552.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
@@ -30,20 +29,21 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as nnf
 
+from blur2view.arrays import AnyArray
 from blur2view.smears.grid import from_double_angle
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.command import Existing, Target, publish, run, table
-from tools.datasets.shards import Example, load_shards
 from tools.evaluation.evaluate import Smears, smear_figures
+from tools.training.examples import SMALLEST, Batch, Drawing, split_sources
 from tools.training.reader import Reader, ReaderOptions, doubled
-from tools.training.run import Schedule, Task, fit
-from tools.training.train_reader import Batch, batch_of
+from tools.training.train import Schedule, fit
 
 Representation = Literal["local", "restricted", "double"]
 
 MIN_SIGMA_PX = 0.05  # added to softplus(w), so that the likelihood is bounded
 START_SIGMA_PX = 8.0  # what softplus(w) is at first
 CHANNELS, BATCH, RATE = 16, 8, 2e-3
+BATCHES, HELD = 256, 16  # that are drawn
 SEEDS = (0, 1)
 MEASURES = ("epe_s_top50", "sparsification_area", "direction_deg_top50")
 HEAD = "loss | alpha | seeds | EPE-S top 50 %, px | sparsification area | direction top 50 %, deg"
@@ -117,66 +117,69 @@ def paper_loss(raw: Tensor, d: Tensor, valid: Tensor, variant: Variant) -> Tenso
     return (valid * likelihood + torch.relu((1 - valid) / sigma**2 - variant.alpha)).mean()
 
 
-class LossTask(Task):
-    """Training with one loss on shards of examples; its figures are of the held-out shards."""
+@torch.no_grad()
+def figures_of(network: nn.Module, held: Sequence[Batch], representation: Representation) -> dict[str, float]:
+    """Return the MEASURES of a network on all valid smears of held-out batches."""
+    parts = []
+    for batch in held:
+        raw, smears, seen = network(batch), batch["d0"].numpy(), batch["v0"].numpy() > 0
+        v = raw[..., :2].numpy()
+        found = from_double_angle(v) if representation == "double" else v
+        sigma = sigma_of(raw).numpy()[..., None]
+        each = np.broadcast_to(found[..., None, :], smears.shape), smears, np.broadcast_to(sigma, seen.shape)
+        parts.append([one[seen] for one in each])
+    found, true, sigma = (np.concatenate(part) for part in zip(*parts, strict=True))
+    sure = sigma <= np.quantile(sigma, 0.5, method="lower")
+    figures = smear_figures(Smears(found=found, true=true, sigma=sigma, sure=sure))
+    return {name: figures[name] for name in MEASURES}
 
-    def __init__(self, variant: Variant, shards: Sequence[Example], held: Sequence[Example]) -> None:
-        super().__init__(SmearVectors(), {"loss": variant.name, "alpha": variant.alpha})
-        self.variant, self.shards, self.held = variant, list(shards), held
 
-    def loss(self, rng: np.random.Generator, step: int) -> Tensor:
-        """Return the loss of a batch."""
-        batch = batch_of(self.shards[int(rng.integers(len(self.shards)))], rng, BATCH)
-        return paper_loss(self.network(batch), batch["d0"], batch["v0"], self.variant)
-
-    @torch.no_grad()
-    def figures(self, network: nn.Module) -> dict[str, float]:
-        """Return the MEASURES of a network on all valid smears of the held-out shards."""
-        parts = []
-        for shard in self.held:
-            batch = {key: torch.from_numpy(array).float() for key, array in shard.items()}
-            raw, seen = network(batch), shard["v0"] > 0
-            v = raw[..., :2].numpy()
-            found = from_double_angle(v) if self.variant.representation == "double" else v
-            smears = np.broadcast_to(found[..., None, :], shard["d0"].shape)[seen]
-            sigma = np.broadcast_to(sigma_of(raw).numpy()[..., None], seen.shape)[seen]
-            parts.append((smears, shard["d0"][seen].astype(np.float32), sigma))
-        found, true, sigma = (np.concatenate(part) for part in zip(*parts, strict=True))
-        sure = sigma <= np.quantile(sigma, 0.5, method="lower")
-        figures = smear_figures(Smears(found=found, true=true, sigma=sigma, sure=sure))
-        return {name: figures[name] for name in MEASURES}
+def in_order(examples: Sequence[Batch], order: AnyArray, first: int) -> Iterator[Batch]:
+    """Yield examples in an order, from its number ``first`` on."""
+    return (examples[k] for k in order[first:])
 
 
 def trained(
-    variant: Variant, shards: Sequence[Example], held: Sequence[Example], work: Path, steps: int
+    variant: Variant, examples: Sequence[Batch], held: Sequence[Batch], work: Path, steps: int
 ) -> list[str]:
     """Return the row of a loss: means and deviations over seeds."""
-    found = []
+    rows = []
     for seed in SEEDS:
         torch.manual_seed(seed)
         schedule = Schedule(
             out=work / f"{variant.name}, alpha {variant.alpha:g}, seed {seed}", steps=steps, rate=RATE,
-            largest_gradient=2.0, seed=seed, every=steps, warm_up=steps // 10,
+            every=steps, warm_up=steps // 10,
         )  # fmt: skip
-        figures = fit(LossTask(variant, shards, held), schedule)
-        found.append([figures[name] for name in MEASURES])
-    cells = (f"{np.mean(one):.3f} ± {np.std(one):.3f}" for one in zip(*found, strict=True))
+        figures = fit(
+            SmearVectors(),
+            partial(in_order, examples, np.random.default_rng(seed).integers(len(examples), size=steps)),
+            lambda network, batch: paper_loss(network(batch), batch["d0"], batch["v0"], variant),
+            lambda network: figures_of(network, held, variant.representation),
+            schedule,
+            {"loss": variant.name, "alpha": variant.alpha},
+        )
+        rows.append([figures[name] for name in MEASURES])
+    cells = (f"{np.mean(one):.3f} ± {np.std(one):.3f}" for one in zip(*rows, strict=True))
     return [variant.name, f"{variant.alpha:g}", str(len(SEEDS)), *cells]
 
 
 def main(
-    examples: Existing,
+    photographs: list[Existing],
     *,
-    held: Existing,
     work: Path = Path("runs/losses"),
     steps: int = 600,
     out: Target | None = None,
 ) -> None:
-    """Train what ``work`` lacks, and write the table."""
+    """Draw examples and train what ``work`` lacks, and write the table."""
     torch.set_num_threads(1)
-    shards, others = load_shards(examples), load_shards(held)
-    rows = [trained(variant, shards, others, work, steps) for variant in VARIANTS]
-    publish(out, table(HEAD, rows))
+    drawn = work / "examples.pt"
+    if not drawn.exists():
+        work.mkdir(parents=True, exist_ok=True)
+        pairs = zip(split_sources(photographs), (BATCHES, HELD), strict=True)
+        drawings = ((Drawing(which="smear", sources=s, count=BATCH, size=SMALLEST), n) for s, n in pairs)
+        torch.save([[drawing[k] for k in range(n)] for drawing, n in drawings], drawn)
+    examples, held = torch.load(drawn, weights_only=True)
+    publish(out, table(HEAD, [trained(variant, examples, held, work, steps) for variant in VARIANTS]))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Export a trained network to the ONNX file that the package ships, checked against torch.
 
-``python -m tools.training.export reader runs/reader/last.pt models/smear.onnx`` writes the averaged weights
-of a checkpoint; ``unet`` and ``blur`` those of `tools.training.train_movers`. Of several checkpoints it
-writes the mean. The reader's products are of integers, the U-Net's weights in half precision.
+``python -m tools.training.export smear runs/smear/last.pt models/smear.onnx`` writes the averaged weights of
+a checkpoint of `tools.training.train`, or their mean over several. The reader's products are of integers, the
+U-Net's weights in half precision.
 """
 
 import hashlib
@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import onnx
@@ -30,6 +30,7 @@ from blur2view.smears.likelihood import DIRECTIONS
 from tools.command import Existing, Target, run
 from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
+from tools.training.examples import Which
 from tools.training.mover_networks import CELLS, PLACES, BlurNet, UNet
 from tools.training.reader import Circular, Reader, ReaderOptions, clipped_shares
 
@@ -247,12 +248,12 @@ def load_average(path: Path) -> dict[str, Any]:
     return state | {"average": {k: v.float() if v.is_floating_point() else v for k, v in weights.items()}}
 
 
-def main(which: Literal["reader", "unet", "blur"], checkpoints: list[Existing], target: Target) -> None:
+def main(which: Which, checkpoints: list[Existing], target: Target) -> None:
     """Export the mean of the weights of one or more checkpoints of a network."""
     states = [load_average(path) for path in checkpoints]
     weights = [state["average"] for state in states]
     mean = {name: torch.stack([one[name].double() for one in weights]).mean(0) for name in weights[0]}
-    if which == "reader":
+    if which == "smear":
         reader = Reader(ReaderOptions(**states[0]["widths"]))
         reader.load_state_dict(mean)
         export = of_reader(reader)

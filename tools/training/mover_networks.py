@@ -30,6 +30,14 @@ BLUR_WIDTHS, JOINED = (16, 24, 40, 64, 80), 3
 """Its channels at places, and at halves of them down to twice a cell; the level of the cells."""
 DROPPED = 0.1
 """Share of the cells' channels that are left out in training."""
+EDGE = 0.9, 0.25
+"""Share of a place from which on it shows one surface; weight of the smears of others."""
+SMEAR_WEIGHT, MOVING_WEIGHT, CAMERA_WEIGHT, READ_WEIGHT = 0.5, 5.0, 0.3, 0.2
+"""Of the losses of smears, movers and the camera (`UNet`), and of smears that are read right (`BlurNet`)."""
+MIN_ERROR = 0.02
+"""Of a compressed smear: smaller errors do not matter."""
+STUDENT = 4.0
+"""Degrees of freedom of the errors, whose deviations are asked."""
 
 
 def convolved(inputs: int, outputs: int, size: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
@@ -127,28 +135,6 @@ def places(cells: Tensor) -> Tensor:
     return 2 * steps / steps.amax((2, 3), keepdim=True).clamp(min=1) - 1
 
 
-class Norm(nn.Module):
-    """Channels (N, C, h, w) less their mean, over their deviation."""
-
-    mean: Tensor
-    scale: Tensor
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(channels, 1, 1))
-        self.register_buffer("scale", torch.ones(channels, 1, 1))
-
-    def learn(self, values: Tensor) -> None:
-        """Take mean and deviation from examples (N, C, h, w)."""
-        self.mean.copy_(values.mean((0, 2, 3))[:, None, None])
-        self.scale.copy_(values.std((0, 2, 3))[:, None, None].clamp(min=1e-3))
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Return them."""
-        normed: Tensor = (x - self.mean) / self.scale
-        return normed
-
-
 class BlurNet(nn.Module):
     """The network: encoder, decoder and skip connections."""
 
@@ -156,7 +142,8 @@ class BlurNet(nn.Module):
         super().__init__()
         pairs = list(zip(BLUR_WIDTHS, BLUR_WIDTHS[1:], strict=False))
         joined, last = BLUR_WIDTHS[JOINED], BLUR_WIDTHS[-1]
-        self.of_places, self.of_cells, self.dropout = Norm(PLACES), Norm(CELLS), nn.Dropout2d(DROPPED)
+        self.of_places, self.of_cells = (nn.BatchNorm2d(n, affine=False) for n in (PLACES, CELLS))
+        self.dropout = nn.Dropout2d(DROPPED)
         self.first = convolved(PLACES, BLUR_WIDTHS[0])
         self.down = nn.ModuleList(
             nn.Sequential(convolved(before, after, stride=2), convolved(after, after))
@@ -184,3 +171,48 @@ class BlurNet(nn.Module):
             x = self.up[k](torch.cat([wide[:, :, : above.shape[2], : above.shape[3]], above], 1))
         odds: Tensor = self.last(x)
         return odds
+
+
+def compressed(displacement: Tensor) -> Tensor:
+    """Return smears of length L (N, 2, ...), pixels, in double angle, with lengths log(1 + L / 2)."""
+    x, y = displacement[:, 0], displacement[:, 1]
+    length = torch.hypot(x, y).clamp(min=1e-6)
+    scale = torch.log1p(length / 2) / (length * length)
+    return torch.stack([scale * (x * x - y * y), scale * 2 * x * y], 1)
+
+
+def smear_loss(said: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Return the mean error of smears, along and across, and Student's loss of their stated deviations.
+
+    ``said`` (N, 4, ...) and ``target`` (N, 2, ...) are `compressed`. The deviations have no gradient in the
+    smears: else places that stand still would count hundreds of times as much as others.
+    """
+    error, spread = said[:, :2] - target, said[:, 2:4].clamp(-4, 2)
+    unit = nnf.normalize(target, dim=1, eps=1e-3)
+    along = (error * unit).sum(1)
+    across = error[:, 1] * unit[:, 0] - error[:, 0] * unit[:, 1]
+    short = target.norm(dim=1) < 1e-2  # of no direction
+    parts = torch.where(short, error[:, 0], along), torch.where(short, error[:, 1], across)
+    total = torch.sqrt(parts[0] ** 2 + 2 * parts[1] ** 2 + MIN_ERROR**2)
+    fitted = torch.zeros_like(total)
+    for part, log_sigma in zip(parts, spread.unbind(1), strict=True):
+        squared = (part.detach() ** 2 + MIN_ERROR**2) * torch.exp(-2 * log_sigma)
+        fitted = fitted + log_sigma + (STUDENT + 1) / 2 * torch.log1p(squared / STUDENT)
+    loss: Tensor = ((2 * total + 0.3 * fitted) * weight).sum() / weight.sum()
+    return loss
+
+
+def mover_loss(said: tuple[Tensor, Tensor] | Tensor, batch: dict[str, Tensor]) -> Tensor:
+    """Return the loss of the outputs of `UNet` (N, 5, h, w) and (N,), or of `BlurNet` (N, 2, h, w).
+
+    That of `BlurNet` is the mean cross-entropy of both questions.
+    """
+    cross_entropy = nnf.binary_cross_entropy_with_logits
+    if isinstance(said, Tensor):
+        moves, reads = (cross_entropy(said[:, k], batch[name]) for k, name in enumerate(("moving", "read")))
+        return moves + READ_WEIGHT * reads
+    places, camera = (one.float() for one in said)
+    weight = torch.where(batch["share"] > EDGE[0], 1.0, EDGE[1])
+    smears = smear_loss(places[:, :4], compressed(batch["displacement"]), weight)
+    moving, moved = cross_entropy(places[:, 4], batch["moving"]), cross_entropy(camera, batch["camera"])
+    return SMEAR_WEIGHT * smears + MOVING_WEIGHT * moving + CAMERA_WEIGHT * moved

@@ -27,6 +27,7 @@ from blur2view.smears.likelihood import (
 
 SCALARS = SCALES + 2
 """Numbers beside the cepstra of a window: their scales, and what :func:`clipped_shares` gives."""
+BLUR_WEIGHT = 0.4  # weight of the losses of radii and of kinds
 HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it is known, but shows less
 MOVED_PX, DEFOCUSED_PX = (1.5, 2.5), (1.6, 2.4)
 """Lengths of smears, and radii, between which a cell comes to count as smeared, and as out of focus."""
@@ -287,3 +288,23 @@ def cross_entropy(logits: Tensor, target: Tensor, weight: Tensor, axes: int = 1)
     log_likelihood = torch.log_softmax(logits.flatten(-axes), -1).view_as(logits)
     loss = -(target * log_likelihood).flatten(-axes).sum(-1)
     return (weight * loss).sum() / weight.sum().clamp(min=1e-3)
+
+
+def losses_of(
+    network: nn.Module, batch: dict[str, Tensor], half: bool
+) -> tuple[list[Tensor], tuple[Tensor, ...]]:
+    """Return the losses of the octaves, finest first, and the joint logits of the finest.
+
+    In order: smears, radii, kinds. Losses of one octave are summed by their weights.
+    """
+    count = range(sum(key.startswith("v") for key in batch))
+    with torch.autocast("cpu", dtype=torch.bfloat16, enabled=half):
+        joint = network([(batch[f"C{k}"], batch[f"s{k}"]) for k in count])
+    losses = []
+    for k, (smears, radii, kinds) in enumerate(joint):
+        d, r, shows = (batch[f"{key}{k}"] for key in "drt")
+        target, weight = target_of(d, batch[f"v{k}"], smears.shape[-1])
+        blur = cross_entropy(radii, radius_target(r, radii.shape[-1]), shows)
+        blur = blur + cross_entropy(kinds, kind_target(d, r, shows), torch.ones_like(weight))
+        losses.append(cross_entropy(smears, target, weight, axes=2) + BLUR_WEIGHT * blur)
+    return losses, joint[0]

@@ -51,8 +51,8 @@ def test_map_bounds_certainty_where_the_cross_check_fails(representation: Repres
     assert loss_at(raw, d, 0.0, representation=representation, cross_check=False).item() > 100
 
 
-def shard(path: Path, seed: int) -> None:
-    """Write examples of any values in two octaves."""
+def batch(seed: int) -> dict[str, torch.Tensor]:
+    """Return examples of any values in two octaves."""
     rng = np.random.default_rng(seed)
     arrays: dict[str, np.ndarray] = {}
     for k, (h, w) in enumerate(((8, 10), (4, 5))):
@@ -60,8 +60,7 @@ def shard(path: Path, seed: int) -> None:
         arrays[f"s{k}"] = rng.normal(size=(2, h, w, SCALARS)).astype(np.float16)
         arrays[f"d{k}"] = rng.normal(0, 9, (2, h, w, 16, 2)).astype(np.float16)
         arrays[f"v{k}"] = rng.random((2, h, w, 16)) < 0.8
-    path.parent.mkdir(exist_ok=True)
-    np.savez(path, **arrays)  # type: ignore[arg-type]
+    return {name: torch.from_numpy(array).float() for name, array in arrays.items()}
 
 
 @pytest.mark.slow
@@ -70,11 +69,11 @@ def test_every_loss_is_trained_once_and_fills_the_page(
 ) -> None:
     monkeypatch.setattr(losses, "SEEDS", (0,))
     monkeypatch.setattr(losses, "VARIANTS", losses.VARIANTS[4:6])
-    shard(tmp_path / "examples" / "000000.npz", 0)
-    shard(tmp_path / "held" / "900000.npz", 1)
+    (tmp_path / "work").mkdir()
+    torch.save([[batch(0)], [batch(1)]], tmp_path / "work" / "examples.pt")
     for trainings in (2, 0):
         out = tmp_path / f"{trainings}.md"
-        main(tmp_path / "examples", held=tmp_path / "held", work=tmp_path / "work", steps=1, out=out)
+        main([tmp_path], work=tmp_path / "work", steps=1, out=out)
         assert capsys.readouterr().out.count('"step": 1') == trainings
     text = out.read_text()
     assert text == (tmp_path / "2.md").read_text() and "nan" not in text
