@@ -66,8 +66,11 @@ def verdict(one: Photograph) -> str:
             return f"The camera stood still; {moving}" + f"; out of focus ({radius})" * soft
         case "cannot tell":
             return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
+    smear, share = rounded(one.smear_px or 0.0), rounded(one.smear_percent or 0.0)
+    by = _turned_by(one)
+    length = "" if by else f"; smears of {smear} px, {share} % of the width"
     both = f"; out of focus, too ({radius})" * (one.blur == "out of focus and moved")
-    return _motion(one) + both + f"; {moving}" * bool(one.moving_share)
+    return f"Camera {_motion(one, by)}{length}{both}" + f"; {moving}" * bool(one.moving_share)
 
 
 def fit_line(one: Photograph) -> str:
@@ -76,13 +79,6 @@ def fit_line(one: Photograph) -> str:
         return f"{one.num_matches or 0} smears used"
     both = " F, and a homography explains them as well" * (one.F is not None and one.H is not None)
     return f"{one.num_inliers} of {one.num_matches} smears fit{both}"
-
-
-def length_text(one: Photograph) -> str:
-    """Return the length of the photograph's smear in pixels and per cent of the width, as words."""
-    if one.smear_px is None:
-        return "no smears"
-    return f"smears of {rounded(one.smear_px)} px, {rounded(one.smear_percent or 0.0)} % of the width"
 
 
 def rounded(value: float) -> str:
@@ -97,32 +93,30 @@ def percent(share: float) -> str:
     return f"{whole} %" if whole or not share else "less than 1 %"
 
 
-def _motion(one: Photograph) -> str:
-    """Return how the camera moved, as far as the smears show it, or the length of its smear."""
-    undecided, length = ", parallax undecided" * (one.parallax == "undecided"), f"; {length_text(one)}"
-    by, length = (f" {turn}", "") if (turn := _turned_by(one)) else ("", length)
+def _motion(one: Photograph, by: str) -> str:
+    """Return how the camera moved, as far as the smears show it; ``by`` is the amount of the rotation."""
+    undecided = ", parallax undecided" * (one.parallax == "undecided")
     match one.config:
         case "":  # triage, which looks at no geometry
-            return f"Camera moved{length}"
+            return "moved"
         case "UNDEFINED":
-            return f"Camera moved, and no one motion explains the blur{length}"
+            return "moved, and no one motion explains the blur"
         case "DEGENERATE" if undecided:
-            return f"Camera moved, and too little of the picture shows how{length}"
+            return "moved, and too little of the picture shows how"
         case "DEGENERATE":
-            return f"Camera turned or moved, with the same blur everywhere{length}"
+            return "turned or moved, with the same blur everywhere"
         case "PANORAMIC":
-            return f"Camera {_turned(one)}{by}{undecided}{length}"
+            return f"{_turned(one)}{by}{undecided}"
         case "PLANAR_OR_PANORAMIC":
-            return f"Camera turned{by} or moved past something flat{length}"
+            return f"turned{by} or moved past something flat"
     if one.cam2_from_cam1 is not None:
         turned = f", turned{by}" * bool(by)
-        return f"Camera moved {_towards(one)}{turned}{undecided * (one.config == 'PLANAR')}{length}"
+        return f"moved {_towards(one)}{turned}{undecided * (one.config == 'PLANAR')}"
     if one.config != "PLANAR":
-        return f"Camera moved past near and far things{length}"
+        return "moved past near and far things"
     if not undecided:
-        return f"Camera moved past something flat{length}"
-    or_turned = " or turned" * ((one.rotation_probability or 0.0) > MIN_TURNED)
-    return f"Camera moved{or_turned}{undecided}{length}"
+        return "moved past something flat"
+    return "moved" + " or turned" * ((one.rotation_probability or 0.0) > MIN_TURNED) + undecided
 
 
 def _turned(one: Photograph) -> str:
@@ -134,13 +128,13 @@ def _turned(one: Photograph) -> str:
 
 
 def _turned_by(one: Photograph) -> str:
-    """Return the rotation's angle or rate with its error along the axis; empty if it is within the error."""
+    """Return " by" an angle or " at" a rate of rotation, with its error; empty if it is within the error."""
     rates, sigmas = ([of(axis) or 0.0 for axis in range(3)] for of in (one.rate, one.rate_sigma))
     angle = math.hypot(*rates)
     sigma = math.hypot(*(r / max(angle, 1e-30) * s for r, s in zip(rates, sigmas, strict=True)))
     if angle <= sigma:
         return ""
-    word, unit, scale = ("at", "rad/s", 1.0) if one.exposure_s else ("by", "degrees", math.degrees(1))
+    word, unit, scale = (" at", "rad/s", 1.0) if one.exposure_s else (" by", "degrees", math.degrees(1))
     digits = min(max(-math.floor(math.log10(max(scale * sigma, 1e-3))), 1), 3)
     return f"{word} {scale * angle:.{digits}f} +/- {scale * sigma:.{digits}f} {unit}"
 
