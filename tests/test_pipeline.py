@@ -47,22 +47,16 @@ def test_photograph_is_the_same_of_any_type_contiguous_or_not(kind: type) -> Non
         np.testing.assert_allclose(found, expected, atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((40, 40, 2), np.uint8),
-        np.zeros(40),
-        np.zeros((0, 40), np.uint8),
-        np.zeros((40, 40), np.int32),
-        np.zeros((40, 40), bool),
-        np.full((40, 40), 255.0),
-        np.full((40, 40), np.nan),
-        np.full((40, 40), -0.1),
-        [[0.0]],
-        None,
-    ],
-    ids=repr,
-)
+NO_PHOTOGRAPHS: list[Any] = [
+    *(np.zeros(shape, np.uint8) for shape in ((40, 40, 2), (40,), (0, 40))),
+    *(np.zeros((40, 40), kind) for kind in (np.int32, bool)),
+    *(np.full((40, 40), value) for value in (255.0, np.nan, -0.1)),
+    [[0.0]],
+    None,
+]
+
+
+@pytest.mark.parametrize("image", NO_PHOTOGRAPHS, ids=repr)
 def test_what_is_no_photograph_is_one_value_error(image: Any, network: SmearNetwork) -> None:
     with pytest.raises(ValueError, match="expected") as refused:
         estimate(image, network=network)

@@ -53,19 +53,3 @@ def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path,
     assert run(*words, "--csv", "whole.csv") == 0
     assert run(*words, "--csv", "again.csv", "--resume") == 0
     assert Path("again.csv").read_bytes() == Path("whole.csv").read_bytes()
-
-
-def test_database_of_what_is_done_is_replaced_by_one_of_all(call: Call, folder: Path, tmp_path: Path) -> None:
-    whole, new, one = tmp_path / "whole.db", tmp_path / "new.db", folder / "003.png"
-    assert call("to-colmap", folder, "--db", whole) == 0
-    good = one.read_bytes()
-    one.write_text("bad")
-    assert call("to-colmap", folder, "--db", new) == 1
-    partial = new.read_bytes()
-    one.write_bytes(good)
-    assert call("to-colmap", folder, "--db", new) == 0
-    assert whole.read_bytes() == new.read_bytes() != partial
-    new.write_bytes(b"theirs")
-    done = call("to-colmap", folder, "--db", new)
-    assert done == 1 and "exists; choose another --db" in done.line
-    assert new.read_bytes() == b"theirs"
