@@ -2,11 +2,9 @@
 
 import shutil
 import sqlite3
-import struct
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -23,7 +21,6 @@ def linked_before(path: Path) -> bool:
     return all(isinstance(plan, ProjectImage) and plan.linked for plan in plan_links(path, [Path(NAMES[0])]))
 
 
-Opener = Callable[[Path], AbstractContextManager[sqlite3.Connection]]
 READERS: dict[str, Callable[[Path], bool]] = {  # each tells whether it has found what is there
     "camera": lambda path: camera_of_database(path, None, f"/data/{NAMES[0]}").known,
     "plans": linked_before,
@@ -37,9 +34,7 @@ def linked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("linked")
     database, model = project(folder)
     (folder / "db").mkdir()
-    qvec, tvec = struct.pack("<4d", 1, 0, 0, 0).hex(), struct.pack("<3d", 1, 0, 0).hex()
-    pose = f"UPDATE two_view_geometries SET qvec = x'{qvec}', tvec = x'{tvec}'"
-    assert run_sql(database, pose, "PRAGMA journal_mode = WAL") == [("wal",)]
+    assert run_sql(database, "PRAGMA journal_mode = WAL") == [("wal",)]
     database.rename(folder / "db" / "walk.db")
     return folder
 
@@ -99,6 +94,10 @@ def killed_midway(path: Path) -> None:
     killed(path, "PRAGMA cache_size = 1; BEGIN; DELETE FROM keypoints; CREATE TABLE more (x)")
 
 
+def foreign(path: Path) -> None:
+    path.write_text("a list of photographs")
+
+
 def newer(path: Path) -> None:
     run_sql(path, "PRAGMA user_version = 9000000")
 
@@ -106,6 +105,7 @@ def newer(path: Path) -> None:
 FAULTS: dict[Callable[[Path], object], str] = {
     locked: "close programs that use it",
     killed_midway: "if a program was killed that used it, open it once with COLMAP",
+    foreign: "is no COLMAP database .*; name the one that COLMAP's --database_path names",
     newer: "newer COLMAP .*; update blur2view",
     Path.unlink: "no such database; check the path",
 }
