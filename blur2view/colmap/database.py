@@ -53,7 +53,7 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
     path = Path(path)
     check_target(path)
     try:
-        write_files({path.resolve(): _views_alone(photographs)})  # a link stays one
+        write_files({path: _views_alone(photographs)})
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None
@@ -61,7 +61,7 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
 
 def check_target(path: Path) -> None:
     """Raise DatabaseError if a file holds more than views, or SQLite would apply a log beside it."""
-    for log in (Path(f"{path.resolve()}{suffix}") for suffix in project.LOGS):
+    for log in (Path(f"{os.path.realpath(path)}{suffix}") for suffix in project.LOGS):
         if os.path.lexists(log):
             why = "of a program that uses it or was killed; close it, or open it once with COLMAP"
             raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")

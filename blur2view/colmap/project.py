@@ -49,7 +49,7 @@ REMEDY = (
 def open_read_only(path: Path) -> Iterator[Connection]:
     """Open a database for reading; DatabaseError if it is missing, locked, damaged or changes meanwhile."""
     with database_errors(path):
-        path = path.resolve()
+        path = Path(os.path.realpath(path))
         # a read-only connection leaves two files beside a log; without one it needs no lock
         settled = not any(Path(f"{path}{suffix}").exists() for suffix in LOGS)
         before = path.stat()
@@ -91,7 +91,7 @@ def database_errors(path: Path) -> Iterator[None]:
 
 def connect(path: Path, query: str) -> Connection:
     """Return a connection by SQLite's URI parameters; texts of any bytes are decoded without loss."""
-    uri = f"{path.resolve().as_uri()}?{query}"
+    uri = f"{Path(os.path.realpath(path)).as_uri()}?{query}"
     database = sqlite3.connect(uri, uri=True, timeout=LOCK_TIMEOUT_S, isolation_level=None)
     database.text_factory = lambda data: data.decode("utf-8", "surrogateescape")
     return database

@@ -92,8 +92,10 @@ def test_cameras_say_how_sure_they_are() -> None:
 def test_an_existing_file_is_refused_and_kept(tmp_path: Path) -> None:
     path = tmp_path / "new.db"
     path.write_text("mine")
-    with pytest.raises(DatabaseError, match="exists; choose another --db"):
-        write_database(path, [make_views()])
+    (loop := tmp_path / "loop.db").symlink_to(loop)
+    for there in (path, loop):
+        with pytest.raises(DatabaseError, match="exists; choose another --db"):
+            write_database(there, [make_views()])
     assert path.read_text() == "mine"
     with pytest.raises(DatabaseError, match="cannot be written"):
         write_database(path / "new.db", [make_views()])
