@@ -19,6 +19,7 @@ from scipy.interpolate import make_interp_spline
 from blur2view.arrays import Array
 from blur2view.cli import commands
 from blur2view.colmap.placement import place_views
+from blur2view.exposure.trajectory import change_of, changed
 from blur2view.geometry.pose import rotation_matrix, rotation_vector
 from tools.command import publish, run, table
 from tools.rendering.video import Shake, VideoOptions, write_video
@@ -35,8 +36,7 @@ HEAD = (
     "| position, 1/1000 of the depth | pixels | exposure as measured"
 )
 
-Step = tuple[Array, Array]  # cam_open and cam_close from cam_middle, (3, 4) each
-Poses = dict[str, Array]  # by frame: cam_from_world (3, 4)
+Poses = dict[str, Array]  # by frame: cam_from_world (3, 4), or changes (2, 6) to both ends
 
 
 def extracted(database: Path, frames: Path, camera: Any, features: Any = None, matching: Any = None) -> Path:
@@ -102,29 +102,22 @@ def poses_of(model: Any) -> Poses:
     return {one.name: one.cam_from_world().matrix() for one in model.images.values() if one.has_pose}
 
 
-def relative(pose: Array, middle: Array) -> Array:
-    """Return cam_from_middle (3, 4) of two poses cam_from_world (3, 4)."""
-    R = pose[:, :3] @ middle[:, :3].T
-    return np.column_stack([R, pose[:, 3] - R @ middle[:, 3]])
-
-
 def centre_of(pose: Array) -> Array:
     """Return the centre (3,) of a camera (3, 4)."""
     return np.asarray(-pose[:, :3].T @ pose[:, 3])
 
 
-def placed_steps(poses: Poses) -> dict[str, Step]:
-    """Return the motions of the views in a model with these poses."""
-    ends = {name: [poses.get(f"{name}#{end}") for end in ("open", "close")] for name in poses}
+def placed_steps(poses: Poses) -> Poses:
+    """Return the changes (2, 6) from frames to their views, by name, in a model with these poses."""
     return {
-        name: (relative(first, poses[name]), relative(last, poses[name]))
-        for name, (first, last) in ends.items()
-        if first is not None and last is not None
+        name: np.array([change_of(pose, poses[f"{name}#{end}"]) for end in ("open", "close")])
+        for name, pose in poses.items()
+        if f"{name}#open" in poses and f"{name}#close" in poses
     }
 
 
-def interpolated_steps(poses: Poses, share: float) -> dict[str, Step]:
-    """Return the motions of a cubic spline through the poses of frames in order."""
+def interpolated_steps(poses: Poses, share: float) -> Poses:
+    """Return the changes (2, 6) from frames to both ends on a cubic spline through all poses in order."""
     names = sorted(poses)
     first = poses[names[0]][:, :3]
     turns = [rotation_vector(poses[name][:, :3] @ first.T) for name in names]
@@ -136,8 +129,10 @@ def interpolated_steps(poses: Poses, share: float) -> dict[str, Step]:
         R = rotation_matrix(place[:3]) @ first
         return np.column_stack([R, -R @ place[3:]])
 
-    ends = {name: (at(index - share / 2), at(index + share / 2)) for index, name in enumerate(names)}
-    return {name: (relative(a, poses[name]), relative(b, poses[name])) for name, (a, b) in ends.items()}
+    return {
+        name: np.array([change_of(poses[name], at(index + step)) for step in (-share / 2, share / 2)])
+        for index, name in enumerate(names)
+    }
 
 
 def scale_of(poses: Poses, true: Poses) -> float:
@@ -156,18 +151,17 @@ def pixels(pose: Array, options: VideoOptions) -> Array:
     return np.asarray(seen[..., :2] / seen[..., 2:])
 
 
-def errors(step: Step, path: Shake, options: VideoOptions) -> list[float]:
-    """Return the errors of a motion in the better order of its ends: degrees, units of depth, pixels."""
-    true = [relative(path.pose(tau), path.pose(0.0)) for tau in TIMES / 2]
+def errors(step: Array, path: Shake, options: VideoOptions) -> list[float]:
+    """Return the errors of changes (2, 6) in the better order of ends: degrees, units of depth, pixels."""
+    middle = np.eye(3, 4)
+    true = [changed(middle, change_of(path.pose(0.0), path.pose(tau))) for tau in TIMES / 2]
     found = []
     for one in (step, step[::-1]):
-        pairs = list(zip(one, (true[0], true[-1]), strict=True))
-        turns = [rotation_vector(a[:, :3] @ b[:, :3].T) for a, b in pairs]
-        moves = [centre_of(a) - centre_of(b) for a, b in pairs]
-        ways = [np.append(rotation_vector(end[:, :3]), end[:, 3]) for end in one]  # from the middle
-        between = [abs(time) * ways[int(time > 0)] for time in TIMES]
-        poses = [np.column_stack([rotation_matrix(way[:3]), way[3:]]) for way in between]
-        seen = [pixels(a, options) - pixels(b, options) for a, b in zip(poses, true, strict=True)]
+        ends = list(zip([changed(middle, change) for change in one], (true[0], true[-1]), strict=True))
+        turns = [rotation_vector(a[:, :3] @ b[:, :3].T) for a, b in ends]
+        moves = [centre_of(a) - centre_of(b) for a, b in ends]
+        between = [changed(middle, abs(time) * one[int(time > 0)]) for time in TIMES]
+        seen = [pixels(a, options) - pixels(b, options) for a, b in zip(between, true, strict=True)]
         apart = [float(np.linalg.norm(vectors, axis=-1).mean()) for vectors in (turns, moves, seen)]
         found.append([float(np.degrees(apart[0])), *apart[1:]])
     return min(found, key=lambda one: one[2])
@@ -186,11 +180,10 @@ def measure(work: Path, key: dict[str, Any]) -> dict[str, Any]:
     known, free = (place_views(database, model, sorted(true), given) for given in (share, None))
     steps = [interpolated_steps(poses, share)]
     steps += [placed_steps(poses_of(placement.model)) for placement in (known, free)]
-    to_scene, by_name = [1, 1, 1, scale_of(poses, true)], dict(zip(true, paths, strict=True))
+    to_scene, by_name = np.repeat([1, scale_of(poses, true)], 3), dict(zip(true, paths, strict=True))
     record = {**key, "fraction": free.fraction}
     for method, ends in zip(METHODS, steps, strict=True):
-        scaled = {name: (first * to_scene, last * to_scene) for name, (first, last) in ends.items()}
-        record[method] = [errors(scaled[name], by_name[name], options) for name in true if name in scaled]
+        record[method] = [errors(ends[one] * to_scene, by_name[one], options) for one in true if one in ends]
     ends_seen = [pixels(path.pose(-0.5), options) - pixels(path.pose(0.5), options) for path in paths]
     return record | {"smear": [float(np.linalg.norm(one, axis=-1).mean()) for one in ends_seen]}
 
