@@ -34,7 +34,7 @@ SIGNATURES = (
     b"name,error,use,verdict,blur,",
 )
 """What files hold that blur2view wrote: JSON (two), NPZ, PNG, HTML, PLY, Gyroflow's log, tables."""
-SIGNATURE_BYTES = 1 << 20  # of a file, in which its signature stands
+SIGNATURE_BYTES = 1 << 20  # bound; bytes at the start of a file that are searched for a signature
 
 
 def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
@@ -169,7 +169,7 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def write_beside(files: Mapping[Path, bytes]) -> None:
-    """Write the files of one folder as `write_files` does; OutputError where they cannot be written."""
+    """Write files as `write_files` does; OutputError, which names the last one's folder, if it fails."""
     try:
         write_files(files)
     except OSError as error:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 CONNECT_S, WORKERS_S = 5, 10  # bounds: for a scheduler to answer, and then for a worker to be there
 LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application", "asyncio")
 """Loggers of Dask that are silenced: its errors are printed as lines of blur2view."""
-AHEAD = 3  # jobs begun per process: enough to keep it busy, few enough to hold their contents
+AHEAD = 3  # bound; jobs begun per process: enough to keep it busy, few enough to hold their contents
 DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG}
 """Errors after which the next photograph's files would not fit either."""
 Neighbours = tuple[tuple[int, Source], ...]
@@ -291,7 +291,7 @@ def _begin() -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process where the parent is killed: nobody would take its results."""
+    """End this process when its parent is killed: nobody would take its results."""
     parent = parent_process()
     if parent is not None:
         parent.join()
