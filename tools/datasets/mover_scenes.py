@@ -1,8 +1,8 @@
-"""Photographs of one kind for `tools.evaluation.segmentation`: rendered scenes, or layers.
+"""Photographs with movers, or without, for `tools.evaluation.segmentation`: rendered scenes, or layers.
 
 ``python -m tools.datasets.mover_scenes render/movers --scenes 12`` writes ``NNNN.png`` and ``NNNN.npz`` as
-`tools.datasets.testset` does, of seeds of their own, with 1 to 40 % of every picture moving: few scenes of
-the test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those
+`tools.datasets.testset` does, from other seeds, with 1 to 40 % of every picture moving: few scenes of the
+test split hold movers. ``--kind still`` renders scenes in which nothing moves. The other kinds are those
 of `tools.rendering.layer_scenes` and need ``--photos``.
 """
 
@@ -20,13 +20,13 @@ from tools.rendering.sensor import processed
 from tools.rendering.textures import load_photos
 
 FIRST_SEED = {"movers": 6_000_000, "still": 9_000_000, "layers": 11_000_000}
-SMALLEST, LARGEST = 0.01, 0.4
+MIN_SHARE, MAX_SHARE = 0.01, 0.4  # of the picture, that moves
 
 
 def suits(scene: Rendering, options: RenderOptions) -> bool:
-    """Whether something large enough moves, and smears are as long as wanted, or nothing is to move."""
+    """Return whether movers and smears have the wanted sizes; true if no movers are wanted."""
     share = float((scene.valid & ~scene.static).mean())
-    return not options.mover_share or (SMALLEST <= share <= LARGEST and in_range(scene, options.smear_px))
+    return not options.mover_share or (MIN_SHARE <= share <= MAX_SHARE and in_range(scene, options.smear_px))
 
 
 def write_layers(out: Path, scenes: int, photos: Path, kind: str) -> None:
@@ -51,7 +51,7 @@ def main(
     ] = "movers",
     photos: Existing | None = None,
 ) -> None:
-    """Write so many scenes of a kind; layers are made of photographs in a folder."""
+    """Write scenes of a kind; layers are made of the photographs in a folder."""
     if (kind in KINDS) != (photos is not None):
         raise SystemExit("--photos belongs to kinds of layers, and they need it")
     out.mkdir(parents=True, exist_ok=True)

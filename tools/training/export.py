@@ -1,15 +1,14 @@
 """Export a trained network to the ONNX file that the package ships, checked against torch.
 
 ``python -m tools.training.export smear runs/smear/last.pt models/smear.onnx`` writes the averaged weights of
-a checkpoint of `tools.training.train`, or their mean over several. The reader's products are of integers, the
-U-Net's weights in half precision.
+a checkpoint of `tools.training.train`, or their mean over several. The smear network's products are of
+integers, the weights of the others in half precision.
 """
 
 import hashlib
 import json
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,68 +31,99 @@ from tools.rendering.render import RenderOptions, render
 from tools.rendering.sensor import photograph
 from tools.training.examples import Which
 from tools.training.mover_networks import CELLS, PLACES, BlurNet, UNet
-from tools.training.reader import Circular, Reader, ReaderOptions, clipped_shares
+from tools.training.reader import Reader, ReaderOptions, clipped_shares
 
-Rounding = Callable[[onnx.ModelProto, Path], onnx.ModelProto]
+Inputs = dict[str, Tensor]
 
-LARGEST_DIFFERENCE = 2e-3  # between log-odds or logits of ONNX Runtime and torch
-
-
-@dataclass(frozen=True, kw_only=True)
-class Export:
-    """What is written: a network of a format, traced on ``inputs`` and compared with torch on ``samples``.
-
-    ``axes`` are names of those that may have any length. ``rounded`` stores weights smaller, which may change
-    outputs by ``most_rounded`` (root mean square; the reader's logits have deviations of 2 to 3, the U-Net's
-    log-odds of 5).
-    """
-
-    network: nn.Module
-    form: NetworkFormat
-    inputs: Mapping[str, Tensor]
-    samples: Mapping[str, Tensor]
-    axes: dict[str, dict[int, str]]
-    rounded: Rounding | None
-    most_rounded: float
+MAX_DIFFERENCE = 2e-3
+"""Of logits or log-odds of ONNX Runtime and torch before weights are rounded; bound."""
+MAX_ROUNDED = {SMEAR.file: 0.2, UNET.file: 0.05, BLUR.file: 0.05}
+"""Root mean square of what rounding changes: the smear network's logits have deviations of 2 to 3, log-odds
+of the U-Net of 5; bounds."""
 
 
-def write(target: Path, export: Export, facts: Mapping[str, object]) -> None:
+class Exported(nn.Module):
+    """The function of a file: ``outputs`` of a network and the file's inputs."""
+
+    def __init__(self, network: nn.Module, outputs: Callable[..., tuple[Tensor, ...]]) -> None:
+        super().__init__()
+        self.network, self.outputs = network, outputs
+        self.eval()
+
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Compute the outputs of the file."""
+        return self.outputs(self.network, *inputs)
+
+
+def octave_of(
+    network: Reader, grey: Tensor, cepstra: Tensor, scales: Tensor, coarser: Tensor
+) -> tuple[Tensor, ...]:
+    """Return the smear network's logits, radii, kinds and features of an octave."""
+    scalars = torch.cat([scales, clipped_shares(grey)], -1)
+    return network.octave(network.windows(cepstra, scalars), coarser)
+
+
+def looks_of(network: UNet, image: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+    """Return the U-Net's log-odds of places (N, H/4, W/4), and of the camera (N,); not its smears."""
+    said, moved = network(image, cells)
+    return said[:, -1], moved
+
+
+def blurred_of(network: BlurNet, places: Tensor, cells: Tensor) -> tuple[Tensor, ...]:
+    """Return the log-odds of the network of movers.onnx."""
+    return (network(places, cells),)
+
+
+def write(
+    target: Path,
+    network: Exported,
+    form: NetworkFormat,
+    inputs: Sequence[Inputs],
+    facts: Mapping[str, object],
+) -> None:
     """Write a network when complete and checked; SystemExit if it does not compute what torch does.
 
-    ``target`` is replaced only by a whole file; ``facts`` say how it was trained.
+    It is traced on the first ``inputs`` and compared on the second; axes in which these differ may have any
+    length. ``target`` is replaced only by a whole file; ``facts`` say how it was trained.
     """
-    temporary, network, form = target.with_suffix(".tmp.onnx"), export.network.eval(), export.form
+    temporary, is_smear = target.with_suffix(".tmp.onnx"), form is SMEAR
+    small, large = inputs
+    with torch.no_grad():
+        one, other = (
+            [*given.items(), *zip(form.outputs, network(*given.values()), strict=True)] for given in inputs
+        )
+    axes = {
+        name: {k: f"{name}_{k}" for k in range(a.ndim) if a.shape[k] != b.shape[k]}
+        for (name, a), (_, b) in zip(one, other, strict=True)
+    }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the exporter announces its own deprecation and its tracing
         torch.onnx.export(
             network,
-            tuple(export.inputs.values()),
+            tuple(small.values()),
             str(temporary),
             input_names=list(form.inputs),
             output_names=list(form.outputs),
-            dynamic_axes=export.axes,
+            dynamic_axes=axes,
             opset_version=17,
             dynamo=False,
-            do_constant_folding=export.rounded is not with_integers,
+            do_constant_folding=not is_smear,
         )
-    graph = onnx.load(temporary)
-    worst = max(np.abs(one).max() for one in differences(temporary, network, export.samples))
-    most = LARGEST_DIFFERENCE
-    if worst <= most and export.rounded is not None:
-        graph, most = export.rounded(graph, temporary), export.most_rounded
-        worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, export.samples))
-    if not worst <= most:
+    worst = max(np.abs(one).max() for one in differences(temporary, network, large))
+    bound, rounded = MAX_DIFFERENCE, with_integers if is_smear else with_halves
+    if worst <= bound:
+        graph, bound = rounded(onnx.load(temporary), temporary), MAX_ROUNDED[form.file]
+        worst = max(np.sqrt(np.square(one).mean()) for one in differences(temporary, network, large))
+    if not worst <= bound:
         raise SystemExit(f"{temporary} differs from torch by {worst:.2g}, so it does not replace {target}")
     digest = hashlib.sha256(graph.SerializeToString()).hexdigest()[:12]
-    said = {
+    metadata = {
         "blur2view_format": form.version,
         "model_id": f"{form.file.removesuffix('.onnx')}-{digest}",
         "license": "Apache-2.0",
         "training": json.dumps(facts),
     }
-    if form is SMEAR:
-        said["brightness"] = str(BRIGHT)
-    onnx.helper.set_model_props(graph, said)
+    onnx.helper.set_model_props(graph, metadata | ({"brightness": str(BRIGHT)} if is_smear else {}))
     onnx.checker.check_model(graph)
     onnx.save(graph, temporary)
     temporary.replace(target)
@@ -116,7 +146,7 @@ def with_halves(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
 def with_integers(model: onnx.ModelProto, scratch: Path) -> onnx.ModelProto:
     """Return a model whose products with stored matrices are of integers: values of 8 bits, weights of 7.
 
-    No sum of theirs overflows on any processor, so that all compute the same, in a third of the time.
+    No sum overflows on any processor, so that all compute the same, in a third of the time.
     """
     add_pre_process_metadata(model)  # or it logs advice on what does not concern our layers
     quantize_dynamic(
@@ -145,44 +175,13 @@ def gather_rounded(graph: onnx.GraphProto) -> None:
     del graph.value_info[:]
 
 
-def differences(path: Path, network: nn.Module, inputs: Mapping[str, Tensor]) -> list[AnyArray]:
-    """Return how far ONNX Runtime's outputs are from torch's."""
+def differences(path: Path, network: nn.Module, inputs: Inputs) -> list[AnyArray]:
+    """Return ONNX Runtime's outputs less torch's."""
     with torch.no_grad():
-        expected = network.eval()(*inputs.values())
+        expected = network(*inputs.values())
     session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
     actual = session.run(None, {name: one.numpy() for name, one in inputs.items()})
-    pairs = zip(actual, expected if isinstance(expected, tuple) else [expected], strict=True)
-    return [one - other.numpy() for one, other in pairs]
-
-
-class ExportedOctave(nn.Module):
-    """What the reader's file computes: all that is learned, for one octave."""
-
-    def __init__(self, network: Reader) -> None:
-        super().__init__()
-        self.network = network
-        for layer in network.modules():
-            if isinstance(layer, Circular):
-                layer.store_matrix()
-
-    def forward(self, grey: Tensor, *inputs: Tensor) -> tuple[Tensor, ...]:
-        """Compute the outputs ``logits``, ``radii``, ``kinds`` and ``features``."""
-        cepstra, scales, coarser = inputs
-        scalars = torch.cat([scales, clipped_shares(grey)], -1)
-        return self.network.octave(self.network.windows(cepstra, scalars), coarser)
-
-
-class ExportedUNet(nn.Module):
-    """What the package asks of the U-Net: log-odds of places (N, H/4, W/4), and of the camera (N,)."""
-
-    def __init__(self, unet: UNet) -> None:
-        super().__init__()
-        self.unet = unet
-
-    def forward(self, image: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
-        """Leave out the smears."""
-        said, moved = self.unet(image, cells)
-        return said[:, -1], moved
+    return [one - other.numpy() for one, other in zip(actual, expected, strict=True)]
 
 
 def sample_picture() -> Tensor:
@@ -192,57 +191,23 @@ def sample_picture() -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(image.mean(-1)[None, None]))
 
 
-def inputs_of(network: Reader, grey: Tensor) -> dict[str, Tensor]:
-    """Return the inputs of the octave of a picture (1, 1, H, W), its smaller one's features at random."""
+def smear_inputs(network: Reader, grey: Tensor) -> Inputs:
+    """Return the inputs of the octave of a picture (1, 1, H, W), with random features of the smaller one."""
     read = polar_cepstra(power_spectra(windows_of(grey[0, 0].numpy())))
     cepstra, scales = (torch.from_numpy(one)[None] for one in read)
     coarser = torch.rand(*scales.shape[:3], DIRECTIONS, network.options.region)
     return dict(zip(SMEAR.inputs, (grey, cepstra, scales, coarser), strict=True))
 
 
-def of_reader(network: Reader) -> Export:
-    """Return what is written of a reader: one octave, traced and compared on a rendered picture."""
-    cells, grey = {1: "rows", 2: "columns"}, sample_picture()
-    return Export(
-        network=ExportedOctave(network),
-        form=SMEAR,
-        inputs=inputs_of(network, grey[..., :128, :192].contiguous()),
-        samples=inputs_of(network, grey),
-        axes={name: cells for name in (*SMEAR.inputs, *SMEAR.outputs)} | {"grey": {2: "height", 3: "width"}},
-        rounded=with_integers,
-        most_rounded=0.2,
-    )
-
-
-def of_movers(network: UNet | BlurNet) -> Export:
-    """Return what is written of a network that finds movers, traced and compared on noise."""
-    is_unet = isinstance(network, UNet)
-    form, rows = (UNET, 1) if is_unet else (BLUR, 2)
-    fine, coarse, zoom = (3, CELL_VALUES, STEP) if is_unet else (PLACES, CELLS, STEP // PLACE_PX)
-    inputs, samples = (
-        dict(
-            zip(
-                form.inputs,
-                (torch.rand(1, fine, zoom * h, zoom * w), torch.rand(1, coarse, h, w)),
-                strict=True,
-            )
-        )
-        for h, w in ((8, 12), (5, 7))
-    )
-    axes = {name: {2: "rows", 3: "columns"} for name in form.inputs}
-    return Export(
-        network=ExportedUNet(network) if isinstance(network, UNet) else network,
-        form=form,
-        inputs=inputs,
-        samples=samples,
-        axes=axes | {form.outputs[0]: {rows: "rows", rows + 1: "columns"}},
-        rounded=with_halves if is_unet else None,
-        most_rounded=0.05,
-    )
+def mover_inputs(form: NetworkFormat, rows: int, columns: int) -> Inputs:
+    """Return noise as inputs of a mover network, of so many cells."""
+    fine, coarse, zoom = (3, CELL_VALUES, STEP) if form is UNET else (PLACES, CELLS, STEP // PLACE_PX)
+    noise = torch.rand(1, fine, zoom * rows, zoom * columns), torch.rand(1, coarse, rows, columns)
+    return dict(zip(form.inputs, noise, strict=True))
 
 
 def load_average(path: Path) -> dict[str, Any]:
-    """Return what a checkpoint says; its averaged weights are ``average``, float32."""
+    """Return the content of a checkpoint; ``average`` are its averaged weights, float32."""
     state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     weights: dict[str, Tensor] = state["average"] if "average" in state else state["unet"]
     return state | {"average": {k: v.float() if v.is_floating_point() else v for k, v in weights.items()}}
@@ -253,16 +218,19 @@ def main(which: Which, checkpoints: list[Existing], target: Target) -> None:
     states = [load_average(path) for path in checkpoints]
     weights = [state["average"] for state in states]
     mean = {name: torch.stack([one[name].double() for one in weights]).mean(0) for name in weights[0]}
+    facts = {"steps": [state.get("step") for state in states]}
+    facts |= {name: states[0][name] for name in ("seed", "batch", "figures") if name in states[0]}
     if which == "smear":
-        reader = Reader(ReaderOptions(**states[0]["widths"]))
+        reader, grey = Reader(ReaderOptions(**states[0]["widths"])), sample_picture()
         reader.load_state_dict(mean)
-        export = of_reader(reader)
-    else:
-        network = UNet() if which == "unet" else BlurNet()
-        network.load_state_dict(mean)
-        export = of_movers(network)
-    facts = {name: states[0][name] for name in ("seed", "batch", "figures") if name in states[0]}
-    write(target, export, facts | {"steps": [state.get("step") for state in states]})
+        reader.store_matrices()
+        pictures = grey[..., :128, :192].contiguous(), grey
+        write(target, Exported(reader, octave_of), SMEAR, [smear_inputs(reader, p) for p in pictures], facts)
+        return
+    network, outputs, form = (UNet(), looks_of, UNET) if which == "unet" else (BlurNet(), blurred_of, BLUR)
+    network.load_state_dict(mean)
+    inputs = [mover_inputs(form, *size) for size in ((8, 12), (5, 7))]
+    write(target, Exported(network, outputs), form, inputs, facts)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """The two networks that find what moves by itself (torch), both U-Nets over places of 4 x 4 pixels.
 
-`UNet` sees the photograph. It goes down to 1/32, where what the reader says of its cells joins it and three
-blocks of attention see all of it, and up again to 1/4. There every place has a smear with its deviations, and
-log-odds that it moves by itself; the whole picture has log-odds that the camera moved.
+`UNet` sees the photograph. It goes down to 1/32, where the smear network's values of the cells join it and
+three blocks of attention see the whole picture, and up again to 1/4. Every place gets a smear with its
+deviations, and log-odds that it moves by itself; the picture gets log-odds that the camera moved.
 
 `BlurNet` sees blur against the camera's motion, as :mod:`blur2view.movers.moving` measures it, and
 gives every place two log-odds: that it moves by itself, and that its smear is read right.
@@ -35,9 +35,9 @@ EDGE = 0.9, 0.25
 SMEAR_WEIGHT, MOVING_WEIGHT, CAMERA_WEIGHT, READ_WEIGHT = 0.5, 5.0, 0.3, 0.2
 """Of the losses of smears, movers and the camera (`UNet`), and of smears that are read right (`BlurNet`)."""
 MIN_ERROR = 0.02
-"""Of a compressed smear: smaller errors do not matter."""
+"""Error of a compressed smear below which the loss is flat; bound."""
 STUDENT = 4.0
-"""Degrees of freedom of the errors, whose deviations are asked."""
+"""Degrees of freedom of the errors whose deviations the network states; bound."""
 
 
 def convolved(inputs: int, outputs: int, size: int = 3, stride: int = 1, dilation: int = 1) -> nn.Sequential:
@@ -104,10 +104,10 @@ class UNet(nn.Module):
         self.whole = nn.Linear(2 * last, 1)
 
     def forward(self, image: Tensor, cells: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is said of places (N, 5, H/4, W/4), and log-odds (N,) that the camera moved.
+        """Return the `OUTPUTS` of places (N, 5, H/4, W/4), and log-odds (N,) that the camera moved.
 
-        ``image`` (N, 3, H, W) has RGB in [0, 1], ``cells`` (N, 70, H/32, W/32) what
-        :func:`blur2view.movers.moving.cell_values` gives.
+        ``image`` (N, 3, H, W) is RGB in [0, 1], ``cells`` (N, 70, H/32, W/32) are
+        :func:`blur2view.movers.moving.cell_values`.
         """
         x, skips = self.stem(nnf.pixel_unshuffle(image - 0.5, PLACE_PX)), list[Tensor]()
         for enc, down in zip(self.enc, self.down, strict=False):
@@ -124,12 +124,12 @@ class UNet(nn.Module):
 
 
 def blocks(channels: int, count: int) -> nn.Sequential:
-    """Return so many blocks."""
+    """Return ``count`` residual blocks in a row."""
     return nn.Sequential(*(Block(channels) for _ in range(count)))
 
 
 def places(cells: Tensor) -> Tensor:
-    """Return x and y of every cell (N, 2, h, w), from -1 to 1; -1 where there is one."""
+    """Return x and y of every cell (N, 2, h, w), from -1 to 1; -1 along an axis of one cell."""
     ones = torch.ones_like(cells[:, :1])
     steps = torch.cat([ones.cumsum(3), ones.cumsum(2)], 1) - 1
     return 2 * steps / steps.amax((2, 3), keepdim=True).clamp(min=1) - 1

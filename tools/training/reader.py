@@ -2,9 +2,9 @@
 
 It turns the polar cepstra of :mod:`blur2view.networks.spectra` into logits over 32 directions and 20
 lengths of smears, over 20 radii out of focus, and over five kinds of blur.
-Layers are convolutions along the circle of directions, dense in everything else, so that all directions are
-treated alike but for two channels that know the pixel lattice; cells look at their neighbours, and at the
-smaller octave's features. What has no direction is read off means, extremes and deviations over all.
+Layers are convolutions along the circle of directions, dense in everything else, so that directions
+differ only by two channels that state the pixel lattice; cells see their neighbours and the features of the
+smaller octave. Values without a direction come from means, extremes and deviations over all directions.
 """
 
 import math
@@ -26,13 +26,13 @@ from blur2view.smears.likelihood import (
 )
 
 SCALARS = SCALES + 2
-"""Numbers beside the cepstra of a window: their scales, and what :func:`clipped_shares` gives."""
+"""Numbers beside the cepstra of a window: their scales, and :func:`clipped_shares`."""
 BLUR_WEIGHT = 0.4  # weight of the losses of radii and of kinds
-HIDDEN_WEIGHT = 0.25  # weight of truth where an end of the smear is hidden: it is known, but shows less
+HIDDEN_WEIGHT = 0.25  # weight of a true smear one of whose ends is hidden
 MOVED_PX, DEFOCUSED_PX = (1.5, 2.5), (1.6, 2.4)
-"""Lengths of smears, and radii, between which a cell comes to count as smeared, and as out of focus."""
+"""Ranges of smears, and of radii, over which a cell turns to smeared, and to out of focus, pixels."""
 PREVAILS = 0.7, 1.1
-"""Length of a smear over the radius out of focus between which it comes to show: a disc hides others."""
+"""Range of length over radius out of focus in which a smear becomes visible: a disc hides shorter ones."""
 
 
 class Circular(nn.Module):
@@ -63,17 +63,17 @@ class Circular(nn.Module):
         return total
 
     def store_matrix(self) -> None:
-        """Keep the weights also as the one matrix of that product."""
+        """Store the weights also as the one matrix of the exported product."""
         matrix = torch.cat(self.weight.detach().chunk(len(self.shifts)), 1).t()
         self.register_buffer("matrix", matrix.contiguous())
 
     def weight_of(self, matrix: Tensor) -> Tensor:
-        """Return the weights that make that matrix."""
+        """Return the weights whose `store_matrix` is this matrix."""
         return torch.cat(matrix.t().chunk(len(self.shifts), 1))
 
 
 def box_sums(reach: int, *fields: Tensor) -> list[Tensor]:
-    """Sum fields (N, h, w, D, C) over (2 reach + 1)^2 cells, nothing beyond the border.
+    """Sum fields (N, h, w, D, C) over (2 reach + 1)^2 cells, zeros beyond the border.
 
     Products with band matrices are six times as fast as adding slices here.
     """
@@ -86,7 +86,7 @@ def box_sums(reach: int, *fields: Tensor) -> list[Tensor]:
 
 
 class Gathering(nn.Module):
-    """Append to each cell's features the mean of its neighbours', each weighed by how much it has to say."""
+    """Append to each cell's features the means of its neighbours', weighed by a learned gate."""
 
     def __init__(self, channels: int, reaches: tuple[int, ...]) -> None:
         super().__init__()
@@ -102,7 +102,7 @@ class Gathering(nn.Module):
 
 
 class Context(nn.Module):
-    """Add to each cell's features what those far from it say, in few channels; at first nothing."""
+    """Add features of far cells to each cell's, passed in few channels; initially zero."""
 
     def __init__(self, channels: int, said: int, reaches: tuple[int, ...]) -> None:
         super().__init__()
@@ -118,7 +118,7 @@ class Context(nn.Module):
 
 
 class Isotropic(nn.Module):
-    """Add to a window's features what all directions together say; at first nothing."""
+    """Add features of all directions together to a window's; initially zero."""
 
     def __init__(self, inputs: int, hidden: int, channels: int) -> None:
         super().__init__()
@@ -140,11 +140,11 @@ class Isotropic(nn.Module):
 class ReaderOptions:
     """Channels of the layers."""
 
-    window: int = 64  # that see one window
-    region: int = 64  # that see its region
-    said: int = 16  # of what is passed afar
-    round: int = 64  # that see no direction: of a window
-    kind: int = 96  # and of the kind of its blur
+    window: int = 64  # of one window
+    region: int = 64  # of its region
+    said: int = 16  # passed to far cells
+    round: int = 64  # of a window, without directions
+    kind: int = 96  # of the kind of its blur
 
 
 class Reader(nn.Module):
@@ -175,7 +175,7 @@ class Reader(nn.Module):
         self.norms = nn.ModuleList([nn.LayerNorm(c) for c in (o.window, o.region)])
 
     def windows(self, cepstra: Tensor, scalars: Tensor) -> Tensor:
-        """Compute one octave's features (N, h, w, 32, C) before the smaller octave is known."""
+        """Compute one octave's features (N, h, w, 32, C) without those of the smaller octave."""
         n, h, w = cepstra.shape[:3]
         lattice = self.lattice.to(cepstra.dtype).expand(n, h, w, -1, -1)
         window = scalars[..., None, :].to(cepstra.dtype).expand(-1, -1, -1, DIRECTIONS, -1)
@@ -184,6 +184,12 @@ class Reader(nn.Module):
         x = torch.relu(self.third(self.gather1(x)))
         windows: Tensor = self.norms[1](x + torch.relu(self.fourth(x))) + self.isotropic(cepstra, scalars)
         return windows
+
+    def store_matrices(self) -> None:
+        """Keep the weights of all convolutions also as matrices, as the exported file multiplies them."""
+        for layer in self.modules():
+            if isinstance(layer, Circular):
+                layer.store_matrix()
 
     def octave(self, own: Tensor, coarser: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Compute logits and features of an octave, given those of the smaller one.
@@ -247,7 +253,7 @@ def in_bins(place: Tensor, bins: int) -> Tensor:
 def target_of(displacement: Tensor, valid: Tensor, bins: int) -> tuple[Tensor, Tensor]:
     """Return the distribution (..., 32, bins) of a cell's smears (..., S, 2), and its weight (...).
 
-    What is shorter than 2 px has less and less of a direction.
+    Below 2 px the direction becomes uniform.
     """
     length = torch.linalg.norm(displacement, dim=-1)
     centre = torch.atan2(displacement[..., 1], displacement[..., 0]) * (DIRECTIONS / math.pi)
@@ -269,7 +275,7 @@ def radius_target(radius: Tensor, bins: int) -> Tensor:
 
 
 def kind_target(displacement: Tensor, radius: Tensor, shows: Tensor) -> Tensor:
-    """Return the distribution (..., 5) of a cell's kind of blur, of samples (..., S), if it shows any."""
+    """Return the distribution (..., 5) of a cell's kind of blur, of samples (..., S); the last is unseen."""
     length = torch.linalg.norm(displacement, dim=-1)
     prevails = length / radius.clamp(min=1e-3)
     moved, defocused, shown = (

@@ -18,7 +18,7 @@ from tests.tools.rendering.test_layer_scenes import noise_and_disc
 from tools.rendering.layer_scenes import Sources
 from tools.training import export, train
 from tools.training.examples import Drawing, Which
-from tools.training.export import ExportedOctave, differences, inputs_of, load_average, sample_picture
+from tools.training.export import Exported, differences, load_average, octave_of, sample_picture, smear_inputs
 from tools.training.mover_networks import BlurNet, UNet, compressed, mover_loss
 from tools.training.reader import Circular, Reader, ReaderOptions, target_of
 from tools.training.train import first_weights
@@ -107,11 +107,12 @@ def test_the_smear_networks_file_computes_what_torch_does_and_a_training_starts_
         patch.setattr(export, "with_integers", lambda model, scratch: model)
         export.main("smear", [tmp_path / "last.pt"], exact)
     export.main("smear", [tmp_path / "last.pt"], exported)
-    grey = sample_picture()
+    grey, octave = sample_picture(), Exported(network, octave_of)
+    network.store_matrices()
     for height, width in ((64, 64), (96, 224)):
-        inputs = inputs_of(network, grey[..., :height, :width].contiguous())
-        assert all(np.abs(one).max() < 2e-3 for one in differences(exact, ExportedOctave(network), inputs))
-        rounded = differences(exported, ExportedOctave(network), inputs)
+        inputs = smear_inputs(network, grey[..., :height, :width].contiguous())
+        assert all(np.abs(one).max() < 2e-3 for one in differences(exact, octave, inputs))
+        rounded = differences(exported, octave, inputs)
         assert all(np.sqrt(np.square(one).mean()) < 0.1 for one in rounded)
     reader = SmearNetwork(exported, threads=1)
     assert reader.info["license"] == "Apache-2.0" and reader.model_id.startswith("smear-")
