@@ -88,10 +88,10 @@ def match_features(one: Features, other: Features) -> Matches:
     similarity = unit1 @ unit2.T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
-    near = np.sqrt(np.maximum(2 - 2 * similarity[rows, best], 0))
+    first = similarity[rows, best]  # of unit vectors, half of whose squared distance is 1 - similarity
     similarity[rows, best] = -np.inf
-    second = np.sqrt(np.maximum(2 - 2 * similarity.max(axis=1), 0))
-    chosen = np.flatnonzero((near < RATIO * second) & (back[best] == rows))
+    clear = 1 - first < RATIO**2 * (1 - similarity.max(axis=1))
+    chosen = np.flatnonzero(clear & (back[best] == rows))
     points1, points2, kept = one[0][chosen], other[0][best[chosen]], np.zeros(0, bool)
     if len(chosen) >= MIN_MATCHES:
         bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
