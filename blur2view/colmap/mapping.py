@@ -33,13 +33,11 @@ SOLVER_SECONDS = 600.0  # after which each bundle adjustment of the global mappe
 def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> Any:
     """Return pycolmap.IncrementalPipelineOptions for a database that ``blur2view to-colmap`` wrote.
 
-    Of exposures alone, which do not determine the focal length; or, ``linked``, of views beside a project's
-    photographs. With ``keep_photographs``, of these alone, the model that ``input_path`` names stays.
+    It holds exposures alone, which do not determine the focal length, or, ``linked``, views beside a
+    project's photographs; with ``keep_photographs`` their model, which ``input_path`` names, stays.
     """
     import pycolmap
 
-    if keep_photographs and not linked:
-        raise ValueError("keep_photographs is for linked projects")
     options = pycolmap.IncrementalPipelineOptions()
     refine = linked and not keep_photographs
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
@@ -47,7 +45,7 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
     options.random_seed = SEED
     options.extract_colors = False  # no file holds the pixels of a virtual image
     options.fix_existing_frames = keep_photographs
-    if linked:
+    if linked or keep_photographs:
         options.min_model_size = 3
         # not 30: a view sees only points whose smears are confident. None of its matches is a mistake of
         # appearance, as its keypoints are the photograph's, moved.
