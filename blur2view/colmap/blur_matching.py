@@ -5,6 +5,7 @@ Bouguet 2001) finds patches to a fraction of a pixel where SIFT's features do no
 light: in the file's gamma residuals along the smears of RedKitchen are twice as large.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -123,3 +124,25 @@ def match_patches(
     # differences are smooth over about half a patch, so that its pixels do not err independently
     covariance = np.linalg.inv(information) * (variance * HALF_PATCH)[:, None, None]
     return moved, covariance, back_again & (correlation > MIN_CORRELATION)
+
+
+def blur_equations(blurred: Sequence[Any], other: Any, points: Array, moved: Array, flow: Array) -> Array:
+    """Return normal equations (9, 10) of a motion's correction, from differences of patches at (N, 2).
+
+    To first order a blurred picture changes by the blurred gradients, weighted by t and t^2, times the change
+    of path and bend: ``blurred`` are weighted by 1, t, t^2, ``flow`` (N, 2, 6) is that of the points. Gain
+    and displacement of each patch are free, and projected out.
+    """
+    here, there = patches(blurred[0], points), patches(other, points + moved)
+    slope, by_path, by_bend = (patches(gradients(np.ascontiguousarray(one)), points) for one in blurred)
+    change = -np.concatenate([by_path @ flow, by_bend @ flow[:, :, :3]], axis=-1)
+    free = np.concatenate([here[..., None], slope], axis=-1)
+    free /= np.linalg.norm(free, axis=1, keepdims=True) + 1e-6
+    basis, _ = np.linalg.qr(free)
+    across = np.swapaxes(basis, 1, 2)
+    change = change - basis @ (across @ change)
+    missed = there - (basis @ (across @ there[..., None]))[..., 0]
+    variance = (0.1 * here.std(axis=1)) ** 2 + (missed**2).mean(axis=1) + 1e-6
+    weighted = change / (variance * HALF_PATCH / SAMPLE_STEP)[:, None, None]
+    normal = np.tensordot(weighted, change, ((0, 1), (0, 1)))
+    return np.column_stack([normal, np.tensordot(weighted, missed, ((0, 1), (0, 1)))])

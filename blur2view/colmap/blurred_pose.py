@@ -23,15 +23,7 @@ from scipy.spatial import cKDTree
 
 from blur2view.arrays import TINY, Array
 from blur2view.camera import from_colmap, normalised_points
-from blur2view.colmap.blur_matching import (
-    HALF_PATCH,
-    SAMPLE_STEP,
-    blurred_along,
-    gradients,
-    match_patches,
-    patches,
-    resampled,
-)
+from blur2view.colmap.blur_matching import blur_equations, blurred_along, match_patches, resampled
 from blur2view.exposure.trajectory import changed
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.smears.grid import SmearGrid
@@ -206,7 +198,7 @@ def inverse_depth_at(places: Array, pixels: Array, depth: Array) -> Array:
 def _find_matches(
     view: View, neighbours: Sequence[View], world: Array, seen: Sequence[Mask], motion: Array, levels: int
 ) -> tuple[NDArray[np.int_], Array, Array, Array] | None:
-    """Return indices (M,) of points found, their pixels (M, 2), covariances (M, 2, 2), and `_equations`."""
+    """Return indices (M,) of points found, pixels (M, 2), covariances (M, 2, 2), and `blur_equations`."""
     camera, points = view.camera, view.points(world)
     pixels = projected(camera, points)
     inside = _inside(camera, pixels)
@@ -236,7 +228,7 @@ def _find_matches(
             best = np.flatnonzero(good)
             best = best[:: 1 + len(best) // KERNEL_PATCHES]
             moves = image_flow(camera, points[index[best]])
-            equations += _equations(pictures, other, at[best], moved[best], moves)
+            equations += blur_equations(pictures, other, at[best], moved[best], moves)
     index, places, covariance = (np.concatenate(one) for one in zip(*found, strict=True))
     if len(np.unique(index)) < MIN_POINTS:
         return None
@@ -281,30 +273,8 @@ def _warp(neighbour: View, view: View, surface: Array, path: Array) -> tuple[Any
     return picture, pixels, _everywhere(view.camera, same_sense(smears, path))
 
 
-def _equations(blurred: Sequence[Any], other: Any, points: Array, moved: Array, flow: Array) -> Array:
-    """Return normal equations (9, 10) of a motion's correction, from differences of patches at (N, 2).
-
-    To first order a blurred picture changes by the blurred gradients, weighted by t and t^2, times the change
-    of path and bend: ``blurred`` are weighted by 1, t, t^2, ``flow`` (N, 2, 6) is that of the points. Gain
-    and displacement of each patch are free, and projected out.
-    """
-    here, there = patches(blurred[0], points), patches(other, points + moved)
-    slope, by_path, by_bend = (patches(gradients(np.ascontiguousarray(one)), points) for one in blurred)
-    change = -np.concatenate([by_path @ flow, by_bend @ flow[:, :, :3]], axis=-1)
-    free = np.concatenate([here[..., None], slope], axis=-1)
-    free /= np.linalg.norm(free, axis=1, keepdims=True) + 1e-6
-    basis, _ = np.linalg.qr(free)
-    across = np.swapaxes(basis, 1, 2)
-    change = change - basis @ (across @ change)
-    missed = there - (basis @ (across @ there[..., None]))[..., 0]
-    variance = (0.1 * here.std(axis=1)) ** 2 + (missed**2).mean(axis=1) + 1e-6
-    weighted = change / (variance * HALF_PATCH / SAMPLE_STEP)[:, None, None]
-    normal = np.tensordot(weighted, change, ((0, 1), (0, 1)))
-    return np.column_stack([normal, np.tensordot(weighted, missed, ((0, 1), (0, 1)))])
-
-
 def _corrected(motion: Array, equations: Array, expected: Array) -> Array:
-    """Return a motion (9,) after its correction by `_equations`, which is small, as is the bend."""
+    """Return a motion (9,) after its correction by `blur_equations`, which is small, as is the bend."""
     turned = KERNEL_SIGMA * np.linalg.norm(motion[:3]) + TINY
     moved = KERNEL_SIGMA * np.linalg.norm(expected[3:]) + TINY
     sigma = np.repeat([turned, moved, turned], 3)
