@@ -1,1 +1,1 @@
-"""The evidence for what moves by itself, and the two networks that weigh it."""
+"""Motion masks: which pixels of a photograph move by themselves."""

@@ -29,7 +29,7 @@ GUIDE_PLACES, GUIDE_EPS = 2, 0.03
 
 
 class MotionLabel(IntEnum):
-    """What a pixel of a motion mask shows."""
+    """Label of a pixel of a motion mask."""
 
     STATIC = 0
     MOVING = 1

@@ -2,10 +2,10 @@
 
 A place has 4 x 4 pixels. Two networks judge it: ``models/unet.onnx`` sees the photograph and the cells of its
 `SmearGrid`; ``models/movers.onnx`` sees the cells against the camera's motion, one smooth field through the
-smears of what the U-Net takes for still, and gradients along that motion's blur, which are weak where only
-the camera moved. Their log-odds add, as of independent evidence, and are shared among near places of like
-colour. Their level differs between photographs, so a part reaches from the photograph's highest log-odds
-halfway to its median.
+smears of the places that the U-Net takes for still, and gradients along that motion's blur, which are weak
+where only the camera moved. Their log-odds add, as those of independent evidence do, and are shared among
+near places of like colour. Their level differs between photographs, so a part reaches from the photograph's
+highest log-odds halfway to its median.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SIGNS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]], float)
 RIDGE, RIDGE_SHARE = 0.3, 0.3
 """Weight, in cells, of each quadratic coefficient of the field over this share of the median length."""
 LEFT = 0.05
-"""Weight, in the fit of the camera's motion, of what looks most like moving; bound."""
+"""Weight, in the fit of the camera's motion, of the places with the highest log-odds; bound."""
 SLOPE, INTERCEPT = 0.7, 0.5
 """From the sum of both networks, shared, to calibrated log-odds: logistic regression on scenes of both
 renderers has 0.66 and 0.58, on DAVIS 0.89 and 2.0; photographs without movers pull the other way."""
@@ -69,7 +69,7 @@ and PLAIN_PX."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moving:
-    """What moves by itself in a photograph, at its places."""
+    """The places of a photograph that move by themselves, and its camera's motion."""
 
     log_odds: Floats
     """(h, w), that a place moves by itself."""

@@ -169,7 +169,7 @@ def _session(content: bytes, threads: int, providers: Sequence[str]) -> Any:
     options.use_deterministic_compute = True
     options.add_session_config_entry("session.force_spinning_stop", "1")  # or idle threads take a core
     options.add_session_config_entry("session.use_env_allocators", "1")
-    options.log_severity_level = 4  # only what is fatal: the exception says the rest
+    options.log_severity_level = 4  # fatal errors only: the exception has the rest
     return _onnxruntime().InferenceSession(
         content,
         options,

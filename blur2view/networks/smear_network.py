@@ -64,7 +64,7 @@ STRIP_ROWS = 64  # converted at a time, so that memory never holds all of a larg
 
 
 class Detail(StrEnum):
-    """What a photograph is read for."""
+    """The purpose of a photograph's smears, which decides how many windows are read."""
 
     GEOMETRY = "geometry"  # motion and masks: of more than 2.5 megapixels some thousand windows
     RANKING = "ranking"  # the order of photographs by their blur: some fifty to two hundred windows
@@ -74,7 +74,7 @@ MIN_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}  # where not all windows 
 
 
 class SmearReader(Protocol):
-    """What the pipeline asks of a network that reads smears, so that another architecture is one class."""
+    """Interface of a network that reads smears: another architecture is one class."""
 
     @property
     def model_id(self) -> str:
@@ -248,7 +248,7 @@ def octave_count(side: int) -> int:
 def octaves(grey: Floats, count: int) -> Iterator[tuple[int, Floats]]:
     """Yield the octaves of a picture (H, W) with their numbers, the smallest first; it is number 0."""
     levels = [grey]
-    del grey  # what was given is not kept
+    del grey  # so that its memory is freed as it is read
     for _ in range(count - 1):
         height, width = levels[-1].shape
         half = cv2.resize(levels[-1], (width // 2, height // 2), interpolation=cv2.INTER_AREA)

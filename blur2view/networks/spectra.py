@@ -24,9 +24,9 @@ Floats = NDArray[np.float32]
 Integers = NDArray[np.intp]
 
 WINDOW, STEP = 96, 32  # side of a Hann window and the distance of windows, pixels
-NOISE_FLOOR = 0.02  # power below which a frequency says nothing: noise of half a grey level
+NOISE_FLOOR = 0.02  # power of half a grey level of noise: a frequency below it holds no signal
 RELATIVE_FLOOR = 1e-3  # the floor of the second cepstrum, as a share of the window's mean power
-TREND = 8.0  # width of the Gaussian, in bins of frequency, that tells a spectrum's trend from its zeros
+TREND = 8.0  # bins of frequency: width of the Gaussian that separates a spectrum's trend from its zeros
 TAPERS = 0.28, 0.4  # of the window's side: both cepstra are tapered towards high frequencies, noise
 HANN = np.outer(np.hanning(WINDOW), np.hanning(WINDOW)).astype(np.float32)
 FREQUENCIES = 40  # frequencies that are kept along each axis, in bins of 1 / 96 px

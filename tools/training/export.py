@@ -200,7 +200,7 @@ def smear_inputs(network: Reader, grey: Tensor) -> Inputs:
 
 
 def mover_inputs(form: NetworkFormat, rows: int, columns: int) -> Inputs:
-    """Return noise as inputs of a mover network, of so many cells."""
+    """Return noise as the inputs of a mover network for a number of cells."""
     fine, coarse, zoom = (3, CELL_VALUES, STEP) if form is UNET else (PLACES, CELLS, STEP // PLACE_PX)
     noise = torch.rand(1, fine, zoom * rows, zoom * columns), torch.rand(1, coarse, rows, columns)
     return dict(zip(form.inputs, noise, strict=True))

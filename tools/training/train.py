@@ -26,7 +26,6 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from blur2view.arrays import AnyArray
 from blur2view.errors import ModelError
 from blur2view.networks.spectra import STEP
 from blur2view.smears.grid import from_double_angle
@@ -163,7 +162,7 @@ def smear_figures_of(network: nn.Module, held: list[Batch]) -> Figures:
     return {"held_loss": float(np.mean(losses)), **figures, "kinds_right": float(np.mean(kinds))}
 
 
-def said(network: nn.Module, batch: Batch) -> tuple[Any, Batch]:
+def outputs_of(network: nn.Module, batch: Batch) -> tuple[Any, Batch]:
     """Return the outputs of a mover network, and the batch on its device."""
     device = next(network.parameters()).device
     batch = {name: one.to(device) for name, one in batch.items()}
@@ -174,7 +173,7 @@ def said(network: nn.Module, batch: Batch) -> tuple[Any, Batch]:
 
 def mover_loss_of(network: nn.Module, batch: Batch) -> Tensor:
     """Return the loss of a batch."""
-    return mover_loss(*said(network, batch))
+    return mover_loss(*outputs_of(network, batch))
 
 
 @torch.no_grad()
@@ -182,23 +181,19 @@ def mover_figures_of(network: nn.Module, held: list[Batch]) -> Figures:
     """Return means by kind: average precision, false area where nothing moves, cameras judged rightly."""
     rows: dict[str, list[float]] = {}
     for batch in held:
-        outputs, _ = said(network, batch)
+        outputs, _ = outputs_of(network, batch)
         places = outputs[0][:, 4] if isinstance(outputs, tuple) else outputs[:, 0]
         rows_of = places.float().cpu().numpy(), batch["moving"].numpy() > 0.5, batch["kind"]
         for odds, moves, kind in zip(*rows_of, strict=True):
-            name, value = judged(odds, moves)
+            if moves.any():
+                name, value = "precision", average_precision(odds.ravel(), moves.ravel())
+            else:
+                name, value = "false", float((odds > 0).mean())
             rows.setdefault(f"{name} {KINDS[int(kind)]}", []).append(value)
         if isinstance(outputs, tuple):
             right = (outputs[1].cpu() > 0) == (batch["camera"] > 0.5)
             rows.setdefault("camera", []).extend(right.float().tolist())
     return {name: round(float(np.mean(values)), 3) for name, values in sorted(rows.items())}
-
-
-def judged(odds: AnyArray, moves: AnyArray) -> tuple[str, float]:
-    """Name and return the average precision of log-odds (h, w), or the false area where nothing moves."""
-    if moves.any():
-        return "precision", average_precision(odds.ravel(), moves.ravel())
-    return "false", float((odds > 0).mean())
 
 
 def first_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:
