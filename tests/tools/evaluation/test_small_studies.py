@@ -1,4 +1,4 @@
-"""A page of kinds of blur whose pictures are known."""
+"""Studies of blur and of masks: what they say of pictures whose answer is known."""
 
 from pathlib import Path
 
@@ -6,8 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from blur2view.movers.mask import MotionMask
 from tools.datasets import blurred_photographs
 from tools.evaluation import blur_kinds
+from tools.evaluation.segmentation import judge
 
 
 @pytest.mark.slow
@@ -26,3 +28,18 @@ def test_most_kinds_of_blur_of_a_photograph_of_grain_are_named(
     assert np.mean([one.kind == one.picture.kind for one in clear]) > 0.7
     text = "\n".join(map(str, blur_kinds.page(rows)))
     assert "nan" not in text and "| camera moved 12 px, 1/8 | 1 |" in text and "| 25 px | 1 |" in text
+
+
+def test_masks_are_judged_by_what_moves() -> None:
+    static = np.ones((60, 80), bool)
+    static[10:50, 20:68] = False
+    true = np.kron(~static, np.ones((4, 4))) > 0
+    half = true & (np.arange(320) < 4 * 44)
+    for found, expected in ((true, (1, 1, 0.4)), (half, (0.5, 0.7, 0.2)), (np.zeros_like(true), (0, 0.4, 0))):
+        probability = np.where(found, 0.9, 0.1).astype(np.float32)
+        mask = MotionMask(
+            labels=found.astype(np.uint8), probability=probability, regions=(), reason="a test's"
+        )
+        figures = judge(static, np.ones_like(static), mask)
+        assert figures["share"] == pytest.approx(0.4)
+        assert [figures[name] for name in ("iou", "precision", "called")] == pytest.approx(expected)
