@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 AnyArray = NDArray[Any]
 """Of any dtype: pictures, masks, float32 maps."""
 TINY = 1e-30

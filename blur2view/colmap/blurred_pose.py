@@ -21,14 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from blur2view.arrays import TINY, Array
+from blur2view.arrays import TINY, Array, Mask
 from blur2view.camera import from_colmap, normalised_points
 from blur2view.colmap.blur_matching import blur_equations, blurred_along, match_patches, resampled
 from blur2view.exposure.trajectory import changed
 from blur2view.geometry.epipolar import cross_matrix
 from blur2view.smears.grid import SmearGrid
-
-Mask = NDArray[np.bool_]
 
 CELL = 8  # pixels of the lattice on which the warp and the blur are computed
 NEAREST, SMOOTH_PX = 8, 8.0  # points whose inverse depths are averaged; weights are 1 / (distance + this)^2

@@ -2,12 +2,9 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-from blur2view.arrays import AnyArray
-
-Floats = NDArray[np.float32]
+from blur2view.arrays import AnyArray, Floats
 
 BACKDROP = np.float32(0.5)
 """Grey behind transparent pixels: its edges against an unknown photograph are the weakest."""

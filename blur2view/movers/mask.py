@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Floats, Mask
 from blur2view.errors import OutputError
 from blur2view.images.pixels import white_of
 from blur2view.movers.moving import THRESHOLD, Moving
 
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 
 MIN_PLACES = 25

@@ -16,16 +16,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import AnyArray, Array, Floats, Mask
 from blur2view.images.pixels import brightened, gain_of, rgb_of
 from blur2view.networks.model_file import BLUR, UNET, Execution, shipped
 from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
 from blur2view.smears.likelihood import DIRECTIONS, IN_FOCUS_PX, KINDS
-
-Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 PLACE_PX = 4
 """Side of a place, pixels."""

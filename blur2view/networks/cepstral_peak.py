@@ -16,10 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blur2view.arrays import Floats, Mask
 from blur2view.networks.spectra import NOISE_FLOOR, TAPERS, TREND, WINDOW, in_batches
 from blur2view.smears.likelihood import MIN_SIGMA_PX, MIN_SIGMA_RAD
-
-Floats = NDArray[np.float32]
 
 SHORTEST_PX, LONGEST_PX = 14.0, 28.0  # octave's pixels; longer smears are read in the next octave
 UNSURE = 0.6  # deviation over length up to which the network's smear is taken for the peak's neighbourhood
@@ -43,7 +42,7 @@ class Prior(NamedTuple):
     smear: NDArray[np.complex64]  # x + iy, of either sign
     sigma_rad: Floats  # standard deviation of the direction
     sigma_log: Floats  # and of the logarithm of the length
-    usable: NDArray[np.bool_]  # it is sure and long enough that its peak can be found
+    usable: Mask  # it is sure and long enough that its peak can be found
 
 
 def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -> Floats:
@@ -70,7 +69,7 @@ def repeated(cells: NDArray[Any], times: int) -> NDArray[Any]:
     return np.repeat(np.repeat(cells, times, 0), times, 1)
 
 
-def _prior(cells: Floats, length: Floats, own: NDArray[np.bool_], side: int, scale: int) -> Prior:
+def _prior(cells: Floats, length: Floats, own: Mask, side: int, scale: int) -> Prior:
     """Return the prior of an octave's windows of side x side cells; its pixels are ``scale`` times larger."""
     height, width = own.shape[0] // side, own.shape[1] // side
     values = np.concatenate([cells, length[..., None], np.ones_like(length)[..., None]], -1) * own[..., None]
@@ -181,7 +180,7 @@ def _cepstra(power: Floats) -> Floats:
 
 
 @functools.cache
-def _filters() -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def _filters() -> tuple[Floats, Floats, Mask]:
     """Return the taper of spectra (96, 49), factors by lag (96, 96) that remove trends, peaks' lags."""
     rows, columns = np.fft.fftfreq(WINDOW, 1 / WINDOW)[:, None], np.arange(WINDOW // 2 + 1)
     radius, lags = np.hypot(rows, columns), np.arange(-WINDOW // 2, WINDOW // 2)

@@ -14,9 +14,8 @@ from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Floats, Mask
 from blur2view.images.pixels import floats_of, gain_of, photograph_of
 from blur2view.networks.cepstral_peak import refine_on_cepstrum, repeated
 from blur2view.networks.model_file import (
@@ -44,9 +43,6 @@ from blur2view.smears.likelihood import (
     with_unseen,
 )
 from blur2view.smears.noise import WINDOW_PX
-
-Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 MAX_OCTAVES = 4  # bound, within the network's reach of 2 to 38 px; the photograph is the first
 MIN_HALVED_PX = 90  # shorter side of the smallest octave: one window has 96 px

@@ -17,10 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import Array
+from blur2view.arrays import Array, Floats
 from blur2view.smears.likelihood import DIRECTIONS, SHORTEST_PX
 
-Floats = NDArray[np.float32]
 Integers = NDArray[np.intp]
 
 WINDOW, STEP = 96, 32  # side of a Hann window and the distance of windows, pixels

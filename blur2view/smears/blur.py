@@ -13,11 +13,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, AnyArray
+from blur2view.arrays import TINY, AnyArray, Floats
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SHORTEST_PX, SMEARED
-
-Floats = NDArray[np.float32]
 
 MIN_KNOWN = 0.04  # share of the cells that must tell their blur
 BORDER, BORDER_WEIGHT = 0.15, 3.0  # share of a side that is near the border, and how much more that counts

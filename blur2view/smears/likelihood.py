@@ -9,9 +9,8 @@ or over the whole where no peak stands out.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from blur2view.arrays import Floats
 
 DIRECTIONS = 32  # bins over 180 degrees; bin k is the direction 180 k / 32 degrees from x towards y
 PER_OCTAVE = 4  # bins of length an octave
