@@ -140,10 +140,6 @@ class Exposure:
         homogeneous = (rays - rho * centre) @ (self.K @ R).T
         return np.asarray(homogeneous[..., :2] / np.maximum(homogeneous[..., 2:], 0.05))
 
-    def displacement(self, points: AnyArray, layer: Layer) -> AnyArray:
-        """Return the displacement (h, w, 2) of points from shutter-open to shutter-close."""
-        return self.moved(points, layer, 0.5) - self.moved(points, layer, -0.5)
-
     def inverse_displacements(self, layer: Layer) -> AnyArray:
         """Return, per knot, g (h+2, w+2, 2): the point seen at y at that time is at y + g at mid exposure.
 
@@ -167,8 +163,8 @@ class Exposure:
             return replace(self, camera=self.camera.scaled(factor))
 
         def lengths(factor: float) -> AnyArray:
-            smears = [at(factor).displacement(points, layer) for layer in layers]
-            return np.asarray(np.linalg.norm(smears, axis=-1))
+            first, last = ([at(factor).moved(points, layer, tau) for layer in layers] for tau in (-0.5, 0.5))
+            return np.asarray(np.linalg.norm(np.subtract(last, first), axis=-1))
 
         for _ in range(4):
             factor = min(factor * (length_px / max(float(np.median(lengths(factor))), 1e-3)), 0.6)

@@ -31,24 +31,23 @@ def gaussian(image: AnyArray, sigma_px: float) -> AnyArray:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px))
 
 
-def expose(rng: np.random.Generator, linear: AnyArray) -> AnyArray:
-    """Return radiance after gain and white balance, its mean level between dim and overexposed."""
+def expose(rng: np.random.Generator, linear: AnyArray, softness_px: float | None) -> AnyArray:
+    """Return radiance after gain, white balance and a lens, its mean between dim and overexposed.
+
+    The lens has a Gaussian point spread of this deviation; without one it is drawn, and some are defocused.
+    """
     level = float(np.exp(rng.normal(np.log(0.25), 0.6)))
     gain = level / max(float(linear.mean()), 1e-3)
-    return np.asarray(linear * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32))
-
-
-def soften(rng: np.random.Generator, linear: AnyArray, softness_px: float | None) -> AnyArray:
-    """Return the picture after a Gaussian of this deviation; without one a lens is drawn, some defocused."""
+    signal = linear.astype(np.float32) * (gain * rng.uniform(0.85, 1.18, 3)).astype(np.float32)
     if rng.random() < DEFOCUS_SHARE and softness_px is None:
         radius = log_uniform(rng, (0.8, 6.0))
         reach = int(np.ceil(radius)) + 1
         disc = np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])
         disc = np.clip(radius + 0.5 - disc, 0, 1).astype(np.float32)
-        linear = np.asarray(cv2.filter2D(linear, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT))
+        signal = np.asarray(cv2.filter2D(signal, -1, disc / disc.sum(), borderType=cv2.BORDER_REFLECT))
     drawn = rng.uniform(0.0, 1.4)
     sigma = drawn if softness_px is None else softness_px
-    return gaussian(linear, sigma) if sigma > 0.2 else linear
+    return gaussian(signal, sigma) if sigma > 0.2 else signal
 
 
 def add_noise(
@@ -121,7 +120,7 @@ def photograph(rng: np.random.Generator, linear: AnyArray, phone_px: float | Non
     With ``phone_px``, the deviation of its lens's point spread, the camera is a phone, in focus: its mosaic
     may clip before the white balance, sharpening leaves halos, grain is added. Without, it is any camera.
     """
-    signal = soften(rng, expose(rng, linear.astype(np.float32)), phone_px)
+    signal = expose(rng, linear, phone_px)
     mosaic, is_phone = rng.random() < 0.4, phone_px is not None
     signal = add_noise(rng, signal)
     if mosaic:
@@ -185,7 +184,7 @@ def reduced(rng: np.random.Generator, linear: AnyArray, softness: float) -> tupl
         large = cv2.resize(linear, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
         image = photograph(rng, np.maximum(np.asarray(large), 0), softness).astype(np.float32)
         return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)), softness
-    signal = soften(rng, expose(rng, linear.astype(np.float32)), softness / 2)
+    signal = expose(rng, linear, softness / 2)
     coded = np.clip(tone(rng, np.clip(signal, 0, 1)), 0, 1)
     noise = rng.standard_normal(coded.shape, dtype=np.float32)
     noise *= np.float32(log_uniform(rng, (1e-4, 2e-3)))

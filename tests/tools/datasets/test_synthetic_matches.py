@@ -36,3 +36,10 @@ def test_scenes_are_what_they_say_and_the_same_for_the_same_seed(kind: Scene) ->
         plane = find_plane(FieldLikelihood(smears=likelihood), np.zeros(8), scene.swapped)
         inside = np.mean(plane.distances_px(likelihood) < 3 * likelihood.sigma_px)
         assert inside > 0.99 if kind != "general" else inside < 0.9
+
+
+def test_a_camera_that_comes_nearer_by_half_sees_twice_as_far_from_the_centre() -> None:
+    ends = synthetic.project_smears(
+        np.eye(3), np.eye(3), np.array([0, 0, -0.5]), np.array([[1.0, -3]]), np.ones(1)
+    )
+    np.testing.assert_array_equal(ends, [[[1, -3], [2, -6]]])

@@ -64,7 +64,7 @@ def card_corners() -> np.ndarray:
     [path(translation=(0.1, 0.03, 0)), path((0.03, -0.04, 0.1), (-0.06, 0.04, 0.05))],
     ids=["sideways", "general"],
 )
-def test_smears_validity_and_F_are_what_rays_say(camera: Trajectory) -> None:
+def test_smears_validity_pose_and_F_are_those_of_rays(camera: Trajectory) -> None:
     """Project the card's corners at either end, and ask which points they cover."""
     points, corners = grid_points(SIZE), card_corners()
     image = np.array([[0, 0], [159, 0], [159, 127], [0, 127]])
@@ -81,6 +81,8 @@ def test_smears_validity_and_F_are_what_rays_say(camera: Trajectory) -> None:
     np.testing.assert_array_equal(found.valid[~doubtful], expected[~doubtful])
     assert (~expected & ~doubtful).sum() > 30 and (expected & ~doubtful).sum() > 400
     np.testing.assert_allclose(found.displacement[~doubtful], (ends[1] - ends[0])[~doubtful], atol=1e-4)
+    opened, closed = ((space - centre) @ R.T for R, centre in map(camera.at, (-0.5, 0.5)))
+    np.testing.assert_allclose(opened @ found.R.T + found.t, closed, atol=1e-12)
     first, last = (end.reshape(-1, 2) for end in ends)
     assert found.F is not None and sampson(found.F, first, last).max() < 1e-12
     is_translation = np.array_equal(found.R, np.eye(3))  # then F does not know the order of the ends
