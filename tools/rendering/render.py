@@ -179,9 +179,10 @@ def knot_weights(tau: AnyArray) -> AnyArray:
     return np.asarray(np.prod(np.where(same, 1.0, factors), axis=2))
 
 
-def upsample(field: AnyArray, size: Size) -> AnyArray:
-    """Return a ringed grid field (h+2, w+2, 2) interpolated to pixels: float32 (H, W, 2)."""
-    return upsample_grid(field.astype(np.float32), GRID)[GRID : GRID + size[1], GRID : GRID + size[0]]
+def positions_of(field: AnyArray) -> AnyArray:
+    """Return the mid-exposure position (H, W, 2) of each pixel, by inverse displacements (h+2, w+2, 2)."""
+    displacement = upsample_grid(field.astype(np.float32), GRID)[GRID:-GRID, GRID:-GRID]
+    return pixel_grid(displacement.shape[1::-1]) + displacement
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,40 +284,38 @@ def add_highlights(rng: np.random.Generator, rgb: AnyArray) -> AnyArray:
     return np.asarray(rgb + glow[..., None] * rng.uniform(0.7, 1.0, 3).astype(np.float32))
 
 
-def compose(canvases: list[Canvas], fields: list[AnyArray], size: Size) -> AnyArray:
+def compose(canvases: list[Canvas], fields: list[AnyArray]) -> AnyArray:
     """Return one sharp sub-frame (H, W, 3): layers displaced by their fields, composed far to near."""
-    frame: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
-    pixels = pixel_grid(size)
-    for canvas, coarse in zip(canvases, fields, strict=True):
-        rgba = canvas.warp(pixels + upsample(coarse, size))
+    frame: AnyArray = np.zeros(3, np.float32)
+    for canvas, field in zip(canvases, fields, strict=True):
+        rgba = canvas.warp(positions_of(field))
         frame = frame * (1 - rgba[..., 3:]) + rgba[..., :3]
     return frame
 
 
-def mean_frame(canvases: list[Canvas], fields: list[AnyArray], size: Size) -> AnyArray:
+def mean_frame(canvases: list[Canvas], fields: list[AnyArray]) -> AnyArray:
     """Return the average of sub-frames (H, W, 3) at the centres of 15 to 200 equal parts of the exposure."""
     longest = max(np.linalg.norm(f[-1] - f[0], axis=-1).max() for f in fields)
     count = int(np.clip(np.ceil(longest), 15, 200))
-    total: AnyArray = np.zeros((size[1], size[0], 3), np.float32)
+    total: AnyArray = np.zeros(3, np.float32)
     for weights in knot_weights((np.arange(count) + 0.5) / count - 0.5):
-        total += compose(canvases, [np.tensordot(weights, f, 1) for f in fields], size)
+        total = total + compose(canvases, [np.tensordot(weights, f, 1) for f in fields])
     return total / np.float32(count)
 
 
-def end_visible(canvases: list[Canvas], fields: list[AnyArray], end: AnyArray, size: Size) -> AnyArray:
-    """Whether smears' ends (h, w, 2) are inside the image and show the points of the cells there.
+def end_visible(canvases: list[Canvas], fields: list[AnyArray], end: AnyArray, points: AnyArray) -> AnyArray:
+    """Whether smears' ends (h, w, 2) are inside the image and show the points of the cells.
 
     ``fields`` are the layers' inverse displacements at that time.
     """
-    pixels = pixel_grid(size)
-    origin = pixels.copy()  # where the point seen at each pixel is at mid exposure
-    for canvas, coarse in zip(canvases, fields, strict=True):
-        positions = pixels + upsample(coarse, size)
+    origin = positions_of(fields[0])  # where the point seen at each pixel is at mid exposure
+    for canvas, field in zip(canvases[1:], fields[1:], strict=True):
+        positions = positions_of(field)
         visible = canvas.warp(positions)[..., 3] > 0.5
         origin[visible] = positions[visible]
     seen = remapped(origin, end.astype(np.float32), cv2.BORDER_REPLICATE)
-    inside = ((end >= 0) & (end <= np.array(size) - 1)).all(-1)
-    return np.asarray(inside & (np.linalg.norm(seen - grid_points(size), axis=-1) < CROSS_CHECK_PX))
+    inside = ((end >= 0) & (end <= np.array(origin.shape[1::-1]) - 1)).all(-1)
+    return np.asarray(inside & (np.linalg.norm(seen - points, axis=-1) < CROSS_CHECK_PX))
 
 
 def expose(rng: np.random.Generator, layers: list[Layer], exposure: Exposure, kind: str) -> Rendering:
@@ -332,8 +331,8 @@ def expose(rng: np.random.Generator, layers: list[Layer], exposure: Exposure, ki
     for tau, knot in ((-0.5, 0), (0.5, -1)):
         there, at = [exposure.moved(points, layer, tau) for layer in layers], [f[knot] for f in fields]
         ends.append(np.take_along_axis(np.stack(there), index[None, ..., None], 0)[0])
-        valid &= end_visible(canvases, at, ends[-1], size)
-        instants.append(compose(canvases, at, size))
+        valid &= end_visible(canvases, at, ends[-1], points)
+        instants.append(compose(canvases, at))
     (R_open, C_open), (R_close, C_close) = exposure.camera.at(-0.5), exposure.camera.at(0.5)
     R, t = R_close @ R_open.T, R_close @ (C_open - C_close)
     return Rendering(
@@ -345,7 +344,7 @@ def expose(rng: np.random.Generator, layers: list[Layer], exposure: Exposure, ki
         t=t,
         F=fundamental_from_pose(exposure.K, R, t) if np.linalg.norm(t) > 1e-9 else None,
         kind=kind,
-        linear=mean_frame(canvases, fields, size),
+        linear=mean_frame(canvases, fields),
         open_image=instants[0],
         close_image=instants[1],
     )

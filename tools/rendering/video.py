@@ -100,7 +100,7 @@ def write_video(folder: Path, seed: int, options: VideoOptions) -> list[Shake]:
     canvases = [paint(rng, layer, K, size, MARGIN, DETAIL) for layer in layers]
     for index, (path, target) in enumerate(zip(paths, targets, strict=True)):
         exposure = Exposure(camera=path, K=K, size=size)
-        linear = mean_frame(canvases, [exposure.inverse_displacements(one) for one in layers], size)
+        linear = mean_frame(canvases, [exposure.inverse_displacements(one) for one in layers])
         like = linear if like is None else like
         picture = sharp_photograph(np.random.default_rng([seed, 2, index]), linear, like)
         cv2.imwrite(str(target), picture[..., ::-1])
