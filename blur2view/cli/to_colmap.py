@@ -102,15 +102,14 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         run.do(views_one, lines=False, checked=db)
-        done = [(job.plan, one.views) for job, one in run.outcomes if one.views is not None]
+        done = [one.views for one in run.done if one.views is not None]
         if run.ended_early or not done:
             return run.exit_code
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
             if self.link:
-                links = [(plan, views) for plan, views in done if plan is not None]
-                backup = write_links(db, links, backup=self.backup)
+                backup = write_links(db, done, backup=self.backup)
             else:
-                write_database(db, [views for _, views in done])
+                write_database(db, done)
         records = [views_record(job, one.photograph, one.views) for job, one in run.outcomes if one.views]
         if self.json:
             document = {"target": str(db), "backup": backup and str(backup), "photographs": records}

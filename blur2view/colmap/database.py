@@ -167,29 +167,23 @@ def _read_image(database: sqlite3.Connection, names: Mapping[str, int], name: st
     return ProjectImage(image_id, camera_id, name, camera, bool(prior), keypoints, bool(own))
 
 
-def write_links(
-    path: Path, links: Sequence[tuple[ProjectImage, ExposureViews]], *, backup: bool = True
-) -> Path | None:
+def write_links(path: Path, photographs: Sequence[ExposureViews], *, backup: bool = True) -> Path | None:
     """Write planned views in one transaction; return the path of the ``backup`` that is made before it.
 
-    DatabaseError, and nothing is written, if the database cannot be used or an image changed since the plan.
+    DatabaseError, and nothing is written, if the database cannot be used, or an image is gone or has another
+    number of keypoints than its views.
     """
-    if not links:
-        return None
+    placed: list[Placed] = []
     with project.open_for_writing(path) as database:
         names = project.image_names(database)
-        for image, _ in links:
-            if image.name not in names or _differ(image, _read_image(database, names, image.name)):
-                raise ValueError(f"image {image.name} has changed meanwhile; run again")
+        for views in photographs:
+            image = _read_image(database, names, views.name) if views.name in names else None
+            if image is None or len(image.keypoints) != len(views.points_open):
+                raise ValueError(f"image {views.name} has changed meanwhile; run again")
+            placed.append((views, image.camera_id, image.image_id))
         copy = back_up(path) if backup else None
-        _put_views(database, [(views, image.camera_id, image.image_id) for image, views in links])
+        _put_views(database, placed)
     return copy
-
-
-def _differ(one: ProjectImage, other: ProjectImage) -> bool:
-    """Return whether an image has changed: its ids, camera or keypoints."""
-    kept = [(*image[:3], image.camera.model, image.camera.params) for image in (one, other)]
-    return kept[0] != kept[1] or not np.array_equal(one.keypoints, other.keypoints, equal_nan=True)
 
 
 def _put_views(database: sqlite3.Connection, placed: Sequence[Placed]) -> None:

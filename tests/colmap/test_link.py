@@ -37,7 +37,7 @@ def path(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
 
 def link(path: Path, *names: str, backup: bool = False) -> Path | None:
     plans = plan_links(path, [Path(name) for name in names])
-    return write_links(path, [link_of(plan) for plan in plans], backup=backup)
+    return write_links(path, [views_of(plan) for plan in plans], backup=backup)
 
 
 def only_plan(path: Path, name: str = "a_001.jpg") -> ProjectImage | DatabaseError:
@@ -45,12 +45,12 @@ def only_plan(path: Path, name: str = "a_001.jpg") -> ProjectImage | DatabaseErr
     return plan
 
 
-def link_of(plan: ProjectImage | DatabaseError, seed: int = 0) -> tuple[ProjectImage, ExposureViews]:
+def views_of(plan: ProjectImage | DatabaseError, seed: int = 0) -> ExposureViews:
     assert isinstance(plan, ProjectImage)
     rng = np.random.default_rng(seed)
     views = random_views(plan.name, FEATURES, rng)
     usable = views.geometry.inlier_mask | (rng.random(FEATURES) < 0.5)
-    return plan, replace(views, usable=usable)
+    return replace(views, usable=usable)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=["wal", "journal", "old", "no frames"])
@@ -67,7 +67,7 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
         assert len(images) == 7
         ids = [images[name] for name in ("a_000.jpg", "a_000.jpg#open", "a_000.jpg#close")]
         first, last = (database.read_keypoints(image_id) for image_id in ids[1:])
-        views = link_of(only_plan(path, "a_000.jpg"))[1]
+        views = views_of(only_plan(path, "a_000.jpg"))
         np.testing.assert_allclose(first, views.points_open + 0.5, atol=1e-4)
         np.testing.assert_allclose(last, views.points_close + 0.5, atol=1e-4)
         assert views.usable is not None
@@ -85,10 +85,10 @@ def test_user_rows_stay_and_pycolmap_reads_the_views(tmp_path: Path, kind: Proje
 
 
 def test_half_geometries_lead_from_the_photograph(path: Path) -> None:
-    plan, views = link_of(only_plan(path))
+    views = views_of(only_plan(path))
     F = np.cross(np.eye(3), np.random.default_rng(0).normal(size=3))  # a translation: half has the same F
     views = replace(views, geometry=replace(views.geometry, F=F))
-    write_links(path, [(plan, views)], backup=False)
+    write_links(path, [views], backup=False)
     with pycolmap.Database.open(path) as database:
         geometries = [database.read_two_view_geometry(*pair).F for pair in ((2, 4), (2, 5), (4, 5))]
     to_open, to_close, whole = (unit_norm(np.asarray(found, float)) for found in geometries)
@@ -108,8 +108,8 @@ def test_linking_again_writes_views_anew_under_their_ids_also_beside_those_of_an
     link(path, "a_000.jpg", "a_001.jpg")
     ids = names_of(path)
     run_sql(path, "ALTER TABLE blur2view_views DROP COLUMN smear_px")  # as of 0.2.0
-    plan, views = link_of(only_plan(path), seed=1)
-    write_links(path, [(plan, replace(views, smear_px=7.5))], backup=False)
+    views = views_of(only_plan(path), seed=1)
+    write_links(path, [replace(views, smear_px=7.5)], backup=False)
     assert smear_lengths(path) == {"a_001.jpg": 7.5} and names_of(path) == ids and user_rows(path) == before
     assert check_database(path) == []
     with pycolmap.Database.open(path) as database:
@@ -153,7 +153,7 @@ def test_a_backup_is_what_was_there(path: Path) -> None:
     ],
 )
 def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path, edit: str) -> None:
-    links = [link_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
+    links = [views_of(only_plan(path, name)) for name in ("a_000.jpg", "a_001.jpg")]
     run_sql(path, edit)
     before, names = user_rows(path), names_of(path)
     with pytest.raises(DatabaseError, match=r"a_001\.jpg has changed meanwhile"):
@@ -164,7 +164,7 @@ def test_an_image_that_changed_since_the_plan_stops_the_write(path: Path, edit: 
 @pytest.mark.parametrize("path", [ProjectOptions(wal=False)], indirect=True, ids=["journal"])
 def test_a_locked_database_is_refused_and_linking_locks(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("blur2view.colmap.project.LOCK_TIMEOUT_S", 0.05)
-    planned = link_of(only_plan(path))
+    planned = views_of(only_plan(path))
     with closing(sqlite3.connect(path, timeout=0, isolation_level=None)) as other:
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(DatabaseError, match="close programs that use it"):
@@ -197,7 +197,7 @@ def test_malformed_projects_are_refused_or_left_as_they_were(tmp_path: Path, num
         plan = only_plan(path)
         if isinstance(plan, ProjectImage):
             views = random_views(plan.name, len(plan.keypoints), np.random.default_rng(0))
-            write_links(path, [(plan, views)], backup=False)
+            write_links(path, [views], backup=False)
             assert user_rows(path) == rows
             return
     except DatabaseError as error:

@@ -9,7 +9,7 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import Array
-from blur2view.colmap.database import ProjectImage, plan_links, write_links
+from blur2view.colmap.database import write_links
 from blur2view.colmap.models import add_image
 from blur2view.colmap.placement import Placement, place_views
 from blur2view.errors import DatabaseError
@@ -33,10 +33,7 @@ def project(
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
     database, model = folder / "walk.db", folder / "model"
     WALK.write(points, database, {model: range(FRAMES)})
-    plans = plan_links(database, [Path(NAMES[k]) for k in linked])
-    steps = [plan for plan in plans if isinstance(plan, ProjectImage)]
-    views = [smears(plan.name, points, share, usable) for plan in steps]
-    write_links(database, list(zip(steps, views, strict=True)), backup=False)
+    write_links(database, [smears(NAMES[k], points, share, usable) for k in linked], backup=False)
     return database, model
 
 
