@@ -39,5 +39,5 @@ def gyroflow_log(records: Iterable[Photograph], video: str) -> str:
     rows.writerows([("tscale", f"{TICK_S:f}"), ("gscale", "1.0")])
     rows.writerow(("t", "gx", "gy", "gz"))
     for time, rate in sorted(rates.items()):  # frames may be named in any order
-        rows.writerow((round(time / TICK_S), *(f"{-value:z.6f}" for value in rate)))
+        rows.writerow((round(time / TICK_S), *(f"{-(value or 0.0):z.6f}" for value in rate)))
     return text.getvalue()

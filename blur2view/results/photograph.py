@@ -14,9 +14,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
-from blur2view.geometry.pose import rotation_vector
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.results.verdict import use_of, verdict
 
@@ -35,7 +32,8 @@ FLAT = "str", "int", "float", "bool"
 BLUR = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
 MODEL = "model", "parameters", "log_likelihood", "probability"
 COVARIANCE = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
-"""What the record holds of `Blur`, `ModelRow` and `PoseCovariance`."""
+RATES = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
+"""What the record holds of `Blur`, `ModelRow`, `PoseCovariance` and `AngularVelocity`."""
 FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
 
@@ -112,6 +110,14 @@ class Photograph:
         """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
         rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
+    wx: float | None = explained(
+        "Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit."
+    )
+    wy: float | None = explained("The same about y (down). A gyroscope shows the negative.")
+    wz: float | None = explained("The same about z (forwards). All signs depend on time_known.")
+    sigma_wx: float | None = explained("Standard deviation of wx.")
+    sigma_wy: float | None = explained("Standard deviation of wy.")
+    sigma_wz: float | None = explained("Standard deviation of wz.")
     backward: dict[str, Any] | None = explained(
         """With --readout the geometry of the other order in time: F, H, E, cam2_from_cam1, pose_covariance,
         config, parallax; null where no such geometry fits the rows."""
@@ -174,24 +180,14 @@ class Photograph:
     @property
     def rotation_deg(self) -> float | None:
         """Angle of the rotation during the exposure, degrees, with known intrinsics."""
-        if self.cam2_from_cam1 is None:
+        if self.wx is None or self.wy is None or self.wz is None:
             return None
         return math.degrees(math.hypot(self.wx, self.wy, self.wz) * (self.exposure_s or 1.0))
-
-    wx = property(
-        lambda one: one.rate(0),
-        doc="Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit.",
-    )
-    wy = property(lambda one: one.rate(1), doc="The same about y (down). A gyroscope shows the negative.")
-    wz = property(lambda one: one.rate(2), doc="The same about z (forwards). All signs depend on time_known.")
-    sigma_wx = property(lambda one: one.rate_sigma(0), doc="Standard deviation of wx.")
-    sigma_wy = property(lambda one: one.rate_sigma(1), doc="Standard deviation of wy.")
-    sigma_wz = property(lambda one: one.rate_sigma(2), doc="Standard deviation of wz.")
 
     @property
     def rate_unit(self) -> str:
         """rad/s, or without an exposure time rad; empty without a pose."""
-        return "" if self.cam2_from_cam1 is None else "rad/s" if self.exposure_s else "rad"
+        return "" if self.wx is None else "rad/s" if self.exposure_s else "rad"
 
     def moved(self) -> bool:
         """Return whether the camera moved, so that a geometry was looked for."""
@@ -200,20 +196,6 @@ class Photograph:
     def has_geometry(self) -> bool:
         """Return whether F or H explains the smears, so that the views of the exposure are of use."""
         return self.F is not None or self.H is not None
-
-    def rate(self, axis: int) -> float | None:
-        """Return the angular velocity about an axis, in `rate_unit`; None without a pose."""
-        if self.cam2_from_cam1 is None:
-            return None
-        vector = rotation_vector(np.array(self.cam2_from_cam1["rotation"]))
-        return float(vector[axis]) / (self.exposure_s or 1.0)
-
-    def rate_sigma(self, axis: int) -> float | None:
-        """Return the standard deviation of `rate`; None without a covariance."""
-        if self.pose_covariance is None:
-            return None
-        variance = float(self.pose_covariance["matrix"][axis][axis])
-        return math.sqrt(max(variance, 0.0)) / (self.exposure_s or 1.0)
 
     def probability(self, model: str) -> float | None:
         """Return the probability of a model with any shutter; None if none were compared."""
@@ -249,6 +231,8 @@ class Photograph:
             "time_known": estimate.time.known,
             "time_confidence": estimate.time.confidence,
         }
+        if (rates := geometry.angular_velocity(stated.get("exposure_s") or 1.0)) is not None:
+            values |= zip(RATES, [*rates.mean, *rates.sigma], strict=True)
         if mask is not None:
             regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
             values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}

@@ -129,7 +129,8 @@ def _turned(one: Photograph) -> str:
 
 def _turned_by(one: Photograph) -> str:
     """Return " by" an angle or " at" a rate of rotation, with its error; empty if it is within the error."""
-    rates, sigmas = ([of(axis) or 0.0 for axis in range(3)] for of in (one.rate, one.rate_sigma))
+    rates = [one.wx or 0.0, one.wy or 0.0, one.wz or 0.0]
+    sigmas = [one.sigma_wx or 0.0, one.sigma_wy or 0.0, one.sigma_wz or 0.0]
     angle = math.hypot(*rates)
     sigma = math.hypot(*(r / max(angle, 1e-30) * s for r, s in zip(rates, sigmas, strict=True)))
     if angle <= sigma:

@@ -33,9 +33,8 @@ def test_gyroflow_turns_the_camera_as_it_turned() -> None:
     times, seen = 0.01 + np.arange(30) / 30, rng.normal(0, 1, (30, 3))
     records = []
     for time, rate in zip(times.tolist(), seen, strict=True):  # the scene turns the other way
-        pose = {"rotation": rotation_matrix(-0.02 * rate).tolist(), "translation": [0.0, 0.0, 0.0]}
-        record = Photograph(name="", timestamp_s=time, exposure_s=0.02, cam2_from_cam1=pose, time_known=True)
-        records.append(record)
+        rates = dict(zip(("wx", "wy", "wz"), (-rate).tolist(), strict=True))
+        records.append(Photograph(name="", timestamp_s=time, exposure_s=0.02, time_known=True, **rates))
     header, seconds, g = parsed(gyroflow_log(records, "hall, 2.mp4"))
     assert header["version"] == "1.3" and header["videofilename"] == "hall, 2.mp4"
     np.testing.assert_allclose(seconds, times, atol=1e-6)

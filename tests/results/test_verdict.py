@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from blur2view.geometry.pose import rotation_matrix
 from blur2view.results.photograph import Photograph
 from blur2view.results.verdict import use_of
 
@@ -19,11 +18,10 @@ def moved(config: str, parallax: str = "absent", **more: Any) -> Photograph:
     return replace(MOVED, config=config, parallax=parallax, **more)
 
 
-def posed(config: str, translation: list[float], sigma_deg: float = 0.3, **more: Any) -> Photograph:
-    pose = {"rotation": rotation_matrix(np.array([0.0, 0.0837758, 0.0])).tolist(), "translation": translation}
-    matrix = [[(sigma_deg / 57.2958) ** 2 * (i == j) for j in range(5)] for i in range(5)]
-    covariance = {"matrix": matrix, "translation_sigma_deg": 12.0}
-    return moved(config, cam2_from_cam1=pose, pose_covariance=covariance, **more)
+def posed(config: str, translation: list[float], sigma: float = 0.005, **more: Any) -> Photograph:
+    pose = {"rotation": np.eye(3).tolist(), "translation": translation}
+    rates = {"wx": 0.0, "wy": 0.0837758, "wz": 0.0} | {f"sigma_w{axis}": sigma for axis in "xyz"}
+    return moved(config, cam2_from_cam1=pose, pose_covariance={"translation_sigma_deg": 12.0}, **rates | more)
 
 
 CASES = {
@@ -36,11 +34,9 @@ CASES = {
     f"Camera moved, and too little of the picture shows how{SMEARS}": moved("DEGENERATE", "undecided"),
     f"Camera turned sideways{SMEARS}": moved("PANORAMIC", H=H, direction_deg=172.0),
     f"Camera rolled, parallax undecided{SMEARS}": moved("PANORAMIC", "undecided", F=F, H=H),
-    f"Camera moved sideways (+/- 12 degrees){SMEARS}": posed(
-        "CALIBRATED", [1.0, 0.0, 0.0], F=F, sigma_deg=5.0
-    ),
+    f"Camera moved sideways (+/- 12 degrees){SMEARS}": posed("CALIBRATED", [1.0, 0.0, 0.0], F=F, sigma=0.09),
     "Camera turned sideways at 2.1 +/- 0.1 rad/s": posed(
-        "PANORAMIC", [0.0, 0, 0], H=H, direction_deg=172.0, exposure_s=0.04
+        "PANORAMIC", [0.0, 0, 0], 0.13, wy=2.094, H=H, direction_deg=172.0, exposure_s=0.04
     ),
     f"Camera moved past something flat{SMEARS}": moved("PLANAR", H=H),
     "Camera moved forward or back (+/- 12 degrees), turned by 4.8 +/- 0.3 degrees": posed(
