@@ -88,29 +88,19 @@ def test_gsplat_gets_the_model_of_photographs_that_are_there(scene: Path, call: 
         (("-o", scene / "b", "--images", scene / "out"), "nor any other"),
     ):
         assert complaint in call(*words, *wrong).line
+    assert call(*words, "-o", scene / "b", "--masks-from", scene / "out") == 2  # it reads none
     assert not (scene / "b").exists()
 
 
-@pytest.mark.parametrize("dialect", ["nerfstudio", "gsplat"])
-def test_long_smears_are_left_out(scene: Path, call: Call, dialect: str) -> None:
+def test_long_smears_are_left_out_and_photographs_that_are_not_there_counted(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "-o", scene / "few.json")
+    assert call(*words) == 0
     # the walk is even: smears of its frames differ by some percent
-    smears = sorted(_smears(scene, call))
-    words = (scene / "model", "--images", scene / "images", "--dialect", dialect)
-    middle = f"{(smears[0] + smears[1]) / 2:.6f}"
-    target = scene / ("few" if dialect == "gsplat" else "few.json")
-    assert " 1 " in call(*words, "--max-smear", middle, "-o", target).out
-    refused = call(*words, "--max-smear", 0.1, "-o", target)
+    smears = sorted(
+        1 / one["sharpness"] - 1 for one in json.loads((scene / "few.json").read_text())["frames"]
+    )
+    assert " 1 frame\n" in call(*words, "--max-smear", f"{(smears[0] + smears[1]) / 2:.6f}").out
+    refused = call(*words, "--max-smear", 0.1)
     assert refused == 1 and "all smears are longer than 0.1 px; add to --max-smear" in refused.line
-
-
-@pytest.mark.parametrize("dialect", ["nerfstudio", "gsplat"])
-def test_photographs_that_are_not_there_are_counted(scene: Path, call: Call, dialect: str) -> None:
     min((scene / "images").iterdir()).unlink()
-    done = call(scene / "model", "--images", scene / "images", "--dialect", dialect, "-o", scene / "made")
-    assert done == 0 and f"; left out 1 photograph of the model not in {scene / 'images'}" in done.out
-
-
-def _smears(scene: Path, call: Call) -> list[float]:
-    """Return the median smears, in pixels, that instant-ngp reads."""
-    assert call(scene / "model", "--images", scene / "images", "-o", scene / "all.json") == 0
-    return [1 / one["sharpness"] - 1 for one in json.loads((scene / "all.json").read_text())["frames"]]
+    assert f"; left out 1 photograph of the model not in {scene / 'images'}" in call(*words).out
