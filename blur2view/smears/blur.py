@@ -23,10 +23,10 @@ MOVED = 0.5  # share that must be smeared for the camera to have moved
 CLOSE_MOVED = 0.2  # of the share that decides if the camera moved, what is close to its limit
 # Length of what is surely smeared, also in standard deviations; share of the cells that must be so.
 SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
-MOVING_SHARE = 0.005  # share of the picture that must move for the camera to be at rest before it
-# Share of the cells that must be smeared for anything to have moved; share that is not, and median length of
-# the smears, pixels, of a camera that plainly moved.
-MIN_SMEARED, MAX_STILL, PLAIN_PX = 0.005, 0.1, 4.0
+# Share of the picture that must move, or of the cells that must be smeared, for anything to have moved.
+MOVING_SHARE = 0.005
+# A camera plainly moved if at most this share of the cells is not smeared, and the median smear this long.
+MAX_STILL, PLAIN_PX = 0.1, 4.0
 IN_FOCUS = 0.2  # share of what is not smeared that must be sharp: the subject
 DEFOCUSED_PX = 2.0  # radius, of what is sharpest, above which a photograph is out of focus
 DARK, BRIGHT = 0.02, 0.98  # values below, or above, which a whole photograph is too dark, or overexposed
@@ -109,7 +109,7 @@ def blur_of(
     smeared = with_length(Blur(kind=BlurKind.CAMERA_MOVED), grid)
     if smeared.smear_px is None:
         smeared = replace(smeared, kind=BlurKind.CANNOT_TELL)
-    if grid.kinds is None or grid.blur is None:
+    if grid.blur is None:
         return smeared
     kinds = np.asarray(grid.kinds, float)
     known = 1 - kinds[..., CANNOT_TELL]
@@ -144,34 +144,16 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float
 
 
 def near_border(kinds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much of a photograph is of each kind of blur but CANNOT_TELL, more so near the border."""
+    """Return sums (4,) of all kinds but CANNOT_TELL over a photograph, weighed more near the border."""
     near = [np.minimum(np.arange(n), np.arange(n)[::-1]) < BORDER * n for n in kinds.shape[:2]]
     weight = np.where(near[0][:, None] | near[1], BORDER_WEIGHT, 1.0)
     return np.asarray((kinds * weight[..., None]).sum((0, 1))[:CANNOT_TELL])
 
 
-def is_close(grid: SmearGrid) -> bool:
-    """Whether a photograph's kind of blur is so close that more windows may show another.
-
-    Of 280 pictures that chose none of the limits, sharp, soft, out of focus, smeared and of DAVIS, this is
-    true of 33, and 13 of the others have another kind than by all windows.
-    """
-    if grid.kinds is None:
-        return False
-    moved, seen, smears = smeared_share(grid), blur_of(grid, camera_moved=1.0), grid.smears()
-    if abs(moved - MOVED) < CLOSE_MOVED:
-        return True
-    if moved > MOVED:
-        short = in_doubt(grid) and not with_length(seen, grid).is_short
-        return short or (seen.kind is BlurKind.CAMERA_MOVED and (seen.defocus_px or 0.0) > DEFOCUSED_PX)
-    sure = smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * grid.sigma_px)
-    return bool((sure & (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5)).mean() > SURE_SHARE)
-
-
 def smeared_share(grid: SmearGrid) -> float:
     """Return the share of a grid with kinds of blur that is smeared, as it counts for the camera's motion."""
-    sharp, defocused, smeared, both = near_border(np.asarray(grid.kinds, float))
-    return float((smeared + both) / max(sharp + defocused + smeared + both, TINY))
+    sums = near_border(np.asarray(grid.kinds, float))
+    return float(sums[[SMEARED, BOTH]].sum() / max(sums.sum(), TINY))
 
 
 def in_doubt(grid: SmearGrid) -> bool:
@@ -182,7 +164,26 @@ def in_doubt(grid: SmearGrid) -> bool:
     still = (grid.kinds[..., [SHARP, OUT_OF_FOCUS]].sum(-1) > 0.5).mean()
     whole = with_length(Blur(kind=BlurKind.CANNOT_TELL), grid)
     is_plain = still <= MAX_STILL and (whole.smear_px or 0.0) >= PLAIN_PX and not whole.is_short
-    return bool(smeared > MIN_SMEARED and not is_plain)
+    return bool(smeared > MOVING_SHARE and not is_plain)
+
+
+def is_close(grid: SmearGrid) -> bool:
+    """Whether a photograph's kind of blur is so close that more windows may show another.
+
+    Of 280 pictures that chose none of the limits, sharp, soft, out of focus, smeared and of DAVIS, this is
+    true of 33, and 13 of the others have another kind than by all windows.
+    """
+    if grid.kinds is None:
+        return False
+    moved, smears = smeared_share(grid), grid.smears()
+    if abs(moved - MOVED) < CLOSE_MOVED:
+        return True
+    if moved > MOVED:
+        seen = blur_of(grid, camera_moved=1.0)
+        short = in_doubt(grid) and not with_length(seen, grid).is_short
+        return short or (seen.kind is BlurKind.CAMERA_MOVED and (seen.defocus_px or 0.0) > DEFOCUSED_PX)
+    sure = smears.length_px > np.maximum(SURE_PX, SURE_SIGMAS * grid.sigma_px)
+    return bool((sure & (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5)).mean() > SURE_SHARE)
 
 
 def nothing_seen(image: AnyArray) -> str:

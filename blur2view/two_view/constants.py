@@ -1,13 +1,13 @@
 """Every constant of search, likelihood, choice of models and pose, with the command and the data behind it.
 
-Sources, where a line says no other: RK, 34 frames of RedKitchen (`score_redkitchen.py`); KINDS, rendered
-photographs of known motion (`python -m tools.datasets.testset OUT --kinds --seed N`, then
+Sources, where a line says no other: RK, 34 frames of RedKitchen (`score_redkitchen.py`, in the history);
+KINDS, rendered photographs of known motion (`python -m tools.datasets.testset OUT --kinds --seed N`, then
 `python -m tools.evaluation.degeneracy --kinds OUT`); SYNTH, `python -m tools.evaluation.degeneracy` without
-photographs. "Bound" marks numbers that any value nearby would do for.
+photographs. "Bound": any number nearby would do.
 """
 
 # The camera that is assumed.
-BEHIND = 0.2  # probability with which noise puts a point behind a camera that is before it: bound
+BEHIND = 0.2  # probability that noise puts a point behind a camera that is before it: bound
 # Focal length over the longer side of the image. Any value from 0.4 to 0.6 does as well on 35 rendered scenes
 # (focal lengths of 0.6 to 1.6) and RK (0.82); 0.85 and 1.2 raise the mean rho of both by a sixth and by more
 # than half. A short lens separates rotation and translation by curved fields, a long one hardly, and then
@@ -17,14 +17,12 @@ BEHIND = 0.2  # probability with which noise puts a point behind a camera that i
 ASSUMED_FOCAL = 0.55
 # Prior of the rotation, in smear length over focal length; roll moves points less.
 ROTATION_SPREAD = 1.0, 1.0, 3.0
-# Prior deviations of the log focal length over the assumed one, and of the principal point in focal lengths;
-# and those without an image size: of 104 scenes of the sweep AUC@10 0.825, as with it, and of 118 of SYNTH
-# 91 % are named rightly.
+# Prior deviations of the log focal length over the assumed one and of the principal point in focal lengths;
+# and without an image size: of 104 scenes of the sweep AUC@10 0.825, as with it; 91 % of 118 of SYNTH named.
 LENS_SPREAD, UNSIZED_LENS_SPREAD = (0.3, 0.03), (0.9, 0.09)
 
 # The likelihood of F.
-CUTOFF = 3.0
-"""Residual, in standard deviations, at which a smear is as likely an outlier as an inlier."""
+CUTOFF = 3.0  # residual, in standard deviations, at which a smear is as likely an outlier as an inlier
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
 LENGTH_ERROR = 0.1  # of the length, the deviation along a smear beyond that across it, against lines
 ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from: bound
@@ -49,20 +47,20 @@ ROLLING_SPREAD = 0.5
 # Search and fits of F.
 WIDE, SEARCH_STEPS = 3.0, 3  # sigmas of the first of two fits inside the loop; their steps: bound
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them: bound
-# Of translation tried with every sample of three. Of 48 scenes of `tests/two_view/test_plane_parallax.py`
+# Translations tried with every sample of three. Of 48 scenes of `tests/two_view/test_plane_parallax.py`
 # three have an epipole more than 2 degrees off; with 60 directions five.
 DIRECTIONS = 80
 STEPS = 12  # Levenberg-Marquardt steps; fits start near their end: bound
 REST = 0.02  # standard deviations: a smaller step ends a fit; with 0.2 the order of the given ends shows in F
-# Of several starts those that take a first, a second, a third and a fourth step; then the cheapest alone goes
-# on. With 3 and 2, 3 of 120 exact scenes (`test_estimate`) end in another minimum.
+# Starts that take a first, a second, a third and a fourth step; then the cheapest alone goes on. With 3 and
+# 2, 3 of 120 exact scenes (`test_estimate`) end in another minimum.
 STARTERS = 5, 5, 5, 2
 TOLERANCE = 1e-5  # relative decrease of the cost that ends a fit
 SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: bound
 MIN_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
-# Refusals and consensus: `two_view.estimate`.
+# Refusals and inliers: `two_view.estimate`.
 MIN_MATCHES = 20
 MIN_LENGTH_PX = 1.0  # median smear
 MIN_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
@@ -92,12 +90,12 @@ PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they ha
 # Probability of parallax: of the 200, two of the 150 others reach it, of the 50 that have it 18.
 PROVEN_FROM = 0.87
 # Share of the smears that must follow F beyond chance, too: in `tools.datasets.synthetic_matches`, seeds 0 to
-# 39, 0.32 to 0.38 of smooth random fields do, 0.54 and more of a camera's motion. Of fields alike over 120 px
-# (`tests/two_view/test_degeneracy.py`) eight of 36 (seeds 0, 100 and 200 to 11 more) reach it, with 0.5
-# eleven. Nor does the share within thrice the tolerance tell them from a camera's motion.
+# 39, 0.32 to 0.38 of smooth random fields do, 0.54 and more of a camera's motion. Of fields correlated over
+# 120 px (`tests/two_view/test_degeneracy.py`) eight of 36 (seeds 0, 100 and 200 to 11 more) reach it, with
+# 0.5 eleven. Nor does the share within thrice the tolerance tell them from a camera's motion.
 PROVEN_AGREEMENT = 0.55
-# Probability below which it is absent, where MIN_INDEPENDENT smears are independent, all correlation
-# counted: bound
+# Probability of parallax below which it is absent, where MIN_INDEPENDENT smears are independent, all
+# correlation counted: bound
 ABSENT_BELOW = 0.015
 
 # The pose of known intrinsics: `two_view.pose`.
@@ -108,7 +106,7 @@ GRID_SMEARS, GRID_STEPS = 300, 6
 # Likeliest directions that start fits of F, and the cosine of the angle between any two. With 3, AUC@10 of
 # the sweep is 0.848, with 1 0.843.
 GRID_STARTS, GRID_APART = 3, 0.9
-GRID_PARTS = 4  # so many directions at once that a cache holds them; all at once take a third longer: bound
+GRID_PARTS = 4  # parts of the directions, each of which a cache holds; all at once take a third longer: bound
 GRID_ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears: bound
 KNOWN_DEG = 30.0  # deviation of its direction below which a translation is given
 # Squared distances of the truth over those that the curvature states. With 4 the regions of the kinds of
