@@ -34,11 +34,11 @@ class FundamentalFit:
     """An F with the odds of the smears' orders there: a `least_squares.Problem`.
 
     The order of every smear, and whether it is an outlier, are weighed anew at every point (expectation-
-    maximisation), so nothing is ever fixed but the ``sign`` of the translation, by which positive depth
-    gives odds to the orders. A sign of 0 takes each smear's better order for granted: right for a search at
-    unknown noise, but it rewards any S as large as the noise (on pure translations with 4 degrees of noise
-    median rho 0.022 against 0.010). With 30 % outliers and 1 px of noise the mixture of inliers and
-    outliers gave an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
+    maximisation). Only the ``sign`` of the translation is fixed, by which positive depth gives odds to the
+    orders. A sign of 0 takes each smear's better order for granted: right for a search at unknown noise, but
+    it rewards any symmetric part of F as large as the noise (on pure translations with 4 degrees of noise
+    median rho 0.022 against 0.010). With 30 % outliers and 1 px of noise the mixture of inliers and outliers
+    gives an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
     """
 
     point: CameraF
@@ -236,8 +236,8 @@ def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Li
     Where many smears are independent the likeliest directions of translation are starts, too: without them 3
     of 46 scenes of exact smears end in another minimum.
     """
-    estimator = SmearEstimator(likelihood=likelihood)
-    searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
+    searched = ransac(SmearEstimator(likelihood=likelihood), rng)
+    simple = fit_translation(likelihood).matrix()
     starts = [simple] if searched is None else [searched, simple]
     if likelihood.has_many_independent:
         grid = DirectionLikelihood(likelihood=likelihood.fully_correlated)
@@ -248,29 +248,20 @@ def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Li
     return measured, fit_best([point], measured)
 
 
-def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> CameraF:
-    """Return the two-parameter F [e]x, fitted on the standard deviations as given.
-
-    The best of the points e where the lines of two smears meet is the start: unit homogeneous points, that
-    of parallel smears at infinity; two parts of one line meet nowhere and are left out.
-    """
-    some, ends = estimator.likelihood.thinned(c.ROUGH_COUNT), estimator.likelihood.ends
-    pairs = ends[weighted_samples(estimator.quality, 2, c.PAIRS, rng)]
-    lines = np.cross(homogeneous(pairs[:, :, 0]), homogeneous(pairs[:, :, 1]))  # (PAIRS, 2, 3)
-    points = np.vstack([[0.0, 0.0, 1.0], np.cross(lines[:, 0], lines[:, 1])])
-    norm = np.linalg.norm(points, axis=1, keepdims=True)
-    points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]
-    cost = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
-    start = CameraF(t=points[int(np.argmin(cost))], R=np.eye(3), sigma=UNROTATED)
+def fit_translation(likelihood: Likelihood) -> CameraF:
+    """Return the two-parameter F [e]x near the best of a grid of directions, on the deviations as stated."""
+    some, directions = likelihood.thinned(c.ROUGH_COUNT), half_sphere(c.GRID)
+    costs = SmearEstimator(likelihood=some).score(cross_matrix(directions), np.arange(len(some)))
+    start = CameraF(t=directions[int(np.argmin(costs))], R=np.eye(3), sigma=UNROTATED)
     *_, best = levenberg_marquardt(FundamentalFit(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
     return best.point
 
 
 def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
-    """Return the likelihood with standard deviations as the residuals of F show them, times 0.1 to 4.
+    """Return the likelihood with standard deviations as the residuals of F show them, 0.1 to 4 of the stated.
 
-    Residuals of the better order below c.CUTOFF are a mixture of a half normal distribution and of a
-    uniform one, the outliers; expectation-maximisation separates them.
+    Residuals of the better order below CUTOFF are a mixture of a half normal distribution and a uniform one
+    of outliers, which expectation-maximisation separates.
     """
     residual = likelihood.residuals(F).least
     squared = residual[residual < c.CUTOFF] ** 2
