@@ -49,12 +49,6 @@ def rotation_vector(R: Array) -> Array:
     return np.asarray(cv2.Rodrigues(R)[0], float).ravel()
 
 
-def step_on_sphere(unit: Array, delta: Array) -> Array:
-    """Return a unit vector (3,) moved by delta (2,) in its tangent plane (`plane_basis`)."""
-    moved: Array = unit + delta @ plane_basis(unit)
-    return moved / math.sqrt(moved @ moved)
-
-
 def rotation_flow(middle: AnyArray) -> AnyArray:
     """Return the motion (2, 3, N) of points (N, 2), K = identity, per radian: w x p - p (w x p)_z."""
     x, y = middle.T

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Array, require
 from blur2view.camera import Camera
-from blur2view.geometry.epipolar import denormalise, serrmin
+from blur2view.geometry.epipolar import denormalise, serrmin, unit_norm
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import Configuration, Parallax, TwoViewGeometry
 from blur2view.smears.blur import Blur, BlurKind
@@ -20,7 +20,7 @@ from blur2view.two_view.choice import choose
 from blur2view.two_view.fundamental import search_and_fit
 from blur2view.two_view.homography import HomographyFit
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.models import pixel_homography
+from blur2view.two_view.models import cayley
 from blur2view.two_view.order import in_order
 from blur2view.two_view.pose import estimate_pose
 
@@ -29,7 +29,6 @@ from blur2view.two_view.pose import estimate_pose
 ROUNDS = 4
 GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions
 MAX_PX = 1e6  # beyond any photograph, and its square is a number
-LESS_PARALLAX = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +93,8 @@ def estimate_two_view(
     without_orders = geometry.F is None and geometry.H is None
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
-    ways = [
-        all_rows_at_once(matches, options, rng, camera, shutter, way)
-        for way in (geometry, geometry.reversed())
-    ]
+    both = geometry, geometry.reversed()
+    ways = [all_rows_at_once(matches, options, rng, camera, shutter, way) for way in both]
     flips = sorted((way for way in ways if way is not None), key=parallax_of)
     if len(flips) == 1:
         reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
@@ -129,7 +126,7 @@ def all_rows_at_once(
 def parallax_of(geometry: TwoViewGeometry) -> tuple[bool, int, bool]:
     """Return a key that sorts geometries by how much parallax they need, those without a pose last."""
     pose = geometry.cam2_from_cam1
-    return pose is None, LESS_PARALLAX.index(geometry.parallax), geometry.E is not None
+    return pose is None, -list(Parallax).index(geometry.parallax), geometry.E is not None
 
 
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
@@ -167,10 +164,14 @@ def as_recorded(
     inliers, by_chance = np.zeros(len(likelihood), bool), 0.0
     if model is not None:
         inliers, by_chance = inliers_of(model, likelihood, options)
+    H = None
+    if field is not None:
+        moved = cayley(field.family.generator()) @ likelihood.T
+        H = unit_norm(np.asarray(np.linalg.solve(likelihood.T, moved), float))
     proven = choice.config is Configuration.UNCALIBRATED
     geometry = TwoViewGeometry(
         F=F if choice.reports_F else None,
-        H=None if field is None else pixel_homography(field.family.generator(), likelihood.T),
+        H=H,
         config=Configuration.CALIBRATED if proven and pose is not None else choice.config,
         reason=f"{choice.sentence}: {figures}{'' if pose is None else pose.sentence}",
         inlier_mask=inliers,

@@ -23,7 +23,7 @@ from blur2view.two_view import constants as c
 from blur2view.two_view.least_squares import least_of, levenberg_marquardt, reweighted_motion
 from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
 from blur2view.two_view.models import UNROTATED, CameraF
-from blur2view.two_view.ransac import ransac, weighted_samples
+from blur2view.two_view.ransac import ransac
 
 MIN_LENGTH = np.float32(1e-6)  # of a smear over the focal length: shorter ones have no direction
 ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, -1]])  # but for F^T
@@ -108,13 +108,13 @@ class SmearEstimator:
 
     @cached_property
     def quality(self) -> Array:
-        """Sampling weights (N,): length over standard deviation, squared."""
-        weights: Array = (self.likelihood.matches.length_px / self.likelihood.sigma_px) ** 2
-        return weights
+        """Probabilities (N,) of being drawn: length over standard deviation, squared."""
+        weights = (self.likelihood.matches.length_px / self.likelihood.sigma_px) ** 2 + TINY
+        return np.asarray(weights / weights.sum())
 
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three, for every direction."""
-        three = weighted_samples(self.quality, 3, samples, rng)
+        three = rng.choice(self.count, (samples, self.sample_size), p=self.quality)
         limit = 3 * self.likelihood.prior[:3]
         return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.DIRECTIONS), limit)
 
@@ -155,9 +155,10 @@ def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> A
     x, y = (np.moveaxis(homogeneous(ends[:, :, i]), -1, 0)[..., None] for i in (0, 1))  # (3, B, 3, 1)
     p, t = 0.5 * (x + y), directions.T[:, None]  # and (3, 1, T)
     smears = p * (p * t[:, None]).sum(axis=0) - t[:, None] * (p * p).sum(axis=0)  # rows (3, B, 3, T)
-    right = (_cross(x, y) * t[:, None]).sum(axis=0)  # (B, 3, T)
+    right = (np.cross(x, y, axis=0) * t[:, None]).sum(axis=0)  # (B, 3, T)
     first, second, third = np.moveaxis(smears, 2, 0)  # each (3, B, T)
-    adjugate = np.stack([_cross(second, third), _cross(third, first), _cross(first, second)], axis=1)
+    pairs = (second, third), (third, first), (first, second)
+    adjugate = np.stack([np.cross(*pair, axis=0) for pair in pairs], axis=1)
     determinant = (first * adjugate[:, 0]).sum(axis=0)  # (B, T)
     regular = np.abs(determinant) >= TINY
     shares = adjugate * (np.moveaxis(right, 1, 0) / np.where(regular, determinant, np.nan))  # (3, 3, B, T)
@@ -170,12 +171,6 @@ def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> A
     hypotheses += cross_matrix(directions)[direction]
     hypotheses.reshape(-1, 9)[:, ::4] -= (w * along).sum(axis=1)[:, None]
     return hypotheses
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return cross products along the first axis."""
-    x = a[1] * b[2] - a[2] * b[1]
-    return np.stack([x, a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,18 +1,15 @@
 """Models of motion as manifolds: F of a camera, and displacement fields of homographies.
 
-Each has parameters, a step along them, derivatives and a prior. `CameraF` has 5 parameters and 3 of the
-camera, held by a prior: one camera, the same at both ends, square pixels, principal point near the centre, a
-small rotation. With the prior `UNROTATED` it has 2 (all smears meet in the epipole).
+Each has parameters, a step along them, derivatives and a prior. Coordinates are normalised: those of
+`Likelihood`, for a known camera of K = I. A prior, ``sigma`` (6,), holds standard deviations of the rotation
+about x, y, z, radians, of the logarithm of the focal length over the assumed one, and of the principal
+point's offset in units of that; zero fixes a parameter.
 
 A homography between the ends of a short exposure is near the identity and is written by its generator A as
 Cayley's transform H = (I - A/2)^-1 (I + A/2): exact; -A gives the inverse of H and exchanges the two ends of
 a smear. A = K [w]x K^-1 gives exactly the rotations K R K^-1. To first order the displacement at p is v(p) =
 (A p)_12 - p (A p)_3, quadratic in p and linear in A; the chord of its path is v(p) + (A p)_3 / 4 v(v), to
-fifth order in the smear's length (`HomographyFlow`).
-
-Coordinates are normalised: those of `Likelihood`, for a known camera of K = I. A prior, ``sigma`` (6,), holds
-standard deviations of the rotation about x, y, z, radians, of the logarithm of the focal length over the
-assumed one, and of the principal point's offset in units of that; zero fixes a parameter.
+fifth order in the smear's length.
 """
 
 from __future__ import annotations
@@ -24,14 +21,13 @@ from functools import cached_property
 import numpy as np
 
 from blur2view.arrays import Array
-from blur2view.geometry.epipolar import cross_matrix, unit_norm
+from blur2view.geometry.epipolar import cross_matrix
 from blur2view.geometry.pose import (
     GENERATORS,
     essential_motions,
     plane_basis,
     rotation_matrix,
     rotation_vector,
-    step_on_sphere,
 )
 from blur2view.two_view.constants import ASSUMED_FOCAL, ROLLING_SPREAD
 
@@ -43,11 +39,10 @@ MIN_SIGMA = 1e-9  # standard deviation of a prior that fixes a parameter
 
 @dataclass(frozen=True, kw_only=True)
 class CameraF:
-    """F = K^-T [t]x R K^-1 with one K = [[g, 0, cx], [0, g, cy], [0, 0, 1]] for both ends.
+    """F = K^-T [t]x R K^-1 with one K = [[g, 0, cx], [0, g, cy], [0, 0, 1]], near I, for both ends.
 
-    Coordinates are those of an assumed camera (principal point at the image's centre, assumed focal
-    length), so K is near the identity. Eight parameters (t two, R three, log g, cx, cy) of which seven show
-    in F.
+    Eight parameters (t two, R three, log g, cx, cy) of which seven show in F; with the prior `UNROTATED` two,
+    so that all smears meet in the epipole.
     """
 
     t: Array  # (3,) unit
@@ -85,8 +80,9 @@ class CameraF:
 
     def step(self, delta: Array) -> CameraF:
         """Return the point with t moved on the sphere, R rotated from the left, the camera changed."""
-        t, R = step_on_sphere(self.t, delta[:2]), rotation_matrix(delta[2:5]) @ self.R
-        return replace(self, t=t, R=R, lens=self.lens + delta[5:])
+        t: Array = self.t + delta[:2] @ plane_basis(self.t)
+        R = rotation_matrix(delta[2:5]) @ self.R
+        return replace(self, t=t / math.sqrt(t @ t), R=R, lens=self.lens + delta[5:])
 
     def prior(self) -> tuple[Array, Array]:
         """Return residuals (6,): rotation vector, log g, cx, cy; their Jacobian (6, 8) to first order."""
@@ -126,11 +122,10 @@ def assumed_camera(image_size: tuple[float, ...]) -> Array:
 class HomographyFlow:
     """The field of a plane (8 parameters) or a rotation (6), with 3 more where the shutter rolls.
 
-    Those of a plane are the entries of A row by row, without A33 = 0; of a rotation with K = [[g, 0, cx],
-    [0, g, cy], [0, 0, 1]] its vector (R is Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), log g,
-    cx and cy, held by a prior as in `CameraF`. A rolling shutter reads one row after the other: at y
-    (normalised, downwards; x of a picture turned by 90 degrees, as ``axis`` says) the points move by the
-    rotation y * change, besides; its prior is what a hand does meanwhile (`constants.ROLLING_SPREAD`).
+    Those of a plane are the entries of A row by row, without A33 = 0; of a rotation its vector w (R is
+    Cayley's transform of [w]x, an angle of 2 atan(|w| / 2)), and log g, cx and cy as in `CameraF`. A rolling
+    shutter reads one row after the other: at y (normalised, downwards; x of a picture turned by 90 degrees,
+    as ``axis`` says) the points move by the rotation y * change as well.
     """
 
     parameters: Array  # (k,): those of the middle row, then the change (3,)
@@ -198,11 +193,6 @@ class HomographyFlow:
 def cayley(A: Array) -> Array:
     """Return H = (I - A/2)^-1 (I + A/2) of a generator (3, 3); -A gives the inverse of H."""
     return np.asarray(np.linalg.solve(IDENTITY - 0.5 * A, IDENTITY + 0.5 * A), float)
-
-
-def pixel_homography(A: Array, T: Array) -> Array:
-    """Return H (3, 3) of pixels, unit norm and positive determinant, from A in coordinates T x."""
-    return unit_norm(np.asarray(np.linalg.solve(T, cayley(A) @ T), float))
 
 
 def velocity_basis(points: Array) -> Array:

@@ -7,8 +7,6 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import TINY, Array
-
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
 BATCH, MAX_ITERATIONS = 64, 1000  # samples drawn at once, and at most (the paper: 1000)
 CONFIDENCE = 0.99  # probability of having drawn one all-inlier sample that ends the loop
@@ -91,25 +89,3 @@ def needed_iterations(inlier_share: float, sample_size: int) -> float:
     if good <= 0:
         return float("inf")
     return 0.0 if good >= 1 else float(np.log1p(-CONFIDENCE) / np.log1p(-good))
-
-
-def weighted_samples(weights: Array, size: int, samples: int, rng: np.random.Generator) -> NDArray[np.int_]:
-    """Return index sets (samples, size) drawn by weight, without repetition inside a set.
-
-    Sets are drawn with repetition; the few that have one are drawn anew without (Gumbel top-k).
-
-    Raises
-    ------
-    ValueError
-        If there are fewer data than ``size``.
-    """
-    if len(weights) < size:
-        raise ValueError(f"need at least {size} data to sample from, got {len(weights)}")
-    cumulative = np.cumsum(np.maximum(weights, TINY))
-    drawn: NDArray[np.int_] = np.searchsorted(
-        cumulative[:-1], rng.random((samples, size)) * cumulative[-1], side="right"
-    )
-    repeated = (np.diff(np.sort(drawn, axis=1), axis=1) == 0).any(axis=1)
-    keys = np.log(np.maximum(weights, TINY)) + rng.gumbel(size=(int(repeated.sum()), len(weights)))
-    drawn[repeated] = np.argpartition(-keys, size - 1, axis=1)[:, :size]
-    return drawn

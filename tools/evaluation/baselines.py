@@ -26,7 +26,6 @@ from blur2view.geometry.epipolar import denormalise, fundamental_from_pose, homo
 from blur2view.two_view.constants import MIN_MATCHES
 from blur2view.two_view.fundamental import fit_translation
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.ransac import weighted_samples
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 
 Solver = Callable[[AnyArray, AnyArray], "AnyArray | None"]
@@ -91,7 +90,7 @@ def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array
     if len(ends) < MIN_MATCHES:
         return None
     for _ in range(max_iterations):
-        F = minimise_seven(ends[weighted_samples(np.ones(len(ends)), SAMPLE_SIZE, 1, rng)[0]], rng)
+        F = minimise_seven(ends[rng.choice(len(ends), SAMPLE_SIZE, replace=False)], rng)
         if F is not None:
             found.append(F)
             if (serrmin(F, ends) < FIT_ERROR_PX**2).mean() >= STOP_SHARE:
