@@ -166,8 +166,8 @@ def as_recorded(
         inliers, by_chance = inliers_of(model, likelihood, options)
     H = None
     if field is not None:
-        moved = cayley(field.family.generator()) @ likelihood.T
-        H = unit_norm(np.asarray(np.linalg.solve(likelihood.T, moved), float))
+        turned = cayley(field.family.generator()) @ likelihood.T
+        H = unit_norm(np.asarray(np.linalg.solve(likelihood.T, turned), float))
     proven = choice.config is Configuration.UNCALIBRATED
     geometry = TwoViewGeometry(
         F=F if choice.reports_F else None,

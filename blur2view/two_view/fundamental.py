@@ -133,16 +133,8 @@ class SmearEstimator:
         return model
 
     def inlier_share(self, model: Array) -> float:
-        """Return the share of inliers beyond chance, 1 where every smear is one under any model.
-
-        A smear of length L and random direction passes a bound on its Sampson distance with probability
-        2 / pi asin(sqrt(2) bound / L) in one order; two orders are two chances.
-        """
-        lengths_px = np.maximum(self.likelihood.matches.length_px, TINY)
-        bound = 2**0.5 * c.CUTOFF * self.likelihood.sigma_px / lengths_px
-        chance = 1 - (1 - 2 / np.pi * np.arcsin(np.minimum(bound, 1.0)).mean()) ** 2
-        inside = float((self.likelihood.residuals(model).least < c.CUTOFF).mean())
-        return float((inside - chance + TINY) / (1 - chance + TINY))
+        """Return the share of smears within CUTOFF, by chance or not."""
+        return float((self.likelihood.residuals(model).least < c.CUTOFF).mean())
 
 
 def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> Array:

@@ -33,7 +33,7 @@ class Estimator(Protocol):
         """Return a locally better model, or the same one."""
 
     def inlier_share(self, model: Models) -> float:
-        """Return the share of data that follow a model, beyond chance."""
+        """Return the share of data that follow a model."""
 
 
 def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
