@@ -111,7 +111,7 @@ def test_rooms_are_small() -> None:
 
 @pytest.mark.parametrize("loop", ["ransac", "least_squares"])
 def test_loops_know_no_geometry(loop: str) -> None:
-    assert own_imports(MODULE[f"blur2view.two_view.{loop}"]) == {"blur2view.arrays"}
+    assert own_imports(MODULE[f"blur2view.two_view.{loop}"]) <= {"blur2view.arrays"}
 
 
 def test_package_uses_neither_torch_nor_tools() -> None:
