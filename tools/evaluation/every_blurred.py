@@ -21,7 +21,7 @@ from tools.command import Existing, Target, publish, run, table
 from tools.evaluation.placed import Poses, extracted, poses_of
 from tools.evaluation.recovered import averaged
 
-SEEDS = range(3)  # of COLMAP's mapper, which may begin with a wrong pair: of 11 frames of 36 px 0 joins 3
+SEEDS = range(3)  # of COLMAP's mapper; it may begin with a wrong pair: seed 0 joins 3 of 11 frames of 36 px
 WIDER = [1, 2, 3]  # frames averaged before and after
 LEAD = """\
 Every frame is the mean of 3, 5 or 7 consecutive ones of a sequence in linear light; no two share one. COLMAP
