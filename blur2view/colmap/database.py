@@ -9,7 +9,7 @@ call wrote are written anew. Keypoints, matches and geometries are made by pycol
 import os
 import sqlite3
 from collections.abc import Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from datetime import datetime
 from itertools import combinations
@@ -65,15 +65,11 @@ def check_target(path: Path) -> None:
         if os.path.lexists(log):
             why = "of a program that uses it or was killed; close it, or open it once with COLMAP"
             raise DatabaseError(f"{log}: is {why}; remove it if its database is gone")
-    if os.path.lexists(path):
-        try:
-            with project.open_read_only(path) as database:
-                alone = database.execute(VIEWS_ALONE).fetchone()[0]
-        except DatabaseError:
-            alone = False
-        if not alone:
-            remedy = "choose another --db, or add to a project of yours with --link"
-            raise DatabaseError(f"{path}: exists; {remedy}")
+    alone = not os.path.lexists(path)
+    with suppress(DatabaseError), project.open_read_only(path) as database:
+        alone = database.execute(VIEWS_ALONE).fetchone()[0]
+    if not alone:
+        raise DatabaseError(f"{path}: exists; choose another --db, or add to a project of yours with --link")
 
 
 def _views_alone(photographs: Sequence[ExposureViews]) -> bytes:

@@ -10,7 +10,7 @@ none (COLMAP 3.11 and older), the mapper makes them. A camera is sensor type 0, 
 import os
 import sqlite3
 from collections.abc import Container, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from sqlite3 import Connection
 from typing import Any
@@ -236,11 +236,9 @@ def ensure_table(database: Connection) -> None:
 def smear_lengths(path: Path) -> dict[str, float]:
     """Return the smears' lengths, pixels, of photographs with views in a database, as far as known."""
     sql = "SELECT DISTINCT photograph, smear_px FROM blur2view_views WHERE smear_px IS NOT NULL"
-    try:
-        with open_read_only(path) as database:
-            return {str(name): float(length) for name, length in database.execute(sql)}
-    except DatabaseError:
-        return {}
+    with suppress(DatabaseError), open_read_only(path) as database:
+        return {str(name): float(length) for name, length in database.execute(sql)}
+    return {}
 
 
 def own_views(database: Connection, name: str) -> dict[str, int]:
