@@ -12,8 +12,8 @@ import pytest
 
 from blur2view.cli import jobs
 from tests.cli.test_ended_early import wait_for
-from tests.support.calls import call_program
-from tests.support.many_photographs import contents, environment, finish, start, write_photographs
+from tests.support.calls import Call, call_program
+from tests.support.many_photographs import contents, environment, start, write_photographs
 
 pytest.importorskip("distributed", reason="--dask needs the extra dask")
 pytestmark = pytest.mark.slow
@@ -21,16 +21,17 @@ Processes = list[subprocess.Popen[bytes]]
 Cluster = tuple[str, Processes]
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """Yield the address of a scheduler with two workers; it and the workers."""
-    file = tmp_path / "scheduler.json"
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """Yield the address of a scheduler, it and its two workers; each test kills one of these processes."""
+    folder = tmp_path_factory.mktemp("cluster")
+    file = folder / "scheduler.json"
     shared = ["--scheduler-file", str(file), "--no-dashboard"]
 
     def run(name: str, *words: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.dask_{name}", *shared, *words]
         return subprocess.Popen(
-            command, env=environment(), cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            command, env=environment(), cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
 
     processes = [run("scheduler", "--port", "0", "--host", "127.0.0.1")]
@@ -45,13 +46,13 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 
 def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
-    cluster: Cluster, tmp_path: Path, tiny_model: Path
+    cluster: Cluster, run: Call, tmp_path: Path, tiny_model: Path
 ) -> None:
     address, (_, *workers) = cluster
     write_photographs(tmp_path / "in", 30, (128, 160))
-    words = ["estimate", tmp_path / "in", "--model", tiny_model]
-    assert finish(*words, "--jobs", 1, "-o", tmp_path / "here")[0] == 0
-    running = start(*words, "--dask", address, "-o", tmp_path / "out")
+    assert run(tmp_path / "in", "-o", tmp_path / "here") == 0
+    words = ["estimate", tmp_path / "in", "--model", tiny_model, "--dask", address]
+    running = start(*words, "-o", tmp_path / "out")
     wait_for(running, tmp_path / "out", 4)
     workers[0].send_signal(signal.SIGKILL)
     before = len(list((tmp_path / "out").glob("*.json")))
@@ -62,12 +63,12 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
 
 
 def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
-    cluster: Cluster, tmp_path: Path, tiny_model: Path
+    cluster: Cluster, run: Call, tmp_path: Path, tiny_model: Path
 ) -> None:
     address, (scheduler, *_) = cluster
     write_photographs(tmp_path / "in", 30, (128, 160))
-    words = ["estimate", tmp_path / "in", "--model", tiny_model, "-o", tmp_path / "out"]
-    running = start(*words, "--dask", address)
+    words = [tmp_path / "in", "-o", tmp_path / "out"]
+    running = start("estimate", *words, "--model", tiny_model, "--dask", address)
     wait_for(running, tmp_path / "out", 4)
     scheduler.kill()
     _, complaints = running.communicate()
@@ -76,8 +77,8 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
         f"{address}: cannot go on (" in complaints
         and "the same call with --resume does the rest" in complaints
     )
-    code, printed, _ = finish(*words, "--resume")
-    assert code == 0 and " done before in " in printed
+    done = run(*words, "--resume")
+    assert done == 0 and " done before in " in done.out
 
 
 def test_nobody_at_the_address_is_one_line(

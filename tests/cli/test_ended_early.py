@@ -81,10 +81,12 @@ def test_interrupt_keeps_what_is_done_says_how_to_go_on_and_writes_a_page_of_it(
 
 
 @pytest.mark.slow
-def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(tmp_path: Path, tiny_model: Path) -> None:
+def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
+    run: Call, tmp_path: Path, tiny_model: Path
+) -> None:
     write_photographs(tmp_path / "in", 24, (128, 160))
+    assert run(tmp_path / "in", "-o", tmp_path / "whole") == 0
     words = [tmp_path / "in", "--model", tiny_model]
-    assert finish("estimate", *words, "--jobs", 1, "-o", tmp_path / "whole")[0] == 0
     killed = start("estimate", *words, "--jobs", 2, "-o", tmp_path / "out")
     wait_for(killed, tmp_path / "out", 3)
     killed.send_signal(signal.SIGKILL)
