@@ -29,6 +29,8 @@ FIRST = "name", "error", "use", "verdict", "blur"
 """Columns of a table that come first."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
+COMPARED = MotionModel.PARALLAX, MotionModel.ROTATION, MotionModel.PLANE
+"""Models whose probabilities are fields of the record."""
 BLUR = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
 MODEL = "model", "parameters", "log_likelihood", "probability"
 COVARIANCE = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
@@ -87,6 +89,13 @@ class Photograph:
         "",
     )
     models: list[Any] | None = explained("Likeliest first: model, parameters, log_likelihood, probability.")
+    model: str = explained(
+        "The likeliest of no motion, rotation, plane and parallax; empty if none were compared.", ""
+    )
+    model_probability: float | None = explained("Probability of the likeliest model, with any shutter.")
+    parallax_probability: float | None = explained("Probability that depths differ; null if not compared.")
+    rotation_probability: float | None = explained("Probability that the camera turned alone.")
+    plane_probability: float | None = explained("Probability that all lies in one plane.")
     independent_smears: float = explained("Smears of independent errors that weigh as much.", 0.0)
     F: Matrix | None = explained(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
@@ -110,6 +119,8 @@ class Photograph:
         """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
         rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
+    rotation_deg: float | None = explained("Angle of the rotation during the exposure, degrees.")
+    rate_unit: str = explained("rad/s, or without an exposure time rad; empty without a pose.", "")
     wx: float | None = explained(
         "Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit."
     )
@@ -156,39 +167,6 @@ class Photograph:
             return None
         return math.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0))
 
-    @property
-    def model(self) -> str:
-        """The likeliest of no motion, rotation, plane and parallax; empty if none were compared."""
-        return str(self.models[0]["model"]) if self.models else ""
-
-    @property
-    def model_probability(self) -> float | None:
-        """Probability of the likeliest model, with any shutter."""
-        return float(self.models[0]["probability"]) if self.models else None
-
-    parallax_probability = property(
-        lambda one: one.probability(MotionModel.PARALLAX),
-        doc="Probability that depths differ; null if not compared.",
-    )
-    rotation_probability = property(
-        lambda one: one.probability(MotionModel.ROTATION), doc="Probability that the camera turned alone."
-    )
-    plane_probability = property(
-        lambda one: one.probability(MotionModel.PLANE), doc="Probability that all lies in one plane."
-    )
-
-    @property
-    def rotation_deg(self) -> float | None:
-        """Angle of the rotation during the exposure, degrees, with known intrinsics."""
-        if self.wx is None or self.wy is None or self.wz is None:
-            return None
-        return math.degrees(math.hypot(self.wx, self.wy, self.wz) * (self.exposure_s or 1.0))
-
-    @property
-    def rate_unit(self) -> str:
-        """rad/s, or without an exposure time rad; empty without a pose."""
-        return "" if self.wx is None else "rad/s" if self.exposure_s else "rad"
-
     def moved(self) -> bool:
         """Return whether the camera moved, so that a geometry was looked for."""
         return self.blur in ("camera moved", "out of focus and moved")
@@ -196,12 +174,6 @@ class Photograph:
     def has_geometry(self) -> bool:
         """Return whether F or H explains the smears, so that the views of the exposure are of use."""
         return self.F is not None or self.H is not None
-
-    def probability(self, model: str) -> float | None:
-        """Return the probability of a model with any shutter; None if none were compared."""
-        if not self.models:
-            return None
-        return float(sum(one["probability"] for one in self.models if one["model"] == model))
 
     @classmethod
     def of(cls, estimate: Estimate, *, name: str, mask: MotionMask | None = None, **stated: Any) -> Self:
@@ -231,8 +203,14 @@ class Photograph:
             "time_known": estimate.time.known,
             "time_confidence": estimate.time.confidence,
         }
-        if (rates := geometry.angular_velocity(stated.get("exposure_s") or 1.0)) is not None:
+        if odds := {row.model: row.probability for row in geometry.models}:
+            values |= {"model": geometry.model, "model_probability": odds[geometry.model]}
+            values |= {f"{one}_probability": odds.get(one, 0.0) for one in COMPARED}
+        exposure_s = stated.get("exposure_s")
+        if (rates := geometry.angular_velocity(exposure_s or 1.0)) is not None:
             values |= zip(RATES, [*rates.mean, *rates.sigma], strict=True)
+            values["rotation_deg"] = math.degrees(math.hypot(*rates.mean) * (exposure_s or 1.0))
+            values["rate_unit"] = "rad/s" if exposure_s else "rad"
         if mask is not None:
             regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
             values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
