@@ -107,7 +107,7 @@ class AngularVelocity:
 
     @property
     def of_gyroscope(self) -> AngularVelocity:
-        """What a gyroscope along the camera's axes shows, which turns with it: the negative, as sure."""
+        """Angular velocity that a gyroscope along the camera's axes shows: the negative, same covariance."""
         return replace(self, mean=-self.mean)
 
 

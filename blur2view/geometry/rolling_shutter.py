@@ -1,9 +1,9 @@
-"""Rolling shutters: all rows of a photograph are exposed for as long, one begins after the other.
+"""Rolling shutters: all rows of a photograph are exposed equally long, one begins after the other.
 
-A point is seen while the row that it is on is open. Its smear D leads from the row that it is on when that
-opens to the row that it is on when that closes, which opened r D_y later (r the time from row to row): it is
-seen for e + r D_y, e the exposure time. So D / (1 + r D_y / e) is its smear in e, exactly at a constant
-velocity, and -D / (1 - r D_y / e) if the photograph was taken in the other order in time.
+A point is seen while its row is open. Its smear D leads from the row on which it is when that row opens to
+the row on which it is when that one closes, which opened r D_y later (r the time from row to row): it is seen
+for e + r D_y, e the exposure time. So D / (1 + r D_y / e) is its smear in e, exactly at a constant velocity,
+and -D / (1 - r D_y / e) if the photograph was taken in the other order in time.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class RollingShutter:
     def all_rows_at_once(
         self, matches: SmearMatches, second_end_is_open: NDArray[np.bool_], image_size: tuple[int, int]
     ) -> SmearMatches | None:
-        """Return matches as of all rows exposed at once, ends ordered (N,); None if no motion leaves them."""
+        """Return the matches of a global shutter, given where (N,) second ends are open; None without any."""
         from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
 
         directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement

@@ -1,4 +1,4 @@
-"""The answer: the two-view geometry of one exposure, its configuration and its reason."""
+"""The two-view geometry of one exposure, with its configuration and its reason."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class Parallax(StrEnum):
 
 
 class MotionModel(StrEnum):
-    """Model of the camera's motion; in brackets its number of parameters."""
+    """Model of the camera's motion; in brackets its number of parameters, 3 more of a rolling shutter."""
 
     STILL = "no motion"  # a camera that holds still (0)
-    ROTATION = "rotation"  # H (3, and 3 of the camera held by a prior); 3 more where the shutter rolls
-    PLANE = "plane"  # any H (8); 3 more where the shutter rolls
+    ROTATION = "rotation"  # H (3, and 3 of the camera held by a prior)
+    PLANE = "plane"  # any H (8)
     PARALLAX = "parallax"  # a plane, and parallax along the lines of F (10)
-    NONE = "none"  # none: no models were compared
+    NONE = "none"  # no models were compared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,9 +108,8 @@ class TwoViewGeometry:
     @property
     def parallax_probability(self) -> float | None:
         """Probability of parallax, 0 where F was not among the models; None where none were compared."""
-        if not self.models:
-            return None
-        return sum(row.probability for row in self.models if row.model is MotionModel.PARALLAX)
+        odds = {row.model: row.probability for row in self.models}
+        return odds.get(MotionModel.PARALLAX, 0.0) if odds else None
 
     @property
     def parallax(self) -> Parallax:

@@ -88,7 +88,7 @@ def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmearGrid:
-    """Smears and their uncertainty at the cells of a grid: all that a network says of a photograph.
+    """Smears and their uncertainty at the cells of a grid: the output of a network for one photograph.
 
     Cell j's centre is at pixel stride*j + (stride-1)/2. ValueError if the cells do not cover the photograph.
     """
@@ -185,7 +185,7 @@ def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
 
 
 def load_smears(path: str | Path) -> SmearGrid:
-    """Return the smears of a ``.smear.npz`` file of ``estimate -o``; OutputError if it is none."""
+    """Read the smears of a ``.smear.npz`` file of ``estimate -o``; OutputError of any other file."""
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
             cells = arrays[GRID].astype(np.float32)

@@ -24,7 +24,7 @@ class SmearMatches:
     ends: Array  # (N, 2, 2), pixels; which of the two ends is the start means nothing
     sigma_px: Array  # (N,): standard deviations of the end-point errors |d - d*|; positive
     image_size: tuple[int, int] | None = None  # width, height: the estimator may assume an ordinary camera
-    # (N,): standard deviations of the errors across the smears, by default as if alike in all directions
+    # (N,): standard deviations of the errors across the smears, by default as large in every direction
     across_px: Array = None  # type: ignore[assignment]  # set below
     shared: NoiseModel = INDEPENDENT  # how deviations are meant, and what errors have in common
 
@@ -107,7 +107,7 @@ class SelectOptions:
 
 
 def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> SmearMatches:
-    """Return cells of a grid as matches, possibly none (a sharp or constant image); deterministic."""
+    """Select cells of a grid as matches, possibly none (a sharp or constant image); deterministic."""
     require("grid", grid, SmearGrid, "as of network.predict(image)")
     options = options or SelectOptions()
     require("select", options, SelectOptions, "as SelectOptions(beta=0.5)")

@@ -48,11 +48,11 @@ class Candidate(NamedTuple):
 def choose(
     likelihood: Likelihood, fit: FundamentalFit, *, agreement: float, rolling: bool, moved: bool = False
 ) -> Choice:
-    """Return what the smears show, given the F of least cost.
+    """Choose a model, given the F of least cost.
 
-    ``agreement`` is the share of the smears that follow it beyond chance: below MIN_AGREEMENT only a
+    ``agreement`` is the share of the smears that follow F beyond chance: below MIN_AGREEMENT only a
     homography is looked for. With ``rolling`` the shutter may read one row after the other; if the camera is
-    known to have ``moved``, no motion is no model.
+    known to have ``moved``, no motion is not among the models.
     """
     has_consensus = agreement >= c.MIN_AGREEMENT
     if not has_consensus and not moved and within_errors(likelihood.matches):

@@ -47,7 +47,7 @@ ROLLING_SPREAD = 0.5
 # Search and fits of F.
 WIDE, SEARCH_STEPS = 3.0, 3  # sigmas of the first of two fits inside the loop; their steps: bound
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them: bound
-# Translations tried with every sample of three. Of 48 scenes of `tests/two_view/test_plane_parallax.py`
+# Translations tried with every sample of three. Of 48 scenes of `test_estimate`'s dominant planes
 # three have an epipole more than 2 degrees off; with 60 directions five.
 DIRECTIONS = 80
 STEPS = 12  # Levenberg-Marquardt steps; fits start near their end: bound

@@ -1,4 +1,4 @@
-"""From unordered smears to the two-view geometry that is reported, or the reason why no F is."""
+"""From unordered smears to the two-view geometry, or the reason why no F is reported."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ def estimate_two_view(
     The same ``rng``, a generator or a seed, 0 by default, gives the same answer. With a ``camera`` F, H, E
     and the pose are those of its undistorted pixels. With its ``shutter`` as well a geometry with F or H is
     that of an exposure of all rows at once, another one for each order in time (``reversed()``): of both that
-    which has less parallax. If the camera is known to have ``moved``, no motion is none of the models.
+    which has less parallax. If the camera is known to have ``moved``, no motion is not among the models.
 
     Returns
     -------
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
-        (rotation), PLANAR or, undecided which, PLANAR_OR_PANORAMIC with H, and with F beside it where
-        parallax is undecided; DEGENERATE (too few, too short or collinear smears, a still image) or
+        (rotation), PLANAR or, if no motion is about as likely, PLANAR_OR_PANORAMIC with H, and with F beside
+        it where parallax is undecided; DEGENERATE (too few, too short or collinear smears, a still image) or
         UNDEFINED (the best F explains hardly more smears than chance) with neither.
 
     Raises
@@ -187,7 +187,7 @@ def as_recorded(
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
-    """Return the matches as the camera's undistorted picture shows them; a smear without rays stays as it is.
+    """Return the matches in undistorted pixels of the camera; a smear without rays stays as it is.
 
     ValueError if the camera is for pictures of another size; see `Camera.for_image`.
     """
@@ -240,9 +240,9 @@ def coverage(matches: SmearMatches) -> float:
 def inliers_of(
     model: Array | HomographyFit, likelihood: Likelihood, options: EstimatorOptions
 ) -> tuple[NDArray[np.bool_], float]:
-    """Return the inliers (N,) of F (3, 3), of the matches' pixels, or of a displacement field, and chance.
+    """Return the inliers (N,) of F (3, 3) in pixels or of a displacement field, and the share by chance.
 
-    See `EstimatorOptions.tolerance_px`; chance is the share of the same smears in random directions that fit.
+    See `EstimatorOptions.tolerance_px`; by chance fit those of the same smears in random directions.
     """
     of_field = isinstance(model, HomographyFit)
     sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px

@@ -25,7 +25,7 @@ class Problem(Protocol):
 
     @property
     def cost(self) -> float:
-        """What is to be least."""
+        """The cost to be minimised."""
 
     def normal_equations(self) -> tuple[Array, Array]:
         """Return J^T W J (k, k) and J^T W r (k,) of Jacobian, weights and residuals."""
@@ -75,8 +75,7 @@ def least_of(
 ) -> P:
     """Return the point reached by `levenberg_marquardt` from the best of several starts.
 
-    They race: of the cheapest so many as ``kept`` says each takes a step, again for each of its numbers; then
-    the one that is cheapest goes on.
+    They race: for each number of ``kept`` that many of the cheapest take a step; then the cheapest goes on.
     """
     runs = [levenberg_marquardt(start, max_iterations, tolerance, rest) for start in starts]
     trials = [(next(run), run) for run in runs]

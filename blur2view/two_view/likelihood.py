@@ -163,7 +163,7 @@ class Likelihood:
 
     @property
     def has_many_independent(self) -> bool:
-        """Whether so many smears are independent that residuals tell minima of the cost apart."""
+        """Whether enough smears are independent for residuals to tell minima of the cost apart."""
         return self.effective_count >= c.MIN_INDEPENDENT
 
     @cached_property
@@ -177,7 +177,7 @@ class Likelihood:
         return replace(self, sigma_fitted=self.sigma_fitted * factor)
 
     def thinned(self, count: int) -> Likelihood:
-        """Return that of so many of the smears or up to twice as many, evenly; their correlation stays."""
+        """Return the likelihood of ``count`` to twice as many of the smears; their correlation stays."""
         step = max(1, len(self) // count)
         return replace(self, matches=self.matches.subset(slice(None, None, step)))
 

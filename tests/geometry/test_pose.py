@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -54,14 +52,6 @@ def test_exact_smears_give_the_exact_pose_up_to_the_flip_of_time(seed: int) -> N
     np.testing.assert_allclose(geometry.E, geometry.cam2_from_cam1.essential, atol=1e-12)
     right = (geometry.second_end_is_open == scene.swapped).mean()
     assert max(right, 1 - right) == 1.0  # every order, also where E alone leaves it open
-
-
-def test_swapping_ends_changes_no_pose() -> None:
-    scene = disturb(make_scene(np.random.default_rng(4)), np.random.default_rng(4), noise_px=0.3)
-    one, two = solve(scene, 0.6), solve(replace(scene, ends=scene.ends[:, ::-1]), 0.6)
-    assert one.cam2_from_cam1 is not None and two.cam2_from_cam1 is not None
-    flips = (two.cam2_from_cam1, two.cam2_from_cam1.inverse())
-    assert min(difference(one.cam2_from_cam1, flip) for flip in flips) < 0.02
 
 
 @pytest.mark.slow

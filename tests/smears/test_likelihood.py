@@ -54,13 +54,3 @@ def test_of_two_peaks_the_higher_is_read_and_doubted() -> None:
     assert length == pytest.approx(20, rel=0.03) and turn_deg(direction, 30) < 0.5
     assert sigma_rad == pytest.approx(np.sqrt(0.3) * np.pi / 2, rel=0.05)
     assert sigma_px == pytest.approx(np.sqrt(0.3 * (20**2 + 8**2)), rel=0.05)  # they are at right angles
-
-
-@pytest.mark.parametrize(("h", "w", "bins"), [(1, 1, 20), (3, 5, 20), (2, 7, 32)])
-def test_every_cell_is_read_by_itself(h: int, w: int, bins: int) -> None:
-    rng = np.random.default_rng(0)
-    logits = rng.normal(0, 3, (h, w, DIRECTIONS, bins)).astype(np.float32)
-    smears = read_smears(logits)
-    assert smears.shape == (h, w, 4) and smears.dtype == np.float32 and (smears[..., 2:] > 0).all()
-    np.testing.assert_allclose(read_smears(logits + 7), smears, rtol=1e-3, atol=1e-3)  # up to a constant
-    np.testing.assert_allclose(read_smears(logits[-1:, -1:])[0, 0], smears[-1, -1], rtol=1e-4, atol=1e-5)

@@ -68,10 +68,6 @@ def test_of_large_photographs_every_second_cell_is_taken_and_counts_as_more() ->
     assert len(select_matches(grid(), SelectOptions(beta=1.0, max_matches=1))) == 1
 
 
-def test_a_still_image_gives_no_matches() -> None:
-    assert len(select_matches(grid(length_px=0.2, sigma_px=0.3))) == 0
-
-
 @pytest.mark.parametrize("wrong", [{"beta": 0.0}, {"beta": np.nan}, {"max_matches": 0}])
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
@@ -83,13 +79,3 @@ def test_large_photographs_give_no_more_matches_than_asked_for(shape: tuple[int,
     matches = select_matches(grid(shape=shape))
     assert 150 < len(matches) <= 1000
     assert np.ptp(matches.midpoint[:, 0]) > 0.85 * shape[1]
-
-
-def test_errors_across_are_told() -> None:
-    cells = grid().cells.copy()
-    cells[..., 3] = 0.8
-    cells[:, :4, 3] = 0.2
-    matches = select_matches(SmearGrid(cells=cells, stride=32, shape=(384, 512)), SelectOptions(beta=1.0))
-    expected = np.where(matches.midpoint[:, 0] < 128, 0.2, 0.8) * matches.length_px
-    np.testing.assert_allclose(matches.across_px, expected, rtol=1e-5)
-    np.testing.assert_array_equal(matches.subset(np.arange(3)).across_px, matches.across_px[:3])
