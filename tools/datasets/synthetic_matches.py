@@ -11,9 +11,8 @@ from typing import Literal, get_args
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from blur2view.arrays import Array
+from blur2view.arrays import Array, Mask
 from blur2view.geometry.epipolar import fundamental_from_pose, homogeneous
 from blur2view.geometry.pose import rotation_matrix
 from blur2view.smears.grid import smear_ends
@@ -78,7 +77,7 @@ class KnownMatches:
     t: Array
     matches: SmearMatches
     true_ends: Array
-    swapped: NDArray[np.bool_]
+    swapped: Mask
 
     @property
     def F(self) -> Array:
@@ -91,7 +90,7 @@ class KnownMatches:
         return with_swaps(self.matches.ends, self.swapped)
 
 
-def with_swaps(ends: Array, swapped: NDArray[np.bool_]) -> Array:
+def with_swaps(ends: Array, swapped: Mask) -> Array:
     """Return smears (N, 2, 2), some of them with their ends exchanged."""
     return np.where(swapped[:, None, None], ends[:, ::-1], ends)
 

@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 
 from blur2view import SmearMatches, read_image
-from blur2view.arrays import AnyArray
-from blur2view.smears.grid import Floats, smear_ends
+from blur2view.arrays import AnyArray, Floats
+from blur2view.smears.grid import smear_ends
 from tools.command import Existing, mapped, run
 from tools.rendering.render import (
     GRID,

@@ -21,10 +21,9 @@ from PIL import Image, ImageDraw, ImageFont
 from torch import Tensor
 from torch.nn import functional as nnf
 
-from blur2view.arrays import Array
+from blur2view.arrays import Array, Floats, Mask
 from tools.rendering.sensor import defocused, log_uniform
 
-Floats = NDArray[np.float32]
 Pictures = list[NDArray[np.uint8]]
 Size = tuple[int, int]
 
@@ -184,7 +183,7 @@ def shallow_scene(rng: np.random.Generator, sources: Sources, size: Size) -> Lay
 
 def displacements(
     rng: np.random.Generator, size: Size, kind: str, longest_px: float, margin: int
-) -> tuple[Floats, NDArray[np.bool_], float]:
+) -> tuple[Floats, Mask, float]:
     """Draw the layers' displacements (L, gh, gw, 2), which of them move, and the camera's smear length."""
     width, height = size
     rows, columns = ((side + 2 * margin) // GRID + 1 for side in (height, width))

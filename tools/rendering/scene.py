@@ -10,14 +10,12 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray, Array
+from blur2view.arrays import AnyArray, Array, Floats
 from blur2view.geometry.pose import rotation_matrix
-from tools.rendering.textures import BITS, Image, eighths, sample_texture, spectral_noise
+from tools.rendering.textures import BITS, eighths, sample_texture, spectral_noise
 
-Alpha = NDArray[np.float32]
-Pool = tuple[Image, ...]
+Pool = tuple[Floats, ...]
 
 STENCIL = 160  # side of a stencil in its own cells; a card stretches it over its box
 PATHS = {"rotation": 0.12, "translation": 0.18, "forward": 0.17, "orbit": 0.13, "mixed": 0.4}
@@ -100,7 +98,7 @@ def sample_object_path(rng: np.random.Generator, camera: Trajectory) -> Trajecto
     )
 
 
-def sample_stencil(rng: np.random.Generator) -> Alpha:
+def sample_stencil(rng: np.random.Generator) -> Floats:
     """Return a random alpha mask (STENCIL, STENCIL) in [0, 1] of one card; its border is empty."""
     alpha = np.zeros((STENCIL, STENCIL), np.float32)
     match rng.choice(list(OUTLINES), p=list(OUTLINES.values())):
@@ -135,7 +133,7 @@ class Plane:
 
     normal: AnyArray
     offset: float
-    texture: Image
+    texture: Floats
     texels_per_unit: float
     turn: float
 

@@ -9,15 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blur2view.arrays import AnyArray
+from blur2view.arrays import AnyArray, Floats
 from blur2view.errors import ImageError
-
-Image = NDArray[np.float32]
 
 SIZE = 512  # side of a procedural texture, texels
 SUFFIXES = (".png", ".jpg", ".jpeg")
 BUNDLED = ("coffee", "gravel", "rocket")  # pictures of scikit-image that no training saw
-TEST_EVERY = 4  # of an added folder only every fourth photograph is a texture: training may see the others
+TEST_EVERY = (
+    4  # every fourth photograph of an added folder, by name, is a texture: those of the published sets
+)
 MAX_SIDE_PX = 3000  # photographs are halved until no side is longer: few are sharper
 PHOTO_SHARE = 0.55  # of textures that are photographs
 BITS = cv2.LINE_AA, 3  # OpenCV draws smoothly, with coordinates in eighths of a texel
@@ -51,7 +51,7 @@ def load_photos(folders: list[Path]) -> list[NDArray[np.uint8]]:
 
 
 @functools.lru_cache(maxsize=4)
-def photographs(folder: Path | None = None) -> tuple[Image, ...]:
+def photographs(folder: Path | None = None) -> tuple[Floats, ...]:
     """Return photographs (H, W, 3) in linear light, [0, 1]: bundled ones and every fourth of a folder."""
     from skimage import color, data
 
@@ -65,7 +65,7 @@ def photographs(folder: Path | None = None) -> tuple[Image, ...]:
     )
 
 
-def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
+def photograph(rng: np.random.Generator, pool: tuple[Floats, ...]) -> Floats:
     """Return a photograph of the pool, flipped, turned, reduced by up to 2.5, with other colours."""
     image = np.rot90(pool[rng.integers(len(pool))], int(rng.integers(4)))
     if rng.random() < 0.5:
@@ -80,13 +80,13 @@ def photograph(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
     return np.ascontiguousarray(image * gains, dtype=np.float32)
 
 
-def colour(rng: np.random.Generator) -> Image:
+def colour(rng: np.random.Generator) -> Floats:
     """Draw a colour (3,) in linear light; dark and nearly grey ones are frequent, as in photographs."""
     grey = rng.beta(0.9, 1.6)
     return np.clip(grey * (1 + rng.normal(0, 0.3, 3)) + 0.005, 0, 1).astype(np.float32)
 
 
-def filled(rng: np.random.Generator) -> Image:
+def filled(rng: np.random.Generator) -> Floats:
     """Return a texture of one colour."""
     return np.full((SIZE, SIZE, 3), colour(rng), np.float32)
 
@@ -96,13 +96,13 @@ def eighths(points: AnyArray) -> NDArray[np.int32]:
     return np.asarray(points * 8).astype(np.int32)
 
 
-def draw_box(image: Image, box: Sequence[float], fill: AnyArray) -> None:
+def draw_box(image: Floats, box: Sequence[float], fill: AnyArray) -> None:
     """Fill a box (left, top, right, bottom), texels, in place."""
     left, top, right, bottom = eighths(np.array(box)).tolist()
     cv2.rectangle(image, (left, top), (right, bottom), fill.tolist(), -1, *BITS)
 
 
-def dead_leaves(rng: np.random.Generator) -> Image:
+def dead_leaves(rng: np.random.Generator) -> Floats:
     """Return occluding discs, triangles and boxes; sizes follow a power law (Lee, Mumford, Huang 2001)."""
     image, smallest = filled(rng), rng.uniform(1.5, 5.0)
     for _ in range(int(rng.integers(250, 900))):
@@ -119,7 +119,7 @@ def dead_leaves(rng: np.random.Generator) -> Image:
     return image
 
 
-def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> Image:
+def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float | None = None) -> Floats:
     """Return noise (size, size) of amplitude 1 / frequency**exponent, zero mean and unit variance."""
     exponent = rng.uniform(0.7, 1.6) if exponent is None else exponent
     fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
@@ -129,7 +129,7 @@ def spectral_noise(rng: np.random.Generator, size: int = SIZE, exponent: float |
     return np.asarray((noise - noise.mean()) / noise.std(), np.float32)
 
 
-def cloudy(rng: np.random.Generator) -> Image:
+def cloudy(rng: np.random.Generator) -> Floats:
     """Return two or three colours mixed by 1/f noise."""
     mix = 1 / (1 + np.exp(-rng.uniform(1, 4) * spectral_noise(rng)))[..., None]
     image = colour(rng) * mix + colour(rng) * (1 - mix)
@@ -139,7 +139,7 @@ def cloudy(rng: np.random.Generator) -> Image:
     return np.asarray(image, np.float32)
 
 
-def printed(rng: np.random.Generator) -> Image:
+def printed(rng: np.random.Generator) -> Floats:
     """Return lines of text in several sizes on a plain or cloudy ground."""
     image = np.asarray(cloudy(rng) * 0.3 + 0.5 if rng.random() < 0.3 else filled(rng))
     alphabet = np.array(list(string.ascii_letters + string.digits + "    .,-"))
@@ -156,7 +156,7 @@ def printed(rng: np.random.Generator) -> Image:
     return image
 
 
-def bricks(rng: np.random.Generator) -> Image:
+def bricks(rng: np.random.Generator) -> Floats:
     """Return courses of bricks or tiles with mortar, each with a colour of its own."""
     image = filled(rng)
     width, height = rng.uniform(12, 90), rng.uniform(8, 45)
@@ -171,7 +171,7 @@ def bricks(rng: np.random.Generator) -> Image:
     return np.clip(image * grain, 0, 1).astype(np.float32)
 
 
-def strokes(rng: np.random.Generator) -> Image:
+def strokes(rng: np.random.Generator) -> Floats:
     """Return thin broken lines: cables, branches, scratches."""
     image = cloudy(rng) if rng.random() < 0.5 else filled(rng)
     for _ in range(int(rng.integers(30, 220))):
@@ -182,7 +182,7 @@ def strokes(rng: np.random.Generator) -> Image:
     return image
 
 
-def panels(rng: np.random.Generator) -> Image:
+def panels(rng: np.random.Generator) -> Floats:
     """Return a wall of panels with seams, frames, panes and handles: long edges and nothing between them."""
     palette = [colour(rng) for _ in range(int(rng.integers(1, 5)))]
     smallest, seam = rng.uniform(24, 150), rng.uniform(0, 5)
@@ -217,14 +217,14 @@ def divided(rng: np.random.Generator, box: Sequence[float], smallest: float) -> 
     return [part for half in halves for part in divided(rng, half, smallest)]
 
 
-def shaded(rng: np.random.Generator, image: Image) -> Image:
+def shaded(rng: np.random.Generator, image: Floats) -> Floats:
     """Return a texture under a slow gradient and a faint grain."""
     slow = spectral_noise(rng, exponent=rng.uniform(1.8, 2.6)) * rng.uniform(0, 0.15)
     grain = spectral_noise(rng, exponent=rng.uniform(0, 1.0)) * rng.choice([0.0, 0.01, 0.03])
     return np.asarray(np.clip(image * np.exp(slow + grain)[..., None].astype(np.float32), 0, 1), np.float32)
 
 
-def plain(rng: np.random.Generator) -> Image:
+def plain(rng: np.random.Generator) -> Floats:
     """Return one colour with shading and at most a few marks: walls, sky, floors, cloth."""
     image = filled(rng)
     for _ in range(int(rng.choice([0, 0, 3, 12]))):
@@ -234,18 +234,18 @@ def plain(rng: np.random.Generator) -> Image:
     return shaded(rng, image)
 
 
-PROCEDURAL: dict[Callable[[np.random.Generator], Image], float] = {
+PROCEDURAL: dict[Callable[[np.random.Generator], Floats], float] = {
     dead_leaves: 0.22, cloudy: 0.1, printed: 0.12, bricks: 0.1, strokes: 0.12, panels: 0.24, plain: 0.1
 }  # fmt: skip
 """Generators of textures and their shares."""
 
 
-def procedural(rng: np.random.Generator) -> Image:
+def procedural(rng: np.random.Generator) -> Floats:
     """Return a texture (SIZE, SIZE, 3) of a random generator."""
     return list(PROCEDURAL)[rng.choice(len(PROCEDURAL), p=list(PROCEDURAL.values()))](rng)
 
 
-def sample_texture(rng: np.random.Generator, pool: tuple[Image, ...]) -> Image:
+def sample_texture(rng: np.random.Generator, pool: tuple[Floats, ...]) -> Floats:
     """Return a random texture (h, w, 3) in linear light, at least 128 texels a side."""
     image = photograph(rng, pool) if rng.random() < PHOTO_SHARE else procedural(rng)
     contrast = rng.uniform(0.55, 1.6)
