@@ -6,15 +6,13 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import Image
 
 from blur2view.arrays import Array
-from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, read_exif, to_colmap
+from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, to_colmap
 from blur2view.cli.options import Lens
 from blur2view.colmap.project import camera_of_database
 from blur2view.errors import CameraError
 from tests.support.colmap_projects import run_sql
-from tests.support.many_photographs import exif_of
 from tests.support.scenes import distorted_points
 
 SIZE = (640, 480)
@@ -89,14 +87,6 @@ def test_a_camera_that_a_database_has_not_or_that_is_none(database: Path) -> Non
     run_sql(database, "PRAGMA foreign_keys = OFF", "UPDATE cameras SET model = 999")
     with pytest.raises(CameraError, match="update pycolmap"):
         camera_of_database(database, 1, "")
-
-
-def test_exif_gives_focal_length_and_exposure(tmp_path: Path) -> None:
-    path = tmp_path / "film.jpg"
-    Image.new("RGB", SIZE).save(path, exif=exif_of(FocalLengthIn35mmFilm=26, ExposureTime=0.04))
-    values = read_exif(path)
-    assert values.focal_px == pytest.approx(26 * 800 / 43.2666, rel=1e-4)
-    assert values.exposure_s == pytest.approx(0.04)
 
 
 def test_options_choose_the_camera_and_exif_is_a_hint_without_them(database: Path) -> None:
