@@ -39,10 +39,9 @@ class NoiseModel:
 
     effective_share: float = 1.0  # of the smears that err independently, by the overlap of their windows
     correlation: float = 1.0  # how many times fewer they are if all of the correlation counts
-    length: float = (
-        0.0  # standard deviation of errors of lengths that vary slowly over the picture, as a share
-    )
-    direction_rad: float = 0.0  # and of directions
+    # standard deviations of errors that vary slowly over the picture: of lengths, as a share, and directions
+    length: float = 0.0
+    direction_rad: float = 0.0
     min_sampson: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
     # Of the stated standard deviations, the scale of Student's distribution of the errors which are no
     # outliers; 0.85 of four degrees of freedom is the nearest to a normal one.

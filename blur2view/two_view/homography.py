@@ -65,23 +65,18 @@ class FieldLikelihood:
     def slow_errors(self) -> Array:
         """Errors (6, 2, N) that vary slowly over the picture, of one deviation, in standard deviations.
 
-        Lengths and directions wrong by a share of smooth lengths, everywhere or in proportion to x or y. Of
-        the measured ones such an error would shrink their scatter, too, and pay for itself.
+        Lengths and directions err by a share of the length, everywhere or in proportion to x or y. The length
+        is smoothed: by a share of the measured one an error would also shrink the scatter of the lengths.
         """
-        middle, displacement, shared = (
-            self.smears.middle,
-            self.smears.displacement,
-            self.smears.matches.shared,
-        )
+        middle, displacement = self.smears.middle, self.smears.displacement
+        shared = self.smears.matches.shared
         half = 0.5 * float(np.ptp(middle, axis=0).max()) + TINY
         offset = (middle - np.median(middle, axis=0)) / half
         modes = np.column_stack([np.ones(len(middle)), offset]).T
         length = np.maximum(own := np.hypot(*displacement.T), 0.1 * np.median(own) + TINY)
         basis = np.column_stack([modes.T, offset**2, offset.prod(axis=1)]) / length[:, None]
-        smooth = (
-            basis @ np.linalg.lstsq(basis, np.ones(len(middle)), rcond=None)[0]
-        )  # over the measured length
-        x, y = np.clip(smooth, 0, None) * displacement.T
+        smooth = basis @ np.linalg.lstsq(basis, np.ones(len(middle)), rcond=None)[0]
+        x, y = np.clip(smooth, 0, None) * displacement.T  # smooth lengths over the measured ones
         errors = (shared.length + c.NO_ERROR) * np.array([x, y])
         across = (shared.direction_rad + c.NO_ERROR) * np.array([-y, x])
         return self.whiten(np.concatenate([modes[:, None] * error for error in (errors, across)]))
@@ -146,9 +141,9 @@ class HomographyFit:
         return -0.5 * (data + self.prior_cost)
 
     def gain_of_parallax(self, F: Array) -> float:
-        """Return what parallax along the lines of F (3, 3) gains over the field alone, in log-likelihood.
+        """Return the log-likelihood that parallax along the lines of F (3, 3) gains over the field alone.
 
-        Of greatest likelihood over the shares of smears that lie by some width farther along their lines.
+        The shares of smears that lie by each of PARALLAX_WIDTHS farther along their lines are the likeliest.
         """
         smears = self.likelihood.smears
         (line,), (across,) = unit_lines(symmetric_skew(F)[1][None], smears.middle)  # at mid exposure

@@ -72,10 +72,3 @@ def test_of_large_photographs_every_second_cell_is_taken_and_counts_as_more() ->
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         SelectOptions(**wrong)
-
-
-@pytest.mark.parametrize("shape", [(98 * 32, 101 * 32), (3 * 32, 400 * 32), (32, 2000 * 32)])
-def test_large_photographs_give_no_more_matches_than_asked_for(shape: tuple[int, int]) -> None:
-    matches = select_matches(grid(shape=shape))
-    assert 150 < len(matches) <= 1000
-    assert np.ptp(matches.midpoint[:, 0]) > 0.85 * shape[1]
