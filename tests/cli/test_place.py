@@ -85,8 +85,8 @@ def test_chain_ends_in_files_that_both_programs_read(
     assert call("to-transforms", linked / "with_views", "-o", ngp) == 0
     words = ("--dialect", "nerfstudio", "--exposure", EXPOSURE_S, "-o", splat)
     assert call("to-transforms", linked / "with_views", *words) == 0
-    told = "wrote 7 frames and their points, sparse_pc.ply"
-    assert capsys.readouterr().out.endswith(f"{splat}: {told}\n")
+    expected = "wrote 7 frames and their points, sparse_pc.ply"
+    assert capsys.readouterr().out.endswith(f"{splat}: {expected}\n")
     for path in (ngp, splat):
         for k, frame in enumerate(json.loads(path.read_text())["frames"]):
             assert (path.parent / frame["file_path"]).is_file()
