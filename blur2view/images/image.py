@@ -4,6 +4,7 @@ import io
 import logging
 import os
 import warnings
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,8 @@ HEIC_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx")
 # Files of a folder that are photographs; a file that is named by itself may have any suffix.
 PHOTOGRAPH_SUFFIXES = RAW_SUFFIXES | {".avif", ".bmp", ".heic", ".heif", ".hif", ".jfif", ".jp2", ".jpe"}
 PHOTOGRAPH_SUFFIXES |= {".jpeg", ".jpg", ".mpo", ".png", ".tif", ".tiff", ".webp"}
-PLANES, BITS = ExifTags.Base.PlanarConfiguration, ExifTags.Base.BitsPerSample
+BITS, SIGNS = ExifTags.Base.BitsPerSample, ExifTags.Base.SampleFormat  # of TIFF
+PLANES, TONES = ExifTags.Base.PlanarConfiguration, ExifTags.Base.PhotometricInterpretation
 _TOO_LARGE = f"resize it to at most {MAX_PIXELS // 1_000_000} megapixels"
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # it prints unless somebody listens
 
@@ -96,9 +98,8 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> AnyArray | Image.Ima
             _extra(path, "HEIC", "pillow_heif").register_heif_opener()
         with open_picture(encoded) as photo:
             _check_size(path, *photo.size)
-            tags, colour = getattr(photo, "tag_v2", {}), len(photo.getbands()) > 1
-            if colour and tags.get(PLANES) == 2 and max(tags[BITS]) > 8:  # which neither decoder reads right
-                raise ImageError(f"{path}: is a TIFF of 16 bits in planes; save it as PNG")
+            colour = len(photo.getbands()) > 1
+            _refuse_rare(path, getattr(photo, "tag_v2", {}), colour=colour)
             # colour of 16 bits, which Pillow would cut to 8; asked before getexif, which may decode
             deep = colour and any(";16" in str(tile[3]) for tile in photo.tile)
             orientation = photo.getexif().get(ExifTags.Base.Orientation, 1)
@@ -116,6 +117,14 @@ def _decode(path: Path, encoded: bytes, as_stored: bool) -> AnyArray | Image.Ima
         # on damaged files Pillow's decoders raise errors of any type: KeyError, RuntimeError, ...
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ImageError(f"{path}: is damaged or incomplete ({reason}); copy the photograph again") from None
+
+
+def _refuse_rare(path: Path, tags: Mapping[int, Any], *, colour: bool) -> None:
+    """Raise ImageError for TIFF that neither decoder reads right."""
+    bits = max(tags.get(BITS, (8,)))
+    deep = bits > 8 and (tags.get(TONES) == 0 or (colour and tags.get(PLANES) == 2))  # inverted, or in planes
+    if bits == 12 or deep or (bits == 8 and 2 in tags.get(SIGNS, ())):
+        raise ImageError(f"{path}: is a TIFF of a rare kind; save it as PNG")
 
 
 def _decode_deep(encoded: bytes, *, alpha: bool) -> NDArray[np.uint16]:

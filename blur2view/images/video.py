@@ -54,6 +54,8 @@ def frame_numbers(
     count, rate = reader.count, reader.rate
     if not 1 <= count <= video.stat().st_size:  # a frame takes more than a byte
         raise ImageError(f"{video}: has no frames that can be counted; convert it to MP4")
+    if rate <= 0 and any(isinstance(number, float) for number in (first, last)):
+        raise ImageError(f"{video}: does not state its frame rate; name frames by number")
     begin, end = (
         number if isinstance(number, int) else round(min(number * rate, count))
         for number in (first, count - 1 if last is None else last)

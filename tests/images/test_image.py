@@ -82,13 +82,13 @@ def test_truncated_file_is_refused(tmp_path: Path, kind: str, share: float) -> N
             read_image(path)
 
 
-def tiff(path: Path, data: np.ndarray, *, planes: int = 1, tags: dict[int, Any]) -> Path:
+def tiff(path: Path, data: np.ndarray, *, bits: int = 16, planes: int = 1, tags: dict[int, Any]) -> Path:
     """Write a TIFF whose data lie as they are given, one strip per plane, with these tags."""
     height, width = data.shape[-2:]
     content, size = data.tobytes(), data.nbytes // planes
     written = TiffImagePlugin.ImageFileDirectory_v2()
     written.tagtype |= {33421: 3, 33422: 1, 50721: 10}  # of a DNG
-    layout = {256: width, 257: height, 258: (16,) * planes, 259: 1, 277: planes, 278: height}
+    layout = {256: width, 257: height, 258: (bits,) * planes, 259: 1, 277: planes, 278: height}
     strips = {273: tuple(range(0, data.nbytes, size)), 279: (size,) * planes}  # Pillow adds where they end
     for number, value in (layout | strips | {262: 1, 284: 1} | tags).items():
         written[number] = value
@@ -96,9 +96,20 @@ def tiff(path: Path, data: np.ndarray, *, planes: int = 1, tags: dict[int, Any])
     return path
 
 
-def test_tiff_that_no_decoder_reads_right_is_refused(tmp_path: Path) -> None:
-    path = tiff(tmp_path / "planes.tif", np.moveaxis(RGB16, 2, 0), planes=3, tags={262: 2, 284: 2})
-    with pytest.raises(ImageError, match="is a TIFF of 16 bits in planes; save it as PNG"):
+@pytest.mark.parametrize(
+    ("data", "layout"),
+    [
+        (np.moveaxis(RGB16, 2, 0), {"planes": 3, "tags": {262: 2, 284: 2}}),
+        (RGB16[..., 0], {"tags": {262: 0}}),  # inverted
+        (RGB16[..., 0], {"bits": 12, "tags": {}}),
+        (RGB8[..., 0], {"bits": 8, "tags": {339: 2}}),  # signed
+    ],
+)
+def test_tiff_that_no_decoder_reads_right_is_refused(
+    tmp_path: Path, data: np.ndarray, layout: dict[str, Any]
+) -> None:
+    path = tiff(tmp_path / "rare.tif", data, **layout)
+    with pytest.raises(ImageError, match="is a TIFF of a rare kind; save it as PNG"):
         read_image(path)
 
 
