@@ -94,19 +94,16 @@ def reweighted_motion(
     steps: int,
     scale: Callable[[AnyArray], AnyArray | float],
     start: Array | None = None,
-    prior: tuple[Array, Array] | None = None,
 ) -> tuple[AnyArray, AnyArray]:
     """Return the motion m (..., k) with m @ rows = flow for most points, and lengths of residuals (..., N).
 
     Iteratively reweighted least squares with Cauchy's weights, ``steps`` rounds, of rows (..., k, d, N) and a
     flow (..., d, N); leading axes are problems, each solved by itself. ``scale`` maps the lengths of the
     residuals (..., N) to the length of half the weight. A ``start`` (..., k) weighs the first round, else all
-    points weigh the same; ``prior`` are expectation and precision (k,) of the motion, where residuals have
-    the deviation ``scale``.
+    points weigh the same.
     """
     flat = rows.reshape(*rows.shape[:-2], -1)  # (..., k, d N)
     column = flow.reshape(*flow.shape[:-2], -1, 1)  # (..., d N, 1)
-    expected, precision = (0.0, 0.0) if prior is None else prior
 
     def lengths(motion: AnyArray) -> AnyArray:
         missed = (motion[..., None, :] @ flat).reshape(flow.shape) - flow
@@ -116,16 +113,15 @@ def reweighted_motion(
     def weights(missed: AnyArray) -> AnyArray:  # 1 / scale^2 where residuals are zero
         return np.asarray(1 / (np.asarray(scale(missed)) ** 2 + missed**2))
 
-    weight = (
-        np.ones((*rows.shape[:-3], rows.shape[-1]), rows.dtype) if start is None else weights(lengths(start))
-    )
+    weight: AnyArray = np.ones((*rows.shape[:-3], rows.shape[-1]), rows.dtype)
+    if start is not None:
+        weight = weights(lengths(start))
     for _ in range(steps):
         weighted = flat * np.concatenate([weight] * flow.shape[-2], axis=-1)[..., None, :]
         normal = weighted @ np.swapaxes(flat, -1, -2)
-        ridge = RIDGE * np.diagonal(normal, axis1=-2, axis2=-1) + precision + TINY
-        right = (weighted @ column)[..., 0] + precision * expected
+        ridge = RIDGE * np.diagonal(normal, axis1=-2, axis2=-1) + TINY
         damped = normal + ridge[..., None] * np.eye(ridge.shape[-1])
-        motion = np.linalg.solve(damped, right[..., None])[..., 0].astype(rows.dtype)
+        motion = np.linalg.solve(damped, weighted @ column)[..., 0].astype(rows.dtype)
         missed = lengths(motion)
         weight = weights(missed)
     return motion, missed
