@@ -95,7 +95,11 @@ def estimate_two_view(
         return geometry
     both = geometry, geometry.reversed()
     ways = [all_rows_at_once(matches, options, rng, camera, shutter, way) for way in both]
-    flips = sorted((way for way in ways if way is not None), key=parallax_of)
+    least_parallax = list(Parallax)[::-1].index
+    flips = sorted(
+        (way for way in ways if way is not None),
+        key=lambda one: (one.cam2_from_cam1 is None, least_parallax(one.parallax), one.E is not None),
+    )
     if len(flips) == 1:
         reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
         return replace(flips[0], reason=reason)
@@ -121,12 +125,6 @@ def all_rows_at_once(
         found.append(one if same else one.reversed())
         second = found[-1].second_end_is_open
     return max(reversed(found), key=lambda one: int(one.inlier_mask.sum()), default=None)
-
-
-def parallax_of(geometry: TwoViewGeometry) -> tuple[bool, int, bool]:
-    """Return a key that sorts geometries by how much parallax they need, those without a pose last."""
-    pose = geometry.cam2_from_cam1
-    return pose is None, -list(Parallax).index(geometry.parallax), geometry.E is not None
 
 
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
