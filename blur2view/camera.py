@@ -1,8 +1,7 @@
 """A camera's intrinsics, the rays of pixels, and what EXIF states of them; COLMAP's conventions.
 
 COLMAP puts (0.5, 0.5) at the centre of the top-left pixel, blur2view puts (0, 0) there: pixels of cameras
-pass through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`. Camera models are
-those that pycolmap knows, all but EQUIRECTANGULAR, which has no rays in a plane.
+pass through `to_colmap` and `from_colmap`, F and H through `geometry.two_view_geometry`.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ MAX_SIDE = 1 << 20  # pixels; COLMAP's own numbers overflow far above
 FOCAL_PX = (0.1, 1e7)  # bounds of focal lengths; a telescope of 10 m before pixels of 2 um has 5e6
 FOCAL_RANGE = f"{FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} px"
 PINHOLES = ("SIMPLE_PINHOLE", "PINHOLE")
+NO_RAYS = ("INVALID", "EQUIRECTANGULAR")  # models of pycolmap that are refused: without rays in a plane
 OPENCV_MODELS = {0: "PINHOLE", 4: "OPENCV", 8: "FULL_OPENCV"}  # COLMAP's, by coefficients of distortion
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to (CIPA DCG-001: by the diagonal).
 DIAGONAL_35MM = float(np.hypot(36.0, 24.0))
@@ -47,6 +47,7 @@ class Camera:
         Size in pixels of the camera's pictures.
     model, params : str, tuple of float
         COLMAP's name of the camera model, its parameters in COLMAP's pixels; by default a pinhole's, by K.
+        CameraError if the model is unknown or has no rays in a plane, or a parameter is impossible.
     source : str
         "focal", "opencv", "camera string", "database" or "exif", and any scaling since.
     log_focal_sigma : float
@@ -74,6 +75,8 @@ class Camera:
         if not self.params:
             pinhole = np.concatenate([np.diag(K)[:2], to_colmap(K[:2, 2])])
             object.__setattr__(self, "params", tuple(pinhole.tolist()))
+        if self.distorted:
+            colmap_camera(self.model, self.width, self.height, self.params)  # which checks them
 
     @classmethod
     def from_focal(cls, focal_px: float, image_size: tuple[int, int], source: str = "focal") -> Camera:
@@ -101,7 +104,9 @@ class Camera:
             raise ValueError(f"expected 0, 4, 5 or 8 distortion coefficients of OpenCV, got {given}")
         width, height = _sides(size)
         pinhole = cls(K=K, width=width, height=height)  # which checks K
-        count = 8 if any(given[4:]) else 4 if any(given) else 0
+        count = 4 if any(given) else 0
+        if any(given[4:]):
+            count = 8
         params = (*pinhole.params, *[*given, *[0.0] * 8][:count])
         return cls.from_colmap(colmap_camera(OPENCV_MODELS[count], width, height, params), "opencv")
 
@@ -121,12 +126,15 @@ class Camera:
 
     @classmethod
     def from_colmap(cls, camera: Any, source: str) -> Camera:
-        """Return the camera of a pycolmap.Camera; K is that of its undistorted picture."""
-        K = np.array(camera.calibration_matrix(), float)
-        K[:2, 2] = from_colmap(K[:2, 2])
+        """Return the camera of a pycolmap.Camera; K is that of its undistorted picture.
+
+        CameraError if its model has no rays in a plane, or a parameter is impossible.
+        """
+        model, width, height = camera.model_name, camera.width, camera.height
         params = tuple(np.asarray(camera.params, float).tolist())
-        size = {"width": camera.width, "height": camera.height}
-        return cls(K=K, **size, model=camera.model_name, params=params, source=source)
+        K = np.array(colmap_camera(model, width, height, params).calibration_matrix(), float)
+        K[:2, 2] = from_colmap(K[:2, 2])
+        return cls(K=K, width=width, height=height, model=model, params=params, source=source)
 
     @property
     def known(self) -> bool:
@@ -208,12 +216,11 @@ def colmap_camera(model: str, width: int, height: int, params: tuple[float, ...]
     """Return a pycolmap.Camera; CameraError if the model is unknown or a value is impossible."""
     import pycolmap  # 0.7 s, so only where a camera has more than a focal length
 
-    known = [
-        name for name in pycolmap.CameraModelId.__members__ if name not in ("INVALID", "EQUIRECTANGULAR")
-    ]
+    known = [name for name in pycolmap.CameraModelId.__members__ if name not in NO_RAYS]
     made = pycolmap.Camera.create_from_model_name(0, model, 1.0, 1, 1) if model in known else None
     if made is None:
-        why = f"unknown model {model}; known are {', '.join(known)}"
+        defect = "has no rays in a plane" if model in NO_RAYS else "is an unknown model"
+        why = f"{model} {defect}; known are {', '.join(known)}"
     elif len(params) != len(made.params):
         why = f"{model} has the parameters {made.params_info}, got {len(params)} values"
     elif not 1 <= min(width, height) <= max(width, height) < MAX_SIDE:

@@ -56,12 +56,21 @@ def test_rays_are_pycolmaps_half_a_pixel_on_also_of_a_resized_picture(text: str)
             camera.for_image(size)
 
 
+def test_a_camera_without_rays_in_a_plane_is_refused_when_it_is_made() -> None:
+    panorama = pycolmap.Camera.create_from_model_name(1, "EQUIRECTANGULAR", 1.0, 640, 480)
+    with pytest.raises(CameraError, match="EQUIRECTANGULAR has no rays in a plane"):
+        Camera(K=np.diag([525.0, 525, 1]), width=640, height=480, model="EQUIRECTANGULAR")
+    with pytest.raises(CameraError, match="EQUIRECTANGULAR has no rays in a plane"):
+        Camera.from_colmap(panorama, "database")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("nonsense", "neither"),
         ("SIMPLE_RADIAL 640 480 525 320 240", "has the parameters f, cx, cy, k"),
-        ("EQUIRECTANGULAR 640 480 640 480", "unknown model"),
+        ("EQUIRECTANGULAR 640 480 640 480", "EQUIRECTANGULAR has no rays in a plane; known are .*RADIAL"),
+        ("RADIAN 640 480 640 480", "RADIAN is an unknown model; known are .*RADIAL"),
         ("PINHOLE 640 480 nan 525 320 240", "finite"),
         ("PINHOLE 640 480 -525 525 320 240", "focal length must be"),
         ("PINHOLE 0 480 525 525 320 240", "positive"),

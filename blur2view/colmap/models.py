@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from blur2view.arrays import Array
+from blur2view.camera import NO_RAYS
 from blur2view.errors import DatabaseError, OutputError
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.files import open_regular, read_regular, writable_folder
@@ -49,10 +50,12 @@ def read_model(folder: Path) -> Any:
         numbers += [image.cam_from_world().matrix().ravel() for image in posed]
         if not (np.abs(np.concatenate([np.zeros(0), *numbers])) < MAX_VALUE).all():  # False of NaN
             raise ValueError("holds values that are not finite")
-        return model
     except (OSError, ValueError, RuntimeError, LookupError, MemoryError) as error:
         why = " ".join(str(error).split()).rpartition("] ")[2] or type(error).__name__
         raise DatabaseError(f"{folder}: its model is damaged ({why}); let COLMAP write it again") from None
+    if refused := sorted({camera.model_name for camera in model.cameras.values()} & {*NO_RAYS}):
+        raise DatabaseError(f"{folder}: its camera {refused[0]} has no rays in a plane; map pinhole pictures")
+    return model
 
 
 def _check_records(path: Path) -> None:
@@ -64,7 +67,8 @@ def _check_records(path: Path) -> None:
     while count and at <= len(content):
         at += before
         if path.name == "images.bin":
-            at = content.find(b"\0", at) + 1 or len(content) + 1  # behind the name
+            end_of_name = content.find(b"\0", at)
+            at = len(content) + 1 if end_of_name < 0 else end_of_name + 1
         at += number + part * int.from_bytes(content[at : at + number], "little")
         count -= 1
     if at > len(content):

@@ -76,6 +76,15 @@ def test_a_model_that_contradicts_itself_is_one_line(model: Path, name: str, at:
         read_model(model)
 
 
+def test_a_camera_without_rays_in_a_plane_is_refused(model: Path, tmp_path: Path) -> None:
+    panorama = tmp_path / "panorama"
+    panorama.mkdir()
+    pycolmap.Reconstruction(model).write_text(panorama)
+    (panorama / "cameras.txt").write_text("1 EQUIRECTANGULAR 100 80 100 80\n")
+    with pytest.raises(DatabaseError, match="panorama: its camera EQUIRECTANGULAR has no rays in a plane"):
+        read_model(panorama)
+
+
 def test_a_model_of_an_earlier_call_is_replaced_and_no_other(model: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for _ in range(2):
