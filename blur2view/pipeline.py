@@ -111,8 +111,7 @@ def estimate(
         camera = camera or read_exif(path, content).camera(image.shape[1::-1])
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
-    if not callable(getattr(network, "predict", None)):
-        raise ValueError(f"network must be a blur2view.SmearNetwork, or a path, got {network!r:.99}")
+    require("network", network, SmearReader, "with predict, model_id and execution, or a path")
     grid, blur, moving = _seen(photograph_of(image), network, Detail(detail))
     matches = select_matches(grid, select)
     if blur.kind.of_camera:
@@ -145,7 +144,10 @@ def segment(
 ) -> MotionMask:
     """Return which pixels of a photograph move by themselves, given the camera's own motion.
 
-    Pixels about which the picture is smooth are unobservable.
+    Pixels about which the picture is smooth are unobservable. The shipped network reads the photograph anew
+    if it has more than 2.5 megapixels, or the estimate's smears are not those of a `SmearNetwork` in
+    ``Detail.GEOMETRY``. Where the estimate has already found what moves (``estimate.moving``), that is taken,
+    and ``rng`` is not used.
 
     Parameters
     ----------

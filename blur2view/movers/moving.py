@@ -125,7 +125,7 @@ def moving_in(
     if factor > 1:
         size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-    if factor > 1 or grid.shares is None or grid.blur is None:
+    if factor > 1 or grid.stride != STEP or grid.shares is None or grid.blur is None:
         grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
     gain = gain_of(image)
     missing = [(0, -side % STEP) for side in image.shape[:2]]

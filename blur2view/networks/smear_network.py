@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -69,6 +69,7 @@ class Detail(StrEnum):
 MIN_CELLS = {Detail.GEOMETRY: 700, Detail.RANKING: 50}  # where not all windows are read; at most four times
 
 
+@runtime_checkable
 class SmearReader(Protocol):
     """Interface of a network that reads smears: another architecture is one class."""
 
@@ -81,7 +82,12 @@ class SmearReader(Protocol):
         """Threads and providers, also of the networks that find movers."""
 
     def predict(self, image: AnyArray, *, detail: Detail = Detail.GEOMETRY) -> SmearGrid:
-        """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1]."""
+        """Return the smears of a photograph (H, W, 3) or (H, W): uint8, uint16, or floats in [0, 1].
+
+        Cells have `stride` pixels; set `window_px` to the side that a cell is read from (None: cells err
+        alone). Leave `shares` None, and `blur` too if no kinds are known: the camera is then taken to have
+        moved.
+        """
 
 
 class SmearNetwork:
