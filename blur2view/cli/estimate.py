@@ -9,7 +9,7 @@ import numpy as np
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder, InTime
 from blur2view.cli.parser import rare_option
-from blur2view.cli.run import FAILURES, Estimated, Run, estimated, wrote
+from blur2view.cli.run import FAILURES, EstimatedFile, Run, estimate_file, wrote
 from blur2view.cli.terminal import verdict_line
 from blur2view.errors import OutputError
 from blur2view.files import write_file
@@ -88,31 +88,33 @@ class EstimateOptions(Command):
                 f"{log}: a log of rates is of one video; name its frames alone, or omit --gyroflow"
             )
         run.do(estimate_one, listed="estimates", gyroflow=log)
-        if log is not None and run.done and not run.ended_early:
-            video = next(job.source.path.name for job, one in run.outcomes if not one.error)
-            write_file(log, gyroflow_log([one.photograph for one in run.done], video).encode())
+        if log is not None and run.done and not run.early_exit_code:
+            video = next(job.source.path.name for job, outcome in run.outcomes if not outcome.error)
+            write_file(log, gyroflow_log([outcome.photograph for outcome in run.done], video).encode())
         return run.exit_code
 
 
 def estimate_one(options: EstimateOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
-    one = estimated(options, job)
-    record = one.record()
-    contents = estimate_contents(one, record) if job.files else []
+    file = estimate_file(options, job)
+    record = file.record()
+    contents = estimate_contents(file, record) if job.files else []
     lines = [verdict_line(str(job.source), record), fit_line(record) + wrote(job, ENDINGS)]
-    lines += [record.reason] * options.printing.verbose
+    if options.printing.verbose:
+        lines.append(record.reason)
     return Outcome(photograph=record, summary="\n  ".join(lines), contents=contents)
 
 
-def estimate_contents(one: Estimated, record: Photograph) -> list[bytes]:
+def estimate_contents(file: EstimatedFile, record: Photograph) -> list[bytes]:
     """Return the arrays and the overlay of a photograph with its record."""
-    found, geometry, matches, arrays = one.estimate, one.estimate.geometry, one.estimate.matches, io.BytesIO()
+    estimate, arrays = file.estimate, io.BytesIO()
+    matches, geometry = estimate.matches, estimate.geometry
     np.savez(
         arrays,
-        **stored_smears(found.grid),  # type: ignore[arg-type]
+        **stored_smears(estimate.grid),  # type: ignore[arg-type]
         ends=matches.ends,
         match_sigma_px=matches.sampson_px,
         inlier_mask=geometry.inlier_mask,
         second_end_is_open=geometry.second_end_is_open,
     )
-    return [arrays.getvalue(), png(draw_overlay(one.image, found, record))]
+    return [arrays.getvalue(), png(draw_overlay(file.image, estimate, record))]

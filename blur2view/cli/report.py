@@ -9,9 +9,10 @@ from blur2view import __version__
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime
 from blur2view.cli.parser import option
-from blur2view.cli.run import Run, estimated
+from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.terminal import printable, verdict_line
 from blur2view.files import write_file
+from blur2view.movers.moving import THRESHOLD
 from blur2view.pipeline import segment
 from blur2view.results.report import report, section
 
@@ -43,7 +44,7 @@ class ReportOptions(Command):
         run, page = Run(self), self.output
         run.do(entry_one, output=page)
         if run.done:
-            shown = [(one.photograph, one.section) for _, one in run.outcomes]
+            shown = [(outcome.photograph, outcome.section) for _, outcome in run.outcomes]
             write_file(page, report(shown, __version__))
             if not self.printing.quiet:
                 print(f"wrote {printable(str(page))}")
@@ -52,11 +53,13 @@ class ReportOptions(Command):
 
 def entry_one(options: ReportOptions, job: Job) -> Outcome:
     """Return the record of one photograph, and its section of the page."""
-    one, found = estimated(options, job), None
+    file, mask, threshold = estimate_file(options, job), None, None
     if options.mask:
-        found = segment(one.estimate, one.image, np.random.default_rng(options.estimating.seed))
-    record = one.record(found)
+        threshold, rng = THRESHOLD, np.random.default_rng(options.estimating.seed)
+        mask = segment(file.estimate, file.image, rng, threshold=threshold)
+    record = file.record(mask, threshold)
     summary = verdict_line(str(job.source), record)
-    summary += f"\n  {record.reason}" * options.printing.verbose
-    shown = section(record, one.estimate, one.image, found)
+    if options.printing.verbose:
+        summary += f"\n  {record.reason}"
+    shown = section(record, file.estimate, file.image, mask)
     return Outcome(photograph=record, summary=summary, section=shown)

@@ -55,7 +55,7 @@ class Run:
         self.options, self.inputs = options, options.reading.inputs()
         self.jobs: Sequence[Job] = list(self._jobs(endings, beside))
         self.outcomes: list[tuple[Job, Outcome]] = []
-        self.ended_early = DONE  # the exit code, if it was interrupted or nothing can be done any more
+        self.early_exit_code = DONE  # another one if it was interrupted or nothing can be done any more
         self.seconds = 0.0
         self.table: Path | None = None  # once it is written
         self.without_table = False  # as it could not be written
@@ -73,7 +73,7 @@ class Run:
     @property
     def exit_code(self) -> int:
         """The exit code: 0 done, 1 something failed, 130 interrupted."""
-        return self.ended_early or (FAILED if self.failures or self.without_table else DONE)
+        return self.early_exit_code or (FAILED if self.failures or self.without_table else DONE)
 
     def _jobs(self, endings: Sequence[str], beside: Callable[[Path], Sequence[Path]]) -> Iterator[Job]:
         """Yield a job for each photograph, with its files if a folder of results is named."""
@@ -145,7 +145,8 @@ class Run:
             document = {listed: [one.photograph.plain() for one in self.done], "failures": self.failures}
             print(json.dumps(document, indent=2, allow_nan=False))
         self._write_table()
-        if total and not (self.ended_early or self.options.printing.quiet or self.options.folder.json):
+        quiet = self.options.printing.quiet or self.options.folder.json
+        if total and not self.early_exit_code and not quiet:
             self._print_total(counted=lines)
 
     def _check(self, targets: Mapping[str, Path | None], checked: Path | None) -> None:
@@ -199,10 +200,11 @@ class Run:
 
     def _end_early(self, code: int, line: str) -> None:
         """Note the exit code of a run that ends early, and say what does the rest."""
-        self.ended_early, count = code, len(self.jobs)
+        self.early_exit_code, count = code, len(self.jobs)
         if count > 1:
             line += f" after {len(self.outcomes)} of {plural(count, 'photograph')}"
-            line += "; the same call with --resume does the rest" * any(job.files for job in self.jobs)
+            if any(job.files for job in self.jobs):
+                line += "; the same call with --resume does the rest"
         if count > 1 or code == INTERRUPTED:
             complain(RunError(line))
 
@@ -223,7 +225,8 @@ class Run:
         skipped, failed = sum(one.skipped for one in self.done), len(self.failures)
         counts = {"done": len(self.done) - skipped, "done before": skipped, "failed": failed}
         if counted and len(self.outcomes) > 1:
-            self.print_counts(counts, *[self.options.folder.output, self.table] * bool(counts["done"]))
+            written = [self.options.folder.output, self.table] if counts["done"] else []
+            self.print_counts(counts, *written)
         elif self.table is not None:
             print(f"wrote {printable(str(self.table))}")
 
@@ -268,26 +271,26 @@ def network_of(estimating: Estimating) -> SmearNetwork:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Estimated:
+class EstimatedFile:
     """The estimate of a photograph's file, its pixels, and what options and file add to its record."""
 
     estimate: Estimate
     image: AnyArray  # (H, W, 3) from `read_pixels`, upright unless wanted as stored
     stated: Mapping[str, Any]
 
-    def record(self, mask: MotionMask | None = None) -> Photograph:
-        """Return the record of the photograph, and of what moves in it, if that was asked."""
-        return Photograph.of(self.estimate, mask=mask, **self.stated).of_use()
+    def record(self, mask: MotionMask | None = None, threshold: float | None = None) -> Photograph:
+        """Return the record of the photograph, and of what moves in it, if that was asked, by a threshold."""
+        return Photograph.of(self.estimate, mask=mask, threshold=threshold, **self.stated).of_use()
 
 
-def estimated(
+def estimate_file(
     options: Command,
     job: Job,
     *,
     as_stored: bool = False,
     camera_of: CameraOf | None = None,
     detail: Detail = Detail.GEOMETRY,
-) -> Estimated:
+) -> EstimatedFile:
     """Return the estimate of a photograph, in the order in time that its neighbours decide.
 
     The generator of random numbers starts anew, so that a result does not depend on photographs before it.
@@ -320,7 +323,7 @@ def estimated(
         "input_sha256": job.input_sha256,
         "options_sha256": job.options_sha256,
     }
-    return Estimated(estimate=_in_time(found, job, as_stored), image=image, stated=stated)
+    return EstimatedFile(estimate=_in_time(found, job, as_stored), image=image, stated=stated)
 
 
 def _shutter(

@@ -11,7 +11,7 @@ from blur2view.arrays import AnyArray
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, Folder
 from blur2view.cli.parser import one_of, option, probability
-from blur2view.cli.run import FAILURES, Run, estimated, wrote
+from blur2view.cli.run import FAILURES, Run, estimate_file, wrote
 from blur2view.cli.terminal import printable
 from blur2view.movers.mask import GREY, MaskFormat, as_stored
 from blur2view.movers.moving import THRESHOLD
@@ -39,6 +39,7 @@ class SegmentOptions(Command):
     smears; outlines follow the photograph's edges.
     """
 
+    # a field here is part of what --resume compares, unless its type is a Path (`run.digest_of`)
     folder: Folder = Folder()
     threshold: Annotated[float, probability] = option(
         """--threshold P: probability that the highest place of a part must reach (default: %(default)s);
@@ -72,23 +73,23 @@ class SegmentOptions(Command):
 
     def execute(self) -> int:
         """Return the exit code, after segmenting every photograph."""
-        run = Run(self, ENDINGS, lambda name: [FOLDER / one.path(name) for one in self.programs])
+        run = Run(self, ENDINGS, lambda name: [FOLDER / program.path(name) for program in self.programs])
         run.do(segment_one, listed="masks")
         return run.exit_code
 
 
 def segment_one(options: SegmentOptions, job: Job) -> Outcome:
     """Return the record, the summary and the files of one photograph."""
-    one = estimated(options, job)
+    file = estimate_file(options, job)
     rng = np.random.default_rng(options.estimating.seed)
-    mask = segment(one.estimate, one.image, rng, threshold=options.threshold)
-    record = one.record(mask)
+    mask = segment(file.estimate, file.image, rng, threshold=options.threshold)
+    record = file.record(mask, options.threshold)
     contents = []
     if job.files:
         stored = as_stored(mask.labels, io.BytesIO(job.content))  # programs turn nothing by its EXIF
-        masks = [to.picture(stored) for to in options.programs]
+        masks = [program.picture(stored) for program in options.programs]
         levels = np.round(65535 * mask.probability).astype(np.uint16)
-        pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(one.image, mask)]
+        pictures: list[AnyArray] = [*masks, GREY[mask.labels], levels, draw_motion(file.image, mask)]
         contents = [png(picture) for picture in pictures]
     summary = f"{printable(str(job.source))}: {mask_verdict(mask)}\n  {mask.reason}{wrote(job, ENDINGS)}"
     return Outcome(photograph=record, summary=summary, contents=contents)

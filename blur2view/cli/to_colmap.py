@@ -11,7 +11,7 @@ from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command, InTime
 from blur2view.cli.parser import flag, option, rare_option, required
-from blur2view.cli.run import Run, estimated
+from blur2view.cli.run import Run, estimate_file
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.database import check_target, plan_links, write_database, write_links
 from blur2view.colmap.project import storable
@@ -103,7 +103,7 @@ class ToColmapOptions(Command):
             check_target(db)
         run.do(views_one, lines=False, checked=db)
         done = [one.views for one in run.done if one.views is not None]
-        if run.ended_early or not done:
+        if run.early_exit_code or not done:
             return run.exit_code
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
             if self.link:
@@ -150,11 +150,11 @@ def views_one(options: ToColmapOptions, job: Job) -> Outcome:
         hint = plan.prior_focal and not lens.stated
         return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else stated
 
-    one = estimated(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns no picture upright
-    views = views_of(job.name, one.estimate)
+    file = estimate_file(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns nothing upright
+    views = views_of(job.name, file.estimate)
     if plan is not None:
-        views = keypoint_views(job.name, plan.keypoints, one.estimate, options.estimating.robust())
-    return Outcome(photograph=one.record(), views=views)
+        views = keypoint_views(job.name, plan.keypoints, file.estimate, options.estimating.robust())
+    return Outcome(photograph=file.record(), views=views)
 
 
 def view_jobs(jobs: Sequence[Job], project: Path | None) -> list[Job]:

@@ -1,7 +1,4 @@
-"""``blur2view triage``: which photographs are sharp, and which blurred ones are of use; options and work.
-
-The columns of its table are fields and properties of `results.photograph.Photograph`.
-"""
+"""``blur2view triage``: which photographs are sharp or of use; its columns are `results.photograph`'s."""
 
 import os
 from collections import Counter
@@ -17,7 +14,7 @@ import cv2
 from blur2view.cli.jobs import Job, Outcome
 from blur2view.cli.options import Command
 from blur2view.cli.parser import flag, length, option, radius
-from blur2view.cli.run import Run, estimated
+from blur2view.cli.run import Run, estimate_file
 from blur2view.errors import OutputError
 from blur2view.files import write_file
 from blur2view.images.video import read_frame
@@ -97,13 +94,13 @@ class TriageOptions(Command):
         if self.extract is not None:
             refuse_filled(self.extract)
         run.do(look_at, total=False, checked=self.extract, keep=self.keep)
-        if run.done and not run.ended_early:
+        if run.done and not run.early_exit_code:
             self._write(run)
         return run.exit_code
 
     def _write(self, run: Run) -> None:
         """Write list and pictures, and print the closing line."""
-        kept = self._kept({job: one.photograph for job, one in run.outcomes if not one.error})
+        kept = self._kept({job: outcome.photograph for job, outcome in run.outcomes if not outcome.error})
         if self.keep is not None:
             text = "".join(f"{job.name}\n" for job in kept)
             write_file(self.keep, text.encode("utf-8", "surrogateescape"))
@@ -111,8 +108,8 @@ class TriageOptions(Command):
             extract(self.extract, kept)
         if self.printing.quiet:
             return
-        uses = Counter(str(one.photograph.use) for _, one in run.outcomes)
-        said = f"{len(kept)} kept" * (self.keep is not None or self.extract is not None)
+        uses = Counter(str(outcome.photograph.use) for _, outcome in run.outcomes)
+        said = "" if self.keep is None and self.extract is None else f"{len(kept)} kept"
         if said and not kept:
             limits = f"--max-smear is {self.max_smear:g}, --max-defocus {self.max_defocus:g}"
             remedy = f"{limits}; --blurred keeps the blurred ones that are of use, --best N the N sharpest"
@@ -123,14 +120,14 @@ class TriageOptions(Command):
     def _kept(self, read: Mapping[Job, Photograph]) -> list[Job]:
         """Return the photographs to keep, in order."""
 
-        def width(one: Job) -> tuple[bool, float]:
-            found = read[one].width_px  # without texture it comes last
-            return read[one].use != Use.SHARP, inf if found is None else found
+        def width(job: Job) -> tuple[bool, float]:
+            width_px = read[job].width_px  # without texture it comes last
+            return read[job].use != Use.SHARP, inf if width_px is None else width_px
 
         if self.best is not None:
             chosen = set(sorted(read, key=width)[: self.best])
         elif self.every_best is not None:
-            folders = [list(jobs) for _, jobs in groupby(read, lambda one: one.source.folder)]
+            folders = [list(jobs) for _, jobs in groupby(read, lambda job: job.source.folder)]
             chosen = {
                 min(jobs[first : first + self.every_best], key=width)
                 for jobs in folders
@@ -138,14 +135,14 @@ class TriageOptions(Command):
             }
         else:
             wanted = (Use.SHARP, Use.BLURRED) if self.blurred else (Use.SHARP,)
-            chosen = {one for one, row in read.items() if row.use in wanted}
-        return [one for one in read if one in chosen]
+            chosen = {job for job, photograph in read.items() if photograph.use in wanted}
+        return [job for job in read if job in chosen]
 
 
 def look_at(options: TriageOptions, job: Job) -> Outcome:
     """Return the record of one photograph, which is looked at less closely: of its blur alone."""
-    one = estimated(options, job, detail=Detail.RANKING)
-    record = one.record().of_use(options.max_smear, options.max_defocus).of_blur_alone()
+    file = estimate_file(options, job, detail=Detail.RANKING)
+    record = file.record().of_use(options.max_smear, options.max_defocus).of_blur_alone()
     return Outcome(photograph=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
 
 

@@ -1,4 +1,4 @@
-"""The record of a photograph: all results of blur2view about it, in one object of JSON's types.
+"""The record of a photograph: the keys of its JSON and the columns of the tables of --csv.
 
 JSON is the record itself, a row of CSV its flat part, ``--help-all`` the explanations of its fields and
 properties. A property follows from fields: it is written, and never read back.
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from blur2view.geometry.two_view_geometry import MotionModel
 from blur2view.results.verdict import use_of, verdict
+from blur2view.smears.blur import BlurKind
 
 if TYPE_CHECKING:
     from blur2view.geometry.two_view_geometry import TwoViewGeometry
@@ -31,10 +32,10 @@ FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
 COMPARED = MotionModel.PARALLAX, MotionModel.ROTATION, MotionModel.PLANE
 """Models whose probabilities are fields of the record."""
-BLUR = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
-MODEL = "model", "parameters", "log_likelihood", "probability"
-COVARIANCE = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
-RATES = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
+BLUR_KEYS = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
+MODEL_KEYS = "model", "parameters", "log_likelihood", "probability"
+COVARIANCE_KEYS = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
+RATE_KEYS = "wx", "wy", "wz", "sigma_wx", "sigma_wy", "sigma_wz"
 """What the record holds of `Blur`, `ModelRow`, `PoseCovariance` and `AngularVelocity`."""
 FORMULA = "=", "+", "-", "@", "\t", "\r"  # how names begin that a spreadsheet takes for formulas
 
@@ -68,7 +69,9 @@ class Photograph:
     smear_px: float | None = explained(
         "Length of its smear, pixels: the median, each place weighed by how well it shows blur."
     )
-    smear_sigma_px: float | None = explained("Its standard deviation: a shorter smear may be an error.")
+    smear_sigma_px: float | None = explained(
+        "Its standard deviation; a smear_px below it may be no smear at all."
+    )
     direction_deg: float | None = explained("Of the smears, from x to y, 0 to 180; null if they differ.")
     defocus_px: float | None = explained("Radius out of focus where it is least, pixels; 1 if sharp.")
     defocus_sigma_px: float | None = explained("Its standard deviation over the picture, pixels.")
@@ -96,7 +99,9 @@ class Photograph:
     parallax_probability: float | None = explained("Probability that depths differ; null if not compared.")
     rotation_probability: float | None = explained("Probability that the camera turned alone.")
     plane_probability: float | None = explained("Probability that all lies in one plane.")
-    independent_smears: float = explained("Smears of independent errors that weigh as much.", 0.0)
+    independent_smears: float = explained(
+        "How many independent smears would weigh as much as those used.", 0.0
+    )
     F: Matrix | None = explained(
         """Fundamental matrix, points2^T F points1 = 0, of Frobenius norm 1; 1 is shutter-open, 2 is
         shutter-close, or the reverse: F and its transpose are one answer. Of a distorting lens F, H and E
@@ -145,6 +150,7 @@ class Photograph:
     beta: float | None = explained("The option --beta.")
     max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option --seed.")
+    threshold: float | None = explained("The option --threshold of segment; null if not asked.")
     version: str = explained("The version of blur2view.", "")
     model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
@@ -169,7 +175,7 @@ class Photograph:
 
     def moved(self) -> bool:
         """Return whether the camera moved, so that a geometry was looked for."""
-        return self.blur in ("camera moved", "out of focus and moved")
+        return self.blur in (BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED)
 
     def has_geometry(self) -> bool:
         """Return whether F or H explains the smears, so that the views of the exposure are of use."""
@@ -185,7 +191,7 @@ class Photograph:
             "width": width,
             "height": height,
             "blur": blur.kind,
-            **{key: getattr(blur, key) for key in BLUR},
+            **{key: getattr(blur, key) for key in BLUR_KEYS},
             "moving_share": None if estimate.moving is None else blur.moving_share,
             "timestamp_s": estimate.timestamp_s,
             "model_ids": [estimate.model_id],
@@ -193,7 +199,7 @@ class Photograph:
             "camera": _part(camera, "model", "params", "source", "known"),
             **_geometry(geometry),
             "reason": geometry.reason,
-            "models": [_part(row, *MODEL) for row in geometry.models],
+            "models": [_part(row, *MODEL_KEYS) for row in geometry.models],
             "independent_smears": geometry.independent_smears,
             "num_matches": len(estimate.matches),
             "num_inliers": int(geometry.inlier_mask.sum()),
@@ -208,7 +214,7 @@ class Photograph:
             values |= {f"{one}_probability": odds.get(one, 0.0) for one in COMPARED}
         exposure_s = stated.get("exposure_s")
         if (rates := geometry.angular_velocity(exposure_s or 1.0)) is not None:
-            values |= zip(RATES, [*rates.mean, *rates.sigma], strict=True)
+            values |= zip(RATE_KEYS, [*rates.mean, *rates.sigma], strict=True)
             values["rotation_deg"] = math.degrees(math.hypot(*rates.mean) * (exposure_s or 1.0))
             values["rate_unit"] = "rad/s" if exposure_s else "rad"
         if mask is not None:
@@ -259,7 +265,7 @@ def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
         "H": geometry.H,
         "E": None if pose is None else geometry.E,
         "cam2_from_cam1": _part(pose, "rotation", "translation"),
-        "pose_covariance": _part(geometry.covariance, *COVARIANCE),
+        "pose_covariance": _part(geometry.covariance, *COVARIANCE_KEYS),
         "config": geometry.config,
         "parallax": geometry.parallax,
     }

@@ -11,6 +11,7 @@ from PIL import Image
 
 from blur2view.images.image import read_image
 from blur2view.movers.mask import MotionLabel
+from blur2view.movers.moving import THRESHOLD
 from blur2view.networks.smear_network import SmearNetwork
 from blur2view.pipeline import estimate, segment
 from tests.support.calls import Call
@@ -59,7 +60,7 @@ def test_files_hold_the_mask_and_describe_it(
     for name, value in {"static": 0, "moving": 255, "unobservable": 128}.items():
         np.testing.assert_allclose(document["mask"]["shares"][name], (grey == value).mean())
     assert sum(region["area_px"] for region in document["mask"]["regions"]) == (grey == 255).sum()
-    assert document["mask"]["reason"]
+    assert document["mask"]["reason"] and document["threshold"] == THRESHOLD
 
 
 @pytest.mark.parametrize(
