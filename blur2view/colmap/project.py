@@ -209,7 +209,9 @@ def camera_of_database(
                 return read_camera(database, camera_id)
     except DatabaseError as error:
         raise CameraError(str(error)) from None
-    some = ", ".join(map(str, ids[:10])) + " ..." * (len(ids) > 10) or "none"
+    some = ", ".join(map(str, ids[:10])) if ids else "none"
+    if len(ids) > 10:
+        some += " ..."
     wanted = f"no image {Path(image_name).name}" if camera_id is None else f"no camera {camera_id!r:.20}"
     raise CameraError(f"{path}: has {wanted}; it has cameras {some}; name one as {path}:ID")
 

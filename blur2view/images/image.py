@@ -132,7 +132,8 @@ def _decode_deep(encoded: bytes, *, alpha: bool) -> NDArray[np.uint16]:
     pixels: Any = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         raise ValueError("its 16-bit pixels cannot be decoded")
-    return np.concatenate([pixels[..., 2::-1], pixels[..., 3 : 3 + alpha]], axis=-1)
+    channels = 4 if alpha else 3
+    return np.concatenate([pixels[..., 2::-1], pixels[..., 3:channels]], axis=-1)
 
 
 def _extra(path: Path, kind: str, module: str) -> Any:

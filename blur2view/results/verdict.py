@@ -6,15 +6,18 @@ import math
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from blur2view.geometry.two_view_geometry import Configuration, Parallax
+from blur2view.smears.blur import DEFOCUSED_PX, BlurKind
+
 if TYPE_CHECKING:
     from blur2view.results.photograph import Photograph
 
-STILL = ("sharp", "out of focus", "camera at rest")
+STILL = BlurKind.SHARP, BlurKind.OUT_OF_FOCUS, BlurKind.CAMERA_AT_REST
 """Kinds of blur of a camera that did not move."""
 MIN_TURNED = 0.1
 """Smallest probability of a rotation that is named beside the movement (bound)."""
-MAX_DEFOCUS_PX = 2.0
-"""Largest radius of a lens in focus: `smears.blur.DEFOCUSED_PX`, too slow to import for a help."""
+MAX_DEFOCUS_PX = DEFOCUSED_PX
+"""Largest radius of a lens in focus."""
 MAX_SMEAR_PX = 3.0
 """Longest smear of a sharp photograph: up to this, half of the SIFT features that it shares with itself under
 fresh noise are still matched (``git show ad575bde:tools/results/triage.md``; chosen on the photographs of
@@ -42,11 +45,11 @@ def use_of(
     """
     if one.error:
         return ""
-    if one.blur == "cannot tell" or one.smear_px is None:
+    if one.blur == BlurKind.CANNOT_TELL or one.smear_px is None:
         return Use.UNCLEAR
     if one.blur not in STILL and one.smear_px > max_smear_px:
         return Use.BLURRED if one.has_geometry() else Use.UNUSABLE
-    soft = one.blur == "out of focus" or (one.defocus_px or 0.0) > max_defocus_px
+    soft = one.blur == BlurKind.OUT_OF_FOCUS or (one.defocus_px or 0.0) > max_defocus_px
     return Use.OUT_OF_FOCUS if soft else Use.SHARP
 
 
@@ -57,28 +60,31 @@ def verdict(one: Photograph) -> str:
     match one.blur:
         case "":
             return one.error
-        case "sharp":
+        case BlurKind.SHARP:
             return "Sharp"
-        case "out of focus":
+        case BlurKind.OUT_OF_FOCUS:
             return f"Out of focus ({radius})"
-        case "camera at rest":
-            soft = (one.defocus_px or 0.0) > MAX_DEFOCUS_PX
-            return f"The camera stood still; {moving}" + f"; out of focus ({radius})" * soft
-        case "cannot tell":
+        case BlurKind.CAMERA_AT_REST:
+            soft = f"; out of focus ({radius})" if (one.defocus_px or 0.0) > MAX_DEFOCUS_PX else ""
+            return f"The camera stood still; {moving}{soft}"
+        case BlurKind.CANNOT_TELL:
             return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
     smear, share = rounded(one.smear_px or 0.0), rounded(one.smear_percent or 0.0)
     by = _turned_by(one)
     length = "" if by else f"; smears of {smear} px, {share} % of the width"
-    both = f"; out of focus, too ({radius})" * (one.blur == "out of focus and moved")
-    return f"Camera {_motion(one, by)}{length}{both}" + f"; {moving}" * bool(one.moving_share)
+    line = f"Camera {_motion(one, by)}{length}"
+    if one.blur == BlurKind.OUT_OF_FOCUS_AND_MOVED:
+        line += f"; out of focus, too ({radius})"
+    return f"{line}; {moving}" if one.moving_share else line
 
 
 def fit_line(one: Photograph) -> str:
     """Return the number of smears that fit, as a sentence."""
     if not one.has_geometry():
         return f"{one.num_matches or 0} smears used"
-    both = " F, and a homography explains them as well" * (one.F is not None and one.H is not None)
-    return f"{one.num_inliers} of {one.num_matches} smears fit{both}"
+    line = f"{one.num_inliers} of {one.num_matches} smears fit"
+    both = one.F is not None and one.H is not None
+    return f"{line} F, and a homography explains them as well" if both else line
 
 
 def rounded(value: float) -> str:
@@ -95,28 +101,30 @@ def percent(share: float) -> str:
 
 def _motion(one: Photograph, by: str) -> str:
     """Return how the camera moved, as far as the smears show it; ``by`` is the amount of the rotation."""
-    undecided = ", parallax undecided" * (one.parallax == "undecided")
+    undecided = ", parallax undecided" if one.parallax == Parallax.UNDECIDED else ""
     match one.config:
         case "":  # triage, which looks at no geometry
             return "moved"
-        case "UNDEFINED":
+        case Configuration.UNDEFINED:
             return "moved, and no one motion explains the blur"
-        case "DEGENERATE" if undecided:
+        case Configuration.DEGENERATE if undecided:
             return "moved, and too little of the picture shows how"
-        case "DEGENERATE":
+        case Configuration.DEGENERATE:
             return "turned or moved, with the same blur everywhere"
-        case "PANORAMIC":
+        case Configuration.PANORAMIC:
             return f"{_turned(one)}{by}{undecided}"
-        case "PLANAR_OR_PANORAMIC":
+        case Configuration.PLANAR_OR_PANORAMIC:
             return f"turned{by} or moved past something flat"
     if one.cam2_from_cam1 is not None:
-        turned = f", turned{by}" * bool(by)
-        return f"moved {_towards(one)}{turned}{undecided * (one.config == 'PLANAR')}"
-    if one.config != "PLANAR":
+        turned = f", turned{by}" if by else ""
+        line = f"moved {_towards(one)}{turned}"
+        return line + undecided if one.config == Configuration.PLANAR else line
+    if one.config != Configuration.PLANAR:
         return "moved past near and far things"
     if not undecided:
         return "moved past something flat"
-    return "moved" + " or turned" * ((one.rotation_probability or 0.0) > MIN_TURNED) + undecided
+    turned = " or turned" if (one.rotation_probability or 0.0) > MIN_TURNED else ""
+    return f"moved{turned}{undecided}"
 
 
 def _turned(one: Photograph) -> str:
