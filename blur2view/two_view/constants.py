@@ -58,6 +58,7 @@ STARTERS = 5, 5, 5, 2
 TOLERANCE = 1e-5  # relative decrease of the cost that ends a fit
 SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: bound
 MIN_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
+PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
 # Refusals and inliers: `two_view.estimate`.
 MIN_MATCHES = 20

@@ -223,8 +223,8 @@ def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Li
     Where many smears are independent the likeliest directions of translation are starts, too: without them 3
     of 46 scenes of exact smears end in another minimum.
     """
-    searched = ransac(SmearEstimator(likelihood=likelihood), rng)
-    simple = fit_translation(likelihood).matrix()
+    estimator = SmearEstimator(likelihood=likelihood)
+    searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
     starts = [simple] if searched is None else [searched, simple]
     if likelihood.has_many_independent:
         grid = DirectionLikelihood(likelihood=likelihood.fully_correlated)
@@ -235,11 +235,19 @@ def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Li
     return measured, fit_best([point], measured)
 
 
-def fit_translation(likelihood: Likelihood) -> CameraF:
-    """Return the two-parameter F [e]x near the best of a grid of directions, on the deviations as stated."""
-    some, directions = likelihood.thinned(c.ROUGH_COUNT), half_sphere(c.GRID)
-    costs = SmearEstimator(likelihood=some).score(cross_matrix(directions), np.arange(len(some)))
-    start = CameraF(t=directions[int(np.argmin(costs))], R=np.eye(3), sigma=UNROTATED)
+def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> CameraF:
+    """Return the two-parameter F [e]x, fitted on the deviations as stated.
+
+    It starts at the best of the points e, unit homogeneous, where the lines of two smears meet.
+    """
+    some, ends = estimator.likelihood.thinned(c.ROUGH_COUNT), estimator.likelihood.ends
+    pairs = ends[rng.choice(estimator.count, (c.PAIRS, 2), p=estimator.quality)]
+    lines = np.cross(homogeneous(pairs[:, :, 0]), homogeneous(pairs[:, :, 1]))  # (PAIRS, 2, 3)
+    points = np.vstack([[0.0, 0.0, 1.0], np.cross(lines[:, 0], lines[:, 1])])
+    norm = np.linalg.norm(points, axis=1, keepdims=True)
+    points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]  # both lines may be one
+    costs = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
+    start = CameraF(t=points[int(np.argmin(costs))], R=np.eye(3), sigma=UNROTATED)
     *_, best = levenberg_marquardt(FundamentalFit(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
     return best.point
 

@@ -24,7 +24,7 @@ from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import denormalise, fundamental_from_pose, homogeneous, serrmin, unit_norm
 from blur2view.two_view.constants import MIN_MATCHES
-from blur2view.two_view.fundamental import fit_translation
+from blur2view.two_view.fundamental import SmearEstimator, fit_translation
 from blur2view.two_view.likelihood import Likelihood
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
 
@@ -80,8 +80,9 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
     """Return F of a pure translation, two parameters, fitted robustly; None from fewer than MIN_MATCHES."""
     if len(matches) < MIN_MATCHES:
         return None
-    likelihood = Likelihood.of(matches)
-    return denormalise(fit_translation(likelihood).matrix(), likelihood.T)
+    estimator = SmearEstimator(likelihood=Likelihood.of(matches))
+    point = fit_translation(estimator, np.random.default_rng(0))
+    return denormalise(point.matrix(), estimator.likelihood.T)
 
 
 def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array | None:
