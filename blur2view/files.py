@@ -78,8 +78,8 @@ def open_picture(content: bytes) -> "ImageFile":
     """
     from PIL import Image
 
-    known = [one for one in FORMATS if one != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
-    extras = [one for one in FORMATS_BY_EXTRAS if one in Image.OPEN]
+    known = [name for name in FORMATS if name != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
+    extras = [name for name in FORMATS_BY_EXTRAS if name in Image.OPEN]
     return Image.open(io.BytesIO(content), formats=[*known, *extras])
 
 
@@ -114,7 +114,7 @@ def is_ours(path: Path) -> bool:
     """Return whether a file is signed by blur2view; a list of names has no room for a signature."""
     with suppress(OSError), open_regular(path) as file:
         start = file.read(SIGNATURE_BYTES)
-        return any(one in start for one in SIGNATURES)
+        return any(signature in start for signature in SIGNATURES)
     return False
 
 
@@ -123,7 +123,7 @@ def writable_folder(folder: Path) -> Path:
 
     OutputError if nothing can be written there.
     """
-    there = next(one for one in (folder, *folder.absolute().parents) if os.path.lexists(one))
+    there = next(above for above in (folder, *folder.absolute().parents) if os.path.lexists(above))
     try:
         with tempfile.TemporaryFile(dir=there):  # of a name that no other process uses
             return there

@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.camera import EXIF_LOG_FOCAL, Camera, ExifValues, from_colmap, to_colmap
-from blur2view.cli.options import Lens
+from blur2view.cli.options import CameraStated
 from blur2view.colmap.project import camera_of_database
 from blur2view.errors import CameraError
 from tests.support.colmap_projects import run_sql
@@ -84,7 +84,7 @@ def test_a_wrong_camera_string_is_one_clear_line(text: str, words: str) -> None:
 
 @pytest.mark.parametrize("focal", [0.0, -1.0, np.nan, 1e300])
 def test_a_focal_length_must_be_possible(focal: float) -> None:
-    for make in (lambda: Camera.from_focal(focal, SIZE), lambda: Lens(focal=focal)):
+    for make in (lambda: Camera.from_focal(focal, SIZE), lambda: CameraStated(focal=focal)):
         with pytest.raises(ValueError, match="focal length must be"):
             make()
 
@@ -100,21 +100,21 @@ def test_a_camera_that_a_database_has_not_or_that_is_none(database: Path) -> Non
 
 def test_options_choose_the_camera_and_exif_is_a_hint_without_them(database: Path) -> None:
     path, exif = Path("walks/b.jpg"), ExifValues(focal_px=600.0, focal_tags="FocalLengthIn35mmFilm")
-    assert Lens().camera_of(path, SIZE, ExifValues()) is None
-    hint = Lens().camera_of(path, SIZE, exif)
+    assert CameraStated().camera_of(path, SIZE, ExifValues()) is None
+    hint = CameraStated().camera_of(path, SIZE, exif)
     assert hint is not None and not hint.known and hint.log_focal_sigma == EXIF_LOG_FOCAL
     for lens, focal_px, source in (
-        (Lens(camera="exif"), 600, "exif (FocalLengthIn35mmFilm)"),
-        (Lens(focal=525.0), 525, "focal"),
-        (Lens(camera=str(database)), 525, "database, camera 2"),
-        (Lens(camera=f"{database}:1"), 525, "database, camera 1"),
-        (Lens(camera=RADIAL), 525, "camera string"),
+        (CameraStated(camera="exif"), 600, "exif (FocalLengthIn35mmFilm)"),
+        (CameraStated(focal=525.0), 525, "focal"),
+        (CameraStated(camera=str(database)), 525, "database, camera 2"),
+        (CameraStated(camera=f"{database}:1"), 525, "database, camera 1"),
+        (CameraStated(camera=RADIAL), 525, "camera string"),
     ):
         camera = lens.camera_of(path, SIZE, exif)
         assert camera is not None and camera.known and camera.source == source
         assert camera.focal_px == pytest.approx(focal_px)
     with pytest.raises(CameraError, match="EXIF names no focal length; give it"):
-        Lens(camera="exif").camera_of(path, SIZE, ExifValues())
+        CameraStated(camera="exif").camera_of(path, SIZE, ExifValues())
 
 
 @pytest.mark.parametrize("count", [0, 4, 5, 8])

@@ -77,7 +77,7 @@ def parse(words: Sequence[str]) -> Any:
     parser.add_table("exit codes", EXIT_CODES)
     if command.startswith("-"):
         parser.parse_args(words)
-    near = "".join(f"; did you mean {one}?" for one in get_close_matches(command, COMMANDS, 1))
+    near = "".join(f"; did you mean {name}?" for name in get_close_matches(command, COMMANDS, 1))
     parser.error(f"{command} is no command{near}" if command else "name a command")
 
 

@@ -77,7 +77,7 @@ class EstimateOptions(Command):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.gyroflow is not None and not self.lens.stated:
+        if self.gyroflow is not None and not self.stated_camera.given:
             raise ValueError("--gyroflow is about rates, which need --focal or --camera")
 
     def execute(self) -> int:

@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from contextlib import suppress
@@ -92,12 +92,13 @@ def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neig
     """
     if sequence is False:
         return [()] * len(sources)
-    after = dict(pairwise(one for one in sources if one.frame is None)) if sequence else {}
+    after = dict(pairwise(source for source in sources if source.frame is None)) if sequence else {}
     before = {later: earlier for earlier, later in after.items()}
     found = []
-    for one in sources:
-        near = (-1, before.get(one) or one.beside(-1)), (1, after.get(one) or one.beside(1))
-        found.append(tuple((steps, other) for steps, other in near if other and other.folder == one.folder))
+    for source in sources:
+        near = (-1, before.get(source) or source.beside(-1)), (1, after.get(source) or source.beside(1))
+        there = [(steps, other) for steps, other in near if other and other.folder == source.folder]
+        found.append(tuple(there))
     return found
 
 
@@ -154,7 +155,7 @@ def _in_order(
     that crashes a decoder) is ``lost`` with the jobs in hand; each is tried once more, alone. A video that is
     cut off fails once, not with every frame. OutputError on a full disk.
     """
-    executor, pending, cut = start(), deque[tuple[Job, Future[Outcome]]](), set[Path]()
+    executor, pending = start(), deque[tuple[Job, Future[Outcome]]]()
 
     def oldest() -> tuple[Job, Outcome]:
         job, future = pending[0]
@@ -166,25 +167,16 @@ def _in_order(
         return replace(job, contents={}), _written(job, outcome)
 
     try:
-        for job in jobs:
+        for job, outcome in _begun(jobs, find):
             future = Future[Outcome]()
-            try:
-                job = _identified(job)
-                if (found := find(job)) is None:
-                    job = _read(job)
-                    try:
-                        future = executor.submit(_perform, work, job)
-                    except lost:  # meanwhile
-                        executor = start()
-                        future = executor.submit(_perform, work, job)
-                else:
-                    future.set_result(found)
-            except Blur2ViewError as error:
-                if isinstance(error, EndOfVideo):
-                    if error.whole or job.source.path in cut:
-                        continue
-                    cut.add(job.source.path)
-                future.set_result(_failed(job.name, error))
+            if outcome is None:
+                try:
+                    future = executor.submit(_perform, work, job)
+                except lost:  # meanwhile
+                    executor = start()
+                    future = executor.submit(_perform, work, job)
+            else:
+                future.set_result(outcome)
             pending.append((job, future))
             while len(pending) >= slots():
                 yield oldest()
@@ -196,11 +188,29 @@ def _in_order(
         executor.shutdown(wait=False)
 
 
+def _begun(jobs: Iterable[Job], find: Find) -> Iterator[tuple[Job, Outcome | None]]:
+    """Yield jobs that have been read, and of those that were done before, or cannot be read, the outcome."""
+    cut = set[Path]()  # videos that are cut off
+    for job in jobs:
+        try:
+            job = _identified(job)
+            outcome = find(job)
+            yield (_read(job), None) if outcome is None else (job, outcome)
+        except Blur2ViewError as error:
+            if isinstance(error, EndOfVideo):
+                if error.whole or job.source.path in cut:
+                    continue
+                cut.add(job.source.path)
+            yield job, _failed(job.name, error)
+
+
 def _identified(job: Job) -> Job:
     """Return a job with the digests of its file and all else that its result depends on; or its refusal."""
     if job.refusal is not None:
         raise job.refusal
-    near = [_digest_of(one.path) for _, one in job.neighbours] if job.source.frame is None else []
+    near = []
+    if job.source.frame is None:
+        near = [_digest_of(neighbour.path) for _, neighbour in job.neighbours]
     every = job.options_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()
     return replace(job, input_sha256=_digest_of(job.source.path), options_sha256=digest)
@@ -225,11 +235,11 @@ def _read(job: Job) -> Job:
     A video is read in order.
     """
     contents, source = {}, job.source
-    for _, one in sorted([(0, source), *job.neighbours], key=lambda pair: pair[0]):
+    for _, near in sorted([(0, source), *job.neighbours], key=lambda pair: pair[0]):
         try:
-            contents[one] = one.read()
+            contents[near] = near.read()
         except ImageError:
-            if one == source:
+            if near == source:
                 raise
     if source.frame is not None:
         source = replace(source, time_s=frame_time(source.path, source.frame))

@@ -65,7 +65,7 @@ class Reading:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lens:
+class CameraStated:
     """Camera.
 
     Known intrinsics give the essential matrix E and the pose.
@@ -95,7 +95,7 @@ class Lens:
         return None if stored is None else stored[0]
 
     @property
-    def stated(self) -> bool:
+    def given(self) -> bool:
         """Whether there are intrinsics."""
         return self.focal is not None or self.camera is not None
 
@@ -136,10 +136,10 @@ class InTime:
         differs with the order in time: one is given, of both that which has less parallax, the other is
         backward in the JSON document""")
 
-    def check(self, lens: Lens) -> None:
+    def check(self, camera: CameraStated) -> None:
         """Raise ValueError if rates are asked for without intrinsics, or the shutter is too slow."""
         for name in ("exposure", "readout"):
-            if getattr(self, name) and not lens.stated:
+            if getattr(self, name) and not camera.given:
                 raise ValueError(f"--{name} is about rates and poses, which need --focal or --camera")
         if self.readout is not None:
             RollingShutter(readout_s=self.readout, exposure_s=self.exposure or 1.0)  # which checks it
@@ -231,7 +231,7 @@ class Command:
 
     table: Table = Table()
     reading: Reading
-    lens: Lens = Lens()
+    stated_camera: CameraStated = CameraStated()
     estimating: Estimating = Estimating()
     many: Many = Many()
     printing: Printing = Printing()
@@ -240,6 +240,6 @@ class Command:
     folder = Folder()  # unless a command has these options
 
     def __post_init__(self) -> None:
-        if self.many.dask is not None and self.lens.database is not None:
+        if self.many.dask is not None and self.stated_camera.database is not None:
             raise ValueError("the workers of --dask see no database; write its camera out")
-        self.in_time.check(self.lens)
+        self.in_time.check(self.stated_camera)

@@ -44,7 +44,7 @@ def option(text: str, default: Any = None, *, rare: bool = False) -> Any:
     """
     spec, _, explanation = " ".join(text.split()).partition(": ")
     words = spec.replace(",", "").split()
-    names = [one for one in words if one.startswith("-")]
+    names = [word for word in words if word.startswith("-")]
     metavar = words[-1] if words[-1] not in names else None
     return field(
         default=default, metadata={"names": names, "metavar": metavar, "help": explanation, "rare": rare}
@@ -70,13 +70,14 @@ def whole(minimum: int) -> Callable[[str], int]:
 def quantity(
     expected: str, allowed: Callable[[float, str], object] = lambda *_: True, **units: float
 ) -> Callable[[str], float]:
-    """Return a reader of numbers of 0 or more, or fractions as 1/25; ``units`` says how many of each are 1.
+    """Return a reader of numbers of 0 or more, or fractions as 1/25.
 
-    The value and its unit, empty without one, must be ``allowed``; ``expected`` says what is.
+    ``units`` maps a suffix to how many of it make one. The value and its suffix, empty without one, must be
+    ``allowed``; ``expected`` says what is.
     """
 
     def number(text: str) -> float:
-        unit = next((one for one in units if text.endswith(one)), "")
+        unit = next((suffix for suffix in units if text.endswith(suffix)), "")
         above, slash, below = text.removesuffix(unit).partition("/")
         try:
             value = float(above) / (float(below) if slash else 1.0)
@@ -181,13 +182,17 @@ class CommandParser(Parser):
         self.command, self.kind, self.everything = command, kind, everything
         self.description = words_of(kind)[1]
         more = f"all options and files: {self.prog} --help-all"
-        self.epilog = "\n  ".join(["examples:", *kind.examples]) + f"\n\n{more}" * (not everything)
+        self.epilog = "\n  ".join(["examples:", *kind.examples])
+        if not everything:
+            self.epilog += f"\n\n{more}"
         self.add_argument("--help-all", action="help", help="show all options and files, and exit")
         self._sections: dict[str, Any] = {"options": self._optionals}
         self._add(kind, "options")
-        actions = [one for one in self._actions if one.required]
-        needed = [(*one.option_strings[:1], f"{one.metavar}{'...' * (one.nargs == '+')}") for one in actions]
-        self.usage = " ".join([self.prog, "[OPTIONS]", *(" ".join(one) for one in needed)])
+        actions = [action for action in self._actions if action.required]
+        self.usage = f"{self.prog} [OPTIONS]"
+        for action in actions:
+            words = [*action.option_strings[:1], str(action.metavar)]
+            self.usage += " " + " ".join(words) + ("..." if action.nargs == "+" else "")
         if everything:
             for title, rows in (getattr(kind, "tables", {}) | {"exit codes": EXIT_CODES}).items():
                 self.add_table(title, rows)
@@ -195,17 +200,20 @@ class CommandParser(Parser):
     def _add(self, kind: Any, title: str, about: str = "") -> None:
         """Add the options of a dataclass and of its groups; all their names differ."""
         either = None
-        for one in sorted(fields(kind), key=lambda one: is_dataclass(one.type)):  # its own before groups
-            if is_dataclass(one.type):
-                name, text = words_of(one.type)
-                self._add(one.type, name.lower(), text)
+        for entry in sorted(fields(kind), key=lambda entry: is_dataclass(entry.type)):  # own before groups
+            if is_dataclass(entry.type):
+                name, text = words_of(entry.type)
+                self._add(entry.type, name.lower(), text)
                 continue
             if title not in self._sections:
-                self._sections[title] = self.add_argument_group(title, about * self.everything or None)
-            section, said = self._sections[title], one.metadata
-            if one.name in getattr(kind, "either", ()):
-                section = either = either or section.add_mutually_exclusive_group()
-            action = section.add_argument(*(said["names"] or [one.name]), **_settings(one))
+                description = about if about and self.everything else None
+                self._sections[title] = self.add_argument_group(title, description)
+            section, said = self._sections[title], entry.metadata
+            if entry.name in getattr(kind, "either", ()):
+                if either is None:
+                    either = section.add_mutually_exclusive_group()
+                section = either
+            action = section.add_argument(*(said["names"] or [entry.name]), **_settings(entry))
             action.help = said["help"] if self.everything else SHORT.split(said["help"])[0]
             action.metavar = said["metavar"]
             if said["rare"] and not self.everything:
@@ -220,7 +228,9 @@ class CommandParser(Parser):
                 self._refuse_unknown(word.partition("=")[0])
         if "--" in words:  # behind which argparse, as it mixes words and options, would read options
             at = words.index("--")
-            files = (f"./{one}" if one[0] == "-" != one else one for one in words[at + 1 :])
+            files = (
+                f"./{word}" if word.startswith("-") and word != "-" else word for word in words[at + 1 :]
+            )
             words = [*words[:at], *files]
         values = vars(self.parse_intermixed_args(words))
         try:
@@ -231,35 +241,36 @@ class CommandParser(Parser):
     def _refuse_unknown(self, name: str) -> None:
         """Refuse a name that no option has, and propose a similar one; -out is not -o ut."""
         options = list(self._option_string_actions)
-        near = [one for one in options if len(name) > 2 and one.startswith((name, f"-{name}"))]
+        near = [known for known in options if len(name) > 2 and known.startswith((name, f"-{name}"))]
         if name in options or (name[:2] in options and not near):
             return
         near += get_close_matches(name, options, 1, MIN_LIKENESS)
-        remedy = "".join(f"; did you mean {one}?" for one in near[:1])
+        remedy = "".join(f"; did you mean {option}?" for option in near[:1])
         self.error(f"{name} is no option of {self.command}{remedy}")
 
 
-def _settings(one: Field[Any]) -> dict[str, Any]:
+def _settings(entry: Field[Any]) -> dict[str, Any]:
     """Return the arguments of argparse's add_argument."""
-    kind, reader = get_args(one.type) if get_origin(one.type) is Annotated else (one.type, None)
+    kind, reader = get_args(entry.type) if get_origin(entry.type) is Annotated else (entry.type, None)
     readers = [READERS[part] for part in get_args(kind) or (kind,) if part in READERS]
     how: dict[str, Any] = {"type": reader or next(iter(readers), None)}
     if kind is bool:
-        how = {"action": "store_false" if one.default else "store_true"}
+        how = {"action": "store_false" if entry.default else "store_true"}
     elif kind == bool | None:
         how = {"action": BooleanOptionalAction}
     elif kind == list[str] | None:
         how |= {"action": "append"}
-    if not one.metadata["names"]:
+    if not entry.metadata["names"]:
         return how | ({"nargs": "+"} if kind == list[str] else {})
-    needed = one.default is MISSING
-    return how | {"dest": one.name} | ({"required": True} if needed else {"default": one.default})
+    if entry.default is MISSING:
+        return how | {"dest": entry.name, "required": True}
+    return how | {"dest": entry.name, "default": entry.default}
 
 
 def _made(kind: Any, values: Mapping[str, Any]) -> Any:
     """Make a dataclass, with its groups, from parsed values; ValueError if it refuses one."""
     made = {
-        one.name: _made(one.type, values) if is_dataclass(one.type) else values[one.name]
-        for one in fields(kind)
+        entry.name: _made(entry.type, values) if is_dataclass(entry.type) else values[entry.name]
+        for entry in fields(kind)
     }
     return kind(**made)

@@ -76,7 +76,7 @@ def frame_names(folder: Path) -> list[str]:
     if not folder.is_dir():
         raise ImageError(f"{folder}: no such folder; name that of the frames")
     inputs = list_photographs([str(folder)], recursive=True)
-    if refusals := [one.refusal for one in inputs.sources if one.refusal]:
+    if refusals := [source.refusal for source in inputs.sources if source.refusal]:
         raise ImageError(refusals[0])
     return inputs.names()
 

@@ -63,12 +63,13 @@ class Run:
     @property
     def done(self) -> list[Outcome]:
         """The outcomes that are no failures."""
-        return [one for _, one in self.outcomes if not one.error]
+        return [outcome for _, outcome in self.outcomes if not outcome.error]
 
     @property
     def failures(self) -> list[dict[str, str]]:
         """What failed: image and error."""
-        return [{"image": str(job.source), "error": one.error} for job, one in self.outcomes if one.error]
+        failed = [(job, outcome.error) for job, outcome in self.outcomes if outcome.error]
+        return [{"image": str(job.source), "error": error} for job, error in failed]
 
     @property
     def exit_code(self) -> int:
@@ -142,8 +143,8 @@ class Run:
         show_status()
         self.seconds = time.monotonic() - start
         if self.options.folder.json:
-            document = {listed: [one.photograph.plain() for one in self.done], "failures": self.failures}
-            print(json.dumps(document, indent=2, allow_nan=False))
+            records = [outcome.photograph.plain() for outcome in self.done]
+            print(json.dumps({listed: records, "failures": self.failures}, indent=2, allow_nan=False))
         self._write_table()
         quiet = self.options.printing.quiet or self.options.folder.json
         if total and not self.early_exit_code and not quiet:
@@ -156,7 +157,7 @@ class Run:
         written = {f"--{option}": path for option, path in every.items() if path is not None}
         paths = [path for job in self.jobs for path in job.files]
         paths += [] if checked is None else [checked]
-        database = self.options.lens.database
+        database = self.options.stated_camera.database
         names, used = real_paths(paths), self.inputs.read | real_paths([] if database is None else [database])
         for option, target in written.items():
             if (real := os.path.realpath(target)) in names:
@@ -188,14 +189,14 @@ class Run:
         summary = f"{printable(str(job.source))}: done before"
         return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
 
-    def _print(self, one: Outcome, *, lines: bool) -> None:
+    def _print(self, outcome: Outcome, *, lines: bool) -> None:
         """Print why a photograph failed, or its summary: whole if it is the only one, else the first line."""
         printing = self.options.printing
         whole = len(self.jobs) == 1 or printing.verbose
-        if one.error:
-            complain(Blur2ViewError(one.error))
-        elif lines and not printing.quiet and (whole or not one.skipped):
-            summary = one.summary.split("\n")
+        if outcome.error:
+            complain(Blur2ViewError(outcome.error))
+        elif lines and not printing.quiet and (whole or not outcome.skipped):
+            summary = outcome.summary.split("\n")
             print("\n".join(map(printable, summary if whole else summary[:1])), flush=True)
 
     def _end_early(self, code: int, line: str) -> None:
@@ -211,7 +212,7 @@ class Run:
     def _write_table(self) -> None:
         """Write the table; one that cannot be written is a line, as all else is of use without it."""
         table = self.options.table.csv
-        rows = [one.photograph for job, one in self.outcomes if job.refusal is None]
+        rows = [outcome.photograph for job, outcome in self.outcomes if job.refusal is None]
         if table is not None and rows:
             try:
                 write_file(table, table_text(rows))
@@ -222,7 +223,7 @@ class Run:
 
     def _print_total(self, *, counted: bool) -> None:
         """Print how many of several photographs were done, or of one the table that was written."""
-        skipped, failed = sum(one.skipped for one in self.done), len(self.failures)
+        skipped, failed = sum(outcome.skipped for outcome in self.done), len(self.failures)
         counts = {"done": len(self.done) - skipped, "done before": skipped, "failed": failed}
         if counted and len(self.outcomes) > 1:
             written = [self.options.folder.output, self.table] if counts["done"] else []
@@ -235,7 +236,8 @@ class Run:
         parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
         line = f"{plural(len(self.outcomes), 'photograph')}: {parts} in {self.seconds:.1f} s"
         paths = " and ".join(printable(str(path)) for path in written if path is not None)
-        print("; ".join(one for one in (line, said, paths and f"wrote {paths}") if one))
+        wrote_paths = f"wrote {paths}" if paths else ""
+        print("; ".join(part for part in (line, said, wrote_paths) if part))
 
 
 def wrote(job: Job, endings: Sequence[str]) -> str:
@@ -253,11 +255,11 @@ def digest_of(options: Command) -> str:
 
     Those options are the groups of the camera, of the estimate and of time, and a command's own but paths.
     """
-    files = model_path(options.estimating.model), options.lens.database
-    digests = [file_digest(one) if one is not None and one.is_file() else "" for one in files]
-    stated = [one.name for one in fields(options) if one.metadata and "Path" not in str(one.type)]
+    files = model_path(options.estimating.model), options.stated_camera.database
+    digests = [file_digest(file) if file is not None and file.is_file() else "" for file in files]
+    stated = [option.name for option in fields(options) if option.metadata and "Path" not in str(option.type)]
     own = {name: getattr(options, name) for name in stated}
-    groups = options.lens, options.estimating, options.in_time
+    groups = options.stated_camera, options.estimating, options.in_time
     every = type(options).__name__, __version__, digests, groups, own
     return hashlib.sha256(repr(every).encode()).hexdigest()
 
@@ -307,7 +309,7 @@ def estimate_file(
         select=estimating.select(),
         options=estimating.robust(),
         rng=np.random.default_rng(estimating.seed),
-        camera=(camera_of or options.lens.camera_of)(path, image.shape[1::-1], exif),
+        camera=(camera_of or options.stated_camera.camera_of)(path, image.shape[1::-1], exif),
         shutter=_shutter(source, options.in_time.readout, exposure_s, exif),
         detail=detail,
     )

@@ -38,9 +38,10 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def verdict_line(name: str, one: "Photograph") -> str:
+def verdict_line(name: str, record: "Photograph") -> str:
     """Return a photograph's verdict and, where the camera moved, COLMAP's name of the configuration."""
-    return f"{printable(name)}: {one.verdict}" + f" [{one.config}]" * one.moved()
+    line = f"{printable(name)}: {record.verdict}"
+    return f"{line} [{record.config}]" if record.moved() else line
 
 
 def show_status(text: str = "") -> None:

@@ -102,7 +102,7 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         run.do(views_one, lines=False, checked=db)
-        done = [one.views for one in run.done if one.views is not None]
+        done = [outcome.views for outcome in run.done if outcome.views is not None]
         if run.early_exit_code or not done:
             return run.exit_code
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
@@ -110,9 +110,17 @@ class ToColmapOptions(Command):
                 backup = write_links(db, done, backup=self.backup)
             else:
                 write_database(db, done)
-        records = [views_record(job, one.photograph, one.views) for job, one in run.outcomes if one.views]
+        records = [
+            views_record(job, outcome.photograph, outcome.views)
+            for job, outcome in run.outcomes
+            if outcome.views is not None
+        ]
         if self.json:
-            document = {"target": str(db), "backup": backup and str(backup), "photographs": records}
+            document = {
+                "target": str(db),
+                "backup": None if backup is None else str(backup),
+                "photographs": records,
+            }
             print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
         elif not self.printing.quiet:
             print("\n".join(self._summary(records, backup)))
@@ -120,8 +128,8 @@ class ToColmapOptions(Command):
 
     def _summary(self, records: list[dict[str, Any]], backup: Path | None) -> list[str]:
         """Return a line for each photograph, and one that says what was written."""
-        lines = [views_line(one, verbose=self.printing.verbose) for one in records]
-        undecided = sum(one["num_matches"] > 0 and not one["translation_known"] for one in records)
+        lines = [views_line(record, verbose=self.printing.verbose) for record in records]
+        undecided = sum(record["num_matches"] > 0 and not record["translation_known"] for record in records)
         if undecided:
             why = "nothing is lost, as the depth of their points comes from your other photographs"
             if not self.link:
@@ -135,20 +143,20 @@ class ToColmapOptions(Command):
 
 def views_one(options: ToColmapOptions, job: Job) -> Outcome:
     """Return the record of one photograph, and its views."""
-    plan, lens = job.plan, options.lens
+    plan, stated = job.plan, options.stated_camera
 
     def camera_of(path: Path, size: tuple[int, int], exif: ExifValues) -> Camera | None:
-        stated = lens.camera_of(path, size, exif)
+        camera = stated.camera_of(path, size, exif)
         if plan is None:
-            return stated
+            return camera
         own = plan.camera
         if (own.width, own.height) != size:
             raise CameraError(
                 f"{path}: is of {size[0]}x{size[1]} pixels, in {options.db} of {own.width}x{own.height}"
                 "; give the photograph that the features are from"
             )
-        hint = plan.prior_focal and not lens.stated
-        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else stated
+        hint = plan.prior_focal and not stated.given
+        return replace(own, log_focal_sigma=EXIF_LOG_FOCAL) if hint else camera
 
     file = estimate_file(options, job, as_stored=True, camera_of=camera_of)  # COLMAP turns nothing upright
     views = views_of(job.name, file.estimate)
@@ -189,16 +197,16 @@ def views_record(job: Job, photograph: Photograph, views: ExposureViews) -> dict
     return record
 
 
-def views_line(one: Mapping[str, Any], *, verbose: bool) -> str:
+def views_line(record: Mapping[str, Any], *, verbose: bool) -> str:
     """Return the line of a photograph."""
-    name = printable(one["name"])
-    if not one["num_matches"]:
-        return f"{name}: {one['action']}, no matches: {one['reason']} [{one['config']}]"
+    name = printable(record["name"])
+    if not record["num_matches"]:
+        return f"{name}: {record['action']}, no matches: {record['reason']} [{record['config']}]"
     moved = "translation undecided"
-    if one["translation_known"]:
-        moved = "parallax proven" if one["parallax"] == Parallax.PROVEN else "translation known"
-    counts = f"{one['num_inliers']} of {one['num_matches']} matches fit"
-    sure = int(100 * one["time_confidence"])
-    order = f"known by neighbours ({sure} % sure)" if one["time_known"] else "unknown"
-    line = f"{name}: {one['action']}, {moved}; {counts}; order in time {order} [{one['config']}]"
-    return f"{line}\n  {one['reason']}" if verbose else line
+    if record["translation_known"]:
+        moved = "parallax proven" if record["parallax"] == Parallax.PROVEN else "translation known"
+    counts = f"{record['num_inliers']} of {record['num_matches']} matches fit"
+    sure = int(100 * record["time_confidence"])
+    order = f"known by neighbours ({sure} % sure)" if record["time_known"] else "unknown"
+    line = f"{name}: {record['action']}, {moved}; {counts}; order in time {order} [{record['config']}]"
+    return f"{line}\n  {record['reason']}" if verbose else line

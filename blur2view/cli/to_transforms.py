@@ -90,7 +90,7 @@ class ToTransformsOptions:
             check_file(self.output)
         model = read_model(self.model)
         listed = transforms.exposed_images(model, self.model, self.max_smear or float("inf"))
-        photographs = [one for one in listed if (images / one.image.name).is_file()]
+        photographs = [photograph for photograph in listed if (images / photograph.image.name).is_file()]
         if not photographs:
             missing = images / listed[0].image.name
             raise OutputError(
@@ -98,7 +98,8 @@ class ToTransformsOptions:
             )
         there = {image.name for image in model.images.values() if image.has_pose}
         lost = smear_lengths(noted(self.model, DATABASE) or self.model).keys() - there
-        line = (_write_folder if gsplat else _write_file)(self, model, photographs, images)
+        write = _write_folder if gsplat else _write_file
+        line = write(self, model, photographs, images)
         if absent := len(listed) - len(photographs):
             line += f"; left out {plural(absent, 'photograph')} of the model not in {printable(str(images))}"
         if lost:
@@ -123,7 +124,9 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
     if options.masks is not None and options.dialect != transforms.INSTANT_NGP:
         for frame, path in zip(content["frames"], files, strict=True):
             frame["mask_path"] = path.relative_to(target.parent).as_posix()
-    line = plural(len(photographs), "frame") + " and their masks" * (options.masks is not None)
+    line = plural(len(photographs), "frame")
+    if options.masks is not None:
+        line += " and their masks"
     if transforms.PLY_KEY in content:
         files[target.parent / transforms.PLY] = transforms.point_cloud(model)
         line += f" and their points, {transforms.PLY}"
@@ -132,8 +135,10 @@ def _write_file(options: ToTransformsOptions, model: Any, photographs: Photograp
     content = {"generator": f"blur2view {__version__}", **content}
     files[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
     write_beside(files)
-    still = sum(not one.views for one in photographs)
-    return line + f", {still} of them without views, as if sharp (blur2view place gives them)" * (still > 0)
+    still = sum(not photograph.views for photograph in photographs)
+    if still:
+        line += f", {still} of them without views, as if sharp (blur2view place gives them)"
+    return line
 
 
 def _masks(
@@ -144,7 +149,7 @@ def _masks(
     for image, *_ in photographs:
         name = PurePath(image.name)
         called = name.with_suffix(""), name  # by segment, the latter where two have one stem
-        masks = [path for one in called if (path := folder / f"{one}{ENDINGS[0]}").is_file()]
+        masks = [path for stem in called if (path := folder / f"{stem}{ENDINGS[0]}").is_file()]
         if not masks:
             remedy = "make it with blur2view segment and name its folder, that of -o"
             raise OutputError(f"{folder}: has no mask of {name}; {remedy}")
@@ -165,7 +170,7 @@ def _masks(
 def _write_folder(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write gsplat's folder, their model and a link to the photographs; return the words that say so."""
     folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
-    transforms.keep_photographs(model, options.model, {one.image.name for one in photographs})
+    transforms.keep_photographs(model, options.model, {photograph.image.name for photograph in photographs})
     refuse_other_model(folder)
     if os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")

@@ -82,8 +82,9 @@ class Inputs:
     @property
     def one_video(self) -> bool:
         """Whether all sources that can be used are frames of one video; also if there is none."""
-        there = [one for one in self.sources if not one.refusal and os.path.isfile(one.path)]
-        return all(one.frame is not None for one in there) and len({one.path for one in there}) <= 1
+        there = [source for source in self.sources if not source.refusal and os.path.isfile(source.path)]
+        frames_alone = all(source.frame is not None for source in there)
+        return frames_alone and len({source.path for source in there}) <= 1
 
     @property
     def read(self) -> set[str]:
@@ -96,10 +97,11 @@ class Inputs:
         That is the one folder that was named, or else the deepest one above all files that exist. A frame of
         a video is ``clip.mp4/000120``.
         """
-        there = [one for one in self.sources if os.path.isfile(one.path)] or self.sources
-        roots = {os.path.abspath(one.root or one.path.parent) for one in there}
+        there = [source for source in self.sources if os.path.isfile(source.path)] or self.sources
+        roots = {os.path.abspath(source.root or source.path.parent) for source in there}
         root = os.path.commonpath(roots) if roots else ""
-        return [Path(os.path.relpath(os.path.abspath(str(one)), root)).as_posix() for one in self.sources]
+        paths = [os.path.abspath(str(source)) for source in self.sources]
+        return [Path(os.path.relpath(path, root)).as_posix() for path in paths]
 
     def result_names(self) -> list[Path]:
         """Return the name of every photograph's results below a folder.
@@ -109,7 +111,7 @@ class Inputs:
         names = [Path(*(part for part in Path(name).parts if part != "..")) for name in self.names()]
         short = [_without_suffix(name) for name in names]
         count = Counter(short)
-        return [one if count[one] == 1 else name for one, name in zip(short, names, strict=True)]
+        return [stem if count[stem] == 1 else name for stem, name in zip(short, names, strict=True)]
 
 
 def _without_suffix(path: Path) -> Path:

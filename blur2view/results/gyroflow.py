@@ -25,8 +25,16 @@ def gyroflow_log(records: Iterable[Photograph], video: str) -> str:
     It holds what a gyroscope along the camera's axes shows, the negative of the scene's rates, rad/s, of the
     frames with a known direction of time. OutputError if there are none.
     """
-    known = [one for one in records if one.time_known and one.exposure_s and one.timestamp_s is not None]
-    rates = {one.timestamp_s or 0.0: (one.wx, one.wy, one.wz) for one in known if one.wx is not None}
+    known = [
+        record
+        for record in records
+        if record.time_known and record.exposure_s and record.timestamp_s is not None
+    ]
+    rates = {
+        record.timestamp_s or 0.0: (record.wx, record.wy, record.wz)
+        for record in known
+        if record.wx is not None
+    }
     if not rates:
         raise OutputError(
             "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"

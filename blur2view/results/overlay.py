@@ -42,28 +42,32 @@ PALE = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 20)])
 MIN_SHARE = 0.005  # of the photograph: a smaller unobservable part is not mentioned
 
 
-def draw_overlay(image: AnyArray, estimate: Estimate, one: Photograph | None = None) -> Picture:
+def draw_overlay(image: AnyArray, estimate: Estimate, record: Photograph | None = None) -> Picture:
     """Return the overlay of an estimate on its photograph.
 
     Inlier smears are coloured by orientation, outliers grey; smears shorter than their standard deviation are
     not drawn. White lines are epipolar lines of F through a spread of inliers, and rings mark the epipoles,
-    unless a homography explains the smears, too. The panel below holds the verdict of the record ``one``, by
-    default that of the estimate.
+    unless a homography explains the smears, too. The panel below holds the verdict of the record, by default
+    that of the estimate.
 
     ``image`` is the photograph as it was estimated, (H, W, 3) or (H, W). Returns (H', W', 3), uint8 RGB; the
     photograph's longer side becomes 640 to 1280 pixels. ValueError if the estimate is of another size.
     """
     if (shape := estimate.grid.shape) != np.shape(image)[:2]:
         raise ValueError(f"expected an estimate of shape {np.shape(image)[:2]}, got {shape}")
-    one = one or Photograph.of(estimate, name="")
+    record = record or Photograph.of(estimate, name="")
     lines, smears = line_layer(estimate), smear_layer(estimate)
-    fits = bool(estimate.geometry.inlier_mask.any())
-    words = ["coloured by direction: smears that fit"] * fits
-    words += ["grey: smears that do not" if fits else "grey: smears"] * bool(smears.any())
-    words += ["white: epipolar lines, rings: epipoles"] * bool(lines.any())
-    text = f"{fit_line(one)}{f' (COLMAP: {one.config})' * one.moved()}. {'; '.join(words).capitalize()}"
+    fits, key = bool(estimate.geometry.inlier_mask.any()), list[str]()
+    if fits:
+        key.append("coloured by direction: smears that fit")
+    if smears.any():
+        key.append("grey: smears that do not" if fits else "grey: smears")
+    if lines.any():
+        key.append("white: epipolar lines, rings: epipoles")
+    config = f" (COLMAP: {record.config})" if record.moved() else ""
+    text = f"{fit_line(record)}{config}. {'; '.join(key).capitalize()}"
     pale = cv2.transform(shown(photograph_of(image)), PALE)
-    return captioned(over(pale, lines, smears), one.verdict, text)
+    return captioned(over(pale, lines, smears), record.verdict, text)
 
 
 def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
@@ -73,9 +77,8 @@ def draw_motion(image: AnyArray, mask: MotionMask) -> Picture:
     """
     if mask.labels.shape != image.shape[:2]:
         raise ValueError(f"expected a mask of shape {image.shape[:2]}, got {mask.labels.shape}")
-    words = ["pink moves"] * bool(mask.shares["moving"])
-    words += ["hatched is unobservable"] * bool(mask.shares["unobservable"])
-    text = "; ".join([*words, mask.reason])
+    marked = {"pink moves": mask.shares["moving"], "hatched is unobservable": mask.shares["unobservable"]}
+    text = "; ".join([*(words for words, share in marked.items() if share), mask.reason])
     return captioned(over(shown(image), mask_layer(mask)), mask_verdict(mask), text)
 
 
@@ -84,9 +87,11 @@ def mask_verdict(mask: MotionMask) -> str:
     unseen, count = mask.shares["unobservable"], len(mask.regions)
     if unseen == 1:
         return "Motion is unobservable everywhere"
-    parts = f"{count} moving part{'s' * (count > 1)}, {percent(mask.shares['moving'])} of the photograph"
-    hidden = f"; motion is unobservable in {percent(unseen)}" * (unseen >= MIN_SHARE)
-    return (parts if count else "No mover found") + hidden
+    line = "No mover found"
+    if count:
+        parts = "1 moving part" if count == 1 else f"{count} moving parts"
+        line = f"{parts}, {percent(mask.shares['moving'])} of the photograph"
+    return f"{line}; motion is unobservable in {percent(unseen)}" if unseen >= MIN_SHARE else line
 
 
 def scale_of(shape: tuple[int, ...]) -> float:

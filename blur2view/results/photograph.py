@@ -211,14 +211,14 @@ class Photograph:
         }
         if odds := {row.model: row.probability for row in geometry.models}:
             values |= {"model": geometry.model, "model_probability": odds[geometry.model]}
-            values |= {f"{one}_probability": odds.get(one, 0.0) for one in COMPARED}
+            values |= {f"{model}_probability": odds.get(model, 0.0) for model in COMPARED}
         exposure_s = stated.get("exposure_s")
         if (rates := geometry.angular_velocity(exposure_s or 1.0)) is not None:
             values |= zip(RATE_KEYS, [*rates.mean, *rates.sigma], strict=True)
             values["rotation_deg"] = math.degrees(math.hypot(*rates.mean) * (exposure_s or 1.0))
             values["rate_unit"] = "rad/s" if exposure_s else "rad"
         if mask is not None:
-            regions = [_part(one, "area_px", "box", "centroid", "probability") for one in mask.regions]
+            regions = [_part(region, "area_px", "box", "centroid", "probability") for region in mask.regions]
             values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
             values["moving_share"] = mask.shares["moving"]
         text = json.dumps(values | stated, default=lambda array: array.tolist())
@@ -230,7 +230,7 @@ class Photograph:
 
     def of_blur_alone(self) -> Self:
         """Return the record without geometry, as triage reads too few smears for it."""
-        names = [one.name for one in fields(self)]
+        names = [entry.name for entry in fields(self)]
         geometry = names[names.index("config") : names.index("backward") + 1]
         fresh = Photograph(name=self.name)
         return replace(self, **{name: getattr(fresh, name) for name in geometry})
@@ -254,7 +254,7 @@ class Photograph:
         stored = json.loads(text)
         if not isinstance(stored, dict) or not isinstance(stored.get("name"), str):
             raise ValueError("is no JSON document of a photograph")
-        return cls(**{one.name: stored[one.name] for one in fields(cls) if one.name in stored})
+        return cls(**{entry.name: stored[entry.name] for entry in fields(cls) if entry.name in stored})
 
 
 def _geometry(geometry: TwoViewGeometry) -> dict[str, Any]:
@@ -278,8 +278,8 @@ def _part(source: Any, *names: str) -> dict[str, Any] | None:
 
 def entries() -> Iterator[tuple[str, str, str]]:
     """Yield name, type and explanation of every field and property, in the order of JSON."""
-    for one in fields(Photograph):
-        yield one.name, str(one.type), one.metadata["help"]
+    for entry in fields(Photograph):
+        yield entry.name, str(entry.type), entry.metadata["help"]
     for name, value in vars(Photograph).items():
         if isinstance(value, property):
             kind = value.fget.__annotations__.get("return", "float | None")
@@ -300,8 +300,8 @@ def table_text(rows: Iterable[Photograph]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    for one in rows:
-        writer.writerow([_cell(column, getattr(one, column)) for column in columns])
+    for record in rows:
+        writer.writerow([_cell(column, getattr(record, column)) for column in columns])
     return text.getvalue().encode("utf-8", "surrogateescape")
 
 

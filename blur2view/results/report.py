@@ -44,7 +44,7 @@ label { margin-right: 16px; }
 """ + "".join(f"article:has(input.{name}:not(:checked)) img.{name} {{ display: none; }}\n" for name in LAYERS)
 
 
-def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
+def section(record: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMask | None = None) -> str:
     """Return the HTML of a photograph: its verdict, its picture under layers, its record.
 
     ``image`` (H, W, 3) is the photograph as it was estimated, ``mask`` its motion mask, if it was asked for.
@@ -56,20 +56,20 @@ def section(one: Photograph, estimate: Estimate, image: AnyArray, mask: MotionMa
     boxes, words, pictures = "", "", ""
     for name, layer in layers.items():
         title, text = LAYERS[name]
-        checked = " checked" * (name == "smears")
+        checked = " checked" if name == "smears" else ""
         boxes += f'<label><input type="checkbox" class="{name}"{checked}> {title}</label>'
         words += f" {text}"
         uri = _uri("image/png", png(_straight(layer)))
         pictures = f'<img class="{name}" src="{uri}" alt="{title}">{pictures}'  # the first lies on top
     jpeg = cv2.imencode(".jpg", shown(image)[..., ::-1], JPEG)[1].tobytes()
-    json = _uri("application/json", one.to_json().encode("utf-8", "surrogateescape"))
-    return f"""<h2>{escape(one.name)}, {one.width} x {one.height} pixels</h2>
-<h3>{escape(one.verdict)}</h3>
+    json = _uri("application/json", record.to_json().encode("utf-8", "surrogateescape"))
+    return f"""<h2>{escape(record.name)}, {record.width} x {record.height} pixels</h2>
+<h3>{escape(record.verdict)}</h3>
 {boxes}
-<figure><img src="{_uri("image/jpeg", jpeg)}" alt="{escape(one.name)}">{pictures}</figure>
+<figure><img src="{_uri("image/jpeg", jpeg)}" alt="{escape(record.name)}">{pictures}</figure>
 <small>{words}</small>
-<table>{"".join(_facts(one))}</table>
-<p><a download="{escape(one.name.replace("/", "_"))}.json" href="{json}">JSON of this photograph</a></p>"""
+<table>{"".join(_facts(record))}</table>
+<p><a download="{escape(record.name.replace("/", "_"))}.json" href="{json}">JSON of this photograph</a></p>"""
 
 
 def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes:
@@ -77,13 +77,15 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
 
     Equal records give equal bytes. A Content-Security-Policy forbids the page to load or run anything.
     """
-    failed, count = sum(bool(one.error) for one, _ in photographs), len(photographs)
-    counts = f"{count} photograph{'s' * (count != 1)}" + f", {failed} failed" * bool(failed)
+    failed, count = sum(bool(record.error) for record, _ in photographs), len(photographs)
+    counts = "1 photograph" if count == 1 else f"{count} photographs"
+    if failed:
+        counts += f", {failed} failed"
     rows, articles = "", ""
-    for k, (one, text) in enumerate(photographs):
-        link = f'<a href="#photo-{k}">{escape(one.name)}</a>' if text else escape(one.name)
-        rows += f"<tr><td>{link}</td><td>{escape(one.verdict)}</td></tr>"
-        articles += f'<article id="photo-{k}">\n{text}\n</article>' * bool(text)
+    for k, (record, text) in enumerate(photographs):
+        link = f'<a href="#photo-{k}">{escape(record.name)}</a>' if text else escape(record.name)
+        rows += f"<tr><td>{link}</td><td>{escape(record.verdict)}</td></tr>"
+        articles += f'<article id="photo-{k}">\n{text}\n</article>' if text else ""
     policy = (
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
     )
@@ -104,15 +106,15 @@ def report(photographs: Sequence[tuple[Photograph, str]], version: str) -> bytes
     return page.encode("utf-8", "backslashreplace")  # a file name may hold bytes that are no text
 
 
-def _facts(one: Photograph) -> Iterable[str]:
+def _facts(record: Photograph) -> Iterable[str]:
     """Yield a table row for every field beside the picture, with its explanation as title."""
     for name, _, text in entries():
-        value = getattr(one, name)
+        value = getattr(record, name)
         if name in ELSEWHERE or value is None or value is False or value == "" or isinstance(value, dict):
             continue
         said = f"{value:.4g}" if isinstance(value, float) else str(value)
         if isinstance(value, list):  # a matrix
-            said = "\n".join(", ".join(f"{one:.4g}" for one in row) for row in value)
+            said = "\n".join(", ".join(f"{number:.4g}" for number in row) for row in value)
         yield f'<tr title="{escape(text)}"><th>{name}</th><td>{escape(said)}</td></tr>\n'
 
 

@@ -37,53 +37,53 @@ class Use(StrEnum):
 
 
 def use_of(
-    one: Photograph, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX
+    record: Photograph, max_smear_px: float = MAX_SMEAR_PX, max_defocus_px: float = MAX_DEFOCUS_PX
 ) -> str:
     """Return the use of a photograph, empty if it failed, given the limits of a sharp one.
 
     The kind of blur decides first: the length of the smear counts only where the camera moved.
     """
-    if one.error:
+    if record.error:
         return ""
-    if one.blur == BlurKind.CANNOT_TELL or one.smear_px is None:
+    if record.blur == BlurKind.CANNOT_TELL or record.smear_px is None:
         return Use.UNCLEAR
-    if one.blur not in STILL and one.smear_px > max_smear_px:
-        return Use.BLURRED if one.has_geometry() else Use.UNUSABLE
-    soft = one.blur == BlurKind.OUT_OF_FOCUS or (one.defocus_px or 0.0) > max_defocus_px
+    if record.blur not in STILL and record.smear_px > max_smear_px:
+        return Use.BLURRED if record.has_geometry() else Use.UNUSABLE
+    soft = record.blur == BlurKind.OUT_OF_FOCUS or (record.defocus_px or 0.0) > max_defocus_px
     return Use.OUT_OF_FOCUS if soft else Use.SHARP
 
 
-def verdict(one: Photograph) -> str:
+def verdict(record: Photograph) -> str:
     """Return one sentence: why there is no result, what blurred the photograph, what moved."""
-    radius = f"radius {one.defocus_px or 0.0:.1f} px"
-    moving = f"{percent(one.moving_share or 0.0)} of the picture moves by itself"
-    match one.blur:
+    radius = f"radius {record.defocus_px or 0.0:.1f} px"
+    moving = f"{percent(record.moving_share or 0.0)} of the picture moves by itself"
+    match record.blur:
         case "":
-            return one.error
+            return record.error
         case BlurKind.SHARP:
             return "Sharp"
         case BlurKind.OUT_OF_FOCUS:
             return f"Out of focus ({radius})"
         case BlurKind.CAMERA_AT_REST:
-            soft = f"; out of focus ({radius})" if (one.defocus_px or 0.0) > MAX_DEFOCUS_PX else ""
+            soft = f"; out of focus ({radius})" if (record.defocus_px or 0.0) > MAX_DEFOCUS_PX else ""
             return f"The camera stood still; {moving}{soft}"
         case BlurKind.CANNOT_TELL:
-            return f"{one.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
-    smear, share = rounded(one.smear_px or 0.0), rounded(one.smear_percent or 0.0)
-    by = _turned_by(one)
+            return f"{record.nothing_seen.capitalize() or 'Smooth'}: cannot tell"
+    smear, share = rounded(record.smear_px or 0.0), rounded(record.smear_percent or 0.0)
+    by = _turned_by(record)
     length = "" if by else f"; smears of {smear} px, {share} % of the width"
-    line = f"Camera {_motion(one, by)}{length}"
-    if one.blur == BlurKind.OUT_OF_FOCUS_AND_MOVED:
+    line = f"Camera {_motion(record, by)}{length}"
+    if record.blur == BlurKind.OUT_OF_FOCUS_AND_MOVED:
         line += f"; out of focus, too ({radius})"
-    return f"{line}; {moving}" if one.moving_share else line
+    return f"{line}; {moving}" if record.moving_share else line
 
 
-def fit_line(one: Photograph) -> str:
+def fit_line(record: Photograph) -> str:
     """Return the number of smears that fit, as a sentence."""
-    if not one.has_geometry():
-        return f"{one.num_matches or 0} smears used"
-    line = f"{one.num_inliers} of {one.num_matches} smears fit"
-    both = one.F is not None and one.H is not None
+    if not record.has_geometry():
+        return f"{record.num_matches or 0} smears used"
+    line = f"{record.num_inliers} of {record.num_matches} smears fit"
+    both = record.F is not None and record.H is not None
     return f"{line} F, and a homography explains them as well" if both else line
 
 
@@ -99,10 +99,10 @@ def percent(share: float) -> str:
     return f"{whole} %" if whole or not share else "less than 1 %"
 
 
-def _motion(one: Photograph, by: str) -> str:
+def _motion(record: Photograph, by: str) -> str:
     """Return how the camera moved, as far as the smears show it; ``by`` is the amount of the rotation."""
-    undecided = ", parallax undecided" if one.parallax == Parallax.UNDECIDED else ""
-    match one.config:
+    undecided = ", parallax undecided" if record.parallax == Parallax.UNDECIDED else ""
+    match record.config:
         case "":  # triage, which looks at no geometry
             return "moved"
         case Configuration.UNDEFINED:
@@ -112,50 +112,50 @@ def _motion(one: Photograph, by: str) -> str:
         case Configuration.DEGENERATE:
             return "turned or moved, with the same blur everywhere"
         case Configuration.PANORAMIC:
-            return f"{_turned(one)}{by}{undecided}"
+            return f"{_turned(record)}{by}{undecided}"
         case Configuration.PLANAR_OR_PANORAMIC:
             return f"turned{by} or moved past something flat"
-    if one.cam2_from_cam1 is not None:
+    if record.cam2_from_cam1 is not None:
         turned = f", turned{by}" if by else ""
-        line = f"moved {_towards(one)}{turned}"
-        return line + undecided if one.config == Configuration.PLANAR else line
-    if one.config != Configuration.PLANAR:
+        line = f"moved {_towards(record)}{turned}"
+        return line + undecided if record.config == Configuration.PLANAR else line
+    if record.config != Configuration.PLANAR:
         return "moved past near and far things"
     if not undecided:
         return "moved past something flat"
-    turned = " or turned" if (one.rotation_probability or 0.0) > MIN_TURNED else ""
+    turned = " or turned" if (record.rotation_probability or 0.0) > MIN_TURNED else ""
     return f"moved{turned}{undecided}"
 
 
-def _turned(one: Photograph) -> str:
+def _turned(record: Photograph) -> str:
     """Return the direction of a rotation; a camera rolled where smears run in many directions."""
-    if one.direction_deg is None:
+    if record.direction_deg is None:
         return "rolled"
-    angle = math.radians(one.direction_deg)
+    angle = math.radians(record.direction_deg)
     return f"turned {_way(math.cos(angle), math.sin(angle))}"
 
 
-def _turned_by(one: Photograph) -> str:
+def _turned_by(record: Photograph) -> str:
     """Return " by" an angle or " at" a rate of rotation, with its error; empty if it is within the error."""
-    rates = [one.wx or 0.0, one.wy or 0.0, one.wz or 0.0]
-    sigmas = [one.sigma_wx or 0.0, one.sigma_wy or 0.0, one.sigma_wz or 0.0]
+    rates = [record.wx or 0.0, record.wy or 0.0, record.wz or 0.0]
+    sigmas = [record.sigma_wx or 0.0, record.sigma_wy or 0.0, record.sigma_wz or 0.0]
     angle = math.hypot(*rates)
     sigma = math.hypot(*(r / max(angle, 1e-30) * s for r, s in zip(rates, sigmas, strict=True)))
     if angle <= sigma:
         return ""
-    word, unit, scale = (" at", "rad/s", 1.0) if one.exposure_s else (" by", "degrees", math.degrees(1))
+    word, unit, scale = (" at", "rad/s", 1.0) if record.exposure_s else (" by", "degrees", math.degrees(1))
     digits = min(max(-math.floor(math.log10(max(scale * sigma, 1e-3))), 1), 3)
     return f"{word} {scale * angle:.{digits}f} +/- {scale * sigma:.{digits}f} {unit}"
 
 
-def _towards(one: Photograph) -> str:
+def _towards(record: Photograph) -> str:
     """Return the direction of a translation with its error, the same for both orders in time."""
-    x, y, z = one.cam2_from_cam1["translation"] if one.cam2_from_cam1 else (0.0, 0.0, 0.0)
+    x, y, z = record.cam2_from_cam1["translation"] if record.cam2_from_cam1 else (0.0, 0.0, 0.0)
     if not (x or y or z):
         return "(direction unknown)"
     sigma = ""
-    if one.pose_covariance is not None:
-        sigma = f" (+/- {one.pose_covariance['translation_sigma_deg']:.0f} degrees)"
+    if record.pose_covariance is not None:
+        sigma = f" (+/- {record.pose_covariance['translation_sigma_deg']:.0f} degrees)"
     return ("forward or back" if abs(z) > math.hypot(x, y) else _way(x, y)) + sigma
 
 
