@@ -109,17 +109,17 @@ def match_patches(
     Returned are their motions (N, 2) in pixels, the covariances (N, 2, 2) of these, long along an edge or a
     smear, and which patches are found (N,): tracked there and back, and correlated.
     """
-    one, other = equalised(first), equalised(second)
-    moved = tracked(one, other, points, np.zeros_like(points), levels)
-    back = tracked(other, one, points + moved, -moved, 0)
+    first, second = equalised(first), equalised(second)
+    moved = tracked(first, second, points, np.zeros_like(points), levels)
+    back = tracked(second, first, points + moved, -moved, 0)
     back_again = np.linalg.norm(moved + back, axis=1) < MAX_ROUND_TRIP_PX
     moved = np.where(back_again[:, None], moved, 0.0)
-    one, other = one.astype(np.float32), other.astype(np.float32)
-    here, there = patches(one, points), patches(other, points + moved)
+    first, second = first.astype(np.float32), second.astype(np.float32)
+    here, there = patches(first, points), patches(second, points + moved)
     energy, other_energy = (here * here).sum(axis=1), (there * there).sum(axis=1)
     correlation = (here * there).sum(axis=1) / np.sqrt(energy * other_energy + 1.0)
     variance = np.maximum(energy * (1 - correlation**2) / here.shape[1], 1.0)
-    slope = patches(gradients(one), points)
+    slope = patches(gradients(first), points)
     information = np.einsum("npi,npj->nij", slope, slope) * SAMPLE_STEP**2 + 1e-3 * np.eye(2)
     # differences are smooth over about half a patch, so that its pixels do not err independently
     covariance = np.linalg.inv(information) * (variance * HALF_PATCH)[:, None, None]
@@ -134,7 +134,9 @@ def blur_equations(blurred: Sequence[Any], other: Any, points: Array, moved: Arr
     and displacement of each patch are free, and projected out.
     """
     here, there = patches(blurred[0], points), patches(other, points + moved)
-    slope, by_path, by_bend = (patches(gradients(np.ascontiguousarray(one)), points) for one in blurred)
+    slope, by_path, by_bend = (
+        patches(gradients(np.ascontiguousarray(picture)), points) for picture in blurred
+    )
     change = -np.concatenate([by_path @ flow, by_bend @ flow[:, :, :3]], axis=-1)
     free = np.concatenate([here[..., None], slope], axis=-1)
     free /= np.linalg.norm(free, axis=1, keepdims=True) + 1e-6

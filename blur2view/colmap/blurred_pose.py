@@ -34,7 +34,7 @@ BORDER_PX = 3.0  # points nearer to the border are not used
 FAR_PX = 1e4  # bound of the warp and the blur: cv2.remap mirrors what is far outside again and again
 MAX_WARP_PX = 6.0  # between the projection of a point into a neighbour and the warp by the smooth depth
 ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # share of the working size, and pyramid levels of the tracker
-MIN_SIGMA_PX = 0.3  # of smears, and of places beside what the patch itself says
+FLOOR_SIGMA_PX = 0.3  # of smears, and of places beside what the patch itself says
 KERNEL_PATCHES = 600  # of a neighbour, from which the motion is corrected
 KERNEL_SIGMA = 0.3  # of a correction of the motion, relative to its rotation
 MIN_POINTS = 6  # of a pose
@@ -54,7 +54,7 @@ class View:
         """Return displacements (N, 2) and standard deviations (N,) at pixels (N, 2), of the working size."""
         scale = self.camera.width / self.grid.size[0]
         smears = self.grid.at((points + 0.5) / scale - 0.5)
-        return smears.displacement * scale, np.maximum(smears.sigma_px * scale, MIN_SIGMA_PX)
+        return smears.displacement * scale, np.maximum(smears.sigma_px * scale, FLOOR_SIGMA_PX)
 
     def scaled(self, scale: float) -> "View":
         """Return the view in another size."""
@@ -104,7 +104,8 @@ def find_pose(
     smear_motion = fit_smears(flow, *view.smears(pixels[inside]), expected)
     motion = np.append(smear_motion, np.zeros(3))
     for scale, levels in ROUNDS:
-        here, there = replace(view.scaled(scale), pose=pose), [one.scaled(scale) for one in neighbours]
+        here = replace(view.scaled(scale), pose=pose)
+        there = [neighbour.scaled(scale) for neighbour in neighbours]
         matches = _find_matches(here, there, world, seen, motion, levels)
         if matches is None:
             return None
@@ -119,7 +120,7 @@ def find_pose(
 
 
 def projected(camera: Any, points: Array) -> Array:
-    """Return the pixels (N, 2) of points (N, 3) of a pycolmap.Camera; NaN behind it."""
+    """Project points (N, 3) in a camera's frame to pixels (N, 2), ours, NaN behind it."""
     pixels = from_colmap(np.asarray(camera.img_from_cam(points), float).reshape(-1, 2))
     return np.where(points[:, 2:] > 0, pixels, np.nan)
 
@@ -208,7 +209,7 @@ def _find_matches(
     surface = np.nan_to_num(rays) * depth[:, None]
     flow = image_flow(camera, surface)
     path, bend = flow @ motion[:6], flow[:, :, :3] @ motion[6:]
-    warps = [_warp(one, view, surface, path) for one in neighbours]
+    warps = [_warp(neighbour, view, surface, path) for neighbour in neighbours]
     scene = np.dstack([picture for picture, _, _ in warps])
     fields = _everywhere(camera, path), _everywhere(camera, bend) if bend.any() else None
     blurred = blurred_along(scene, *fields, moments=levels > 0)
@@ -217,7 +218,7 @@ def _find_matches(
         index = np.flatnonzero(inside & seen[number])
         at = pixels[index]
         there = neighbour.project(world[index]) - resampled(where, np.asarray(at, np.float32)[:, None])[:, 0]
-        pictures = [np.ascontiguousarray(one[..., number]) for one in blurred]
+        pictures = [np.ascontiguousarray(picture[..., number]) for picture in blurred]
         other = blurred_along(view.image, smears)[0]
         moved, covariance, matched = match_patches(pictures[0], other, at, levels)
         good = matched & (np.linalg.norm(there, axis=1) < MAX_WARP_PX)  # False of NaN
@@ -227,10 +228,10 @@ def _find_matches(
             best = best[:: 1 + len(best) // KERNEL_PATCHES]
             moves = image_flow(camera, points[index[best]])
             equations += blur_equations(pictures, other, at[best], moved[best], moves)
-    index, places, covariance = (np.concatenate(one) for one in zip(*found, strict=True))
+    index, places, covariance = (np.concatenate(parts) for parts in zip(*found, strict=True))
     if len(np.unique(index)) < MIN_POINTS:
         return None
-    return index, places, covariance + MIN_SIGMA_PX**2 * np.eye(2), equations
+    return index, places, covariance + FLOOR_SIGMA_PX**2 * np.eye(2), equations
 
 
 def _inside(camera: Any, pixels: Array) -> Mask:

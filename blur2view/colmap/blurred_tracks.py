@@ -28,7 +28,7 @@ PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame
 CORNERS, QUALITY, SIGMA_PX = 800, 0.005, 2.0  # cv2.goodFeaturesToTrack of a frame after smoothing
 MIN_SPACING_PX = 6.0  # between a new corner and a keypoint
 MERGE_PX = 1.0  # places that are one keypoint
-MIN_MATCHES = 15  # of a pair
+MIN_PAIR_MATCHES = 15  # of a pair
 VERIFY_PX = 3.0  # maximum error of two-view geometries
 Keypoints = dict[str, Array]  # (N, 2) of each frame, pixels of the working size
 Matches = dict[tuple[str, str], NDArray[np.uint32]]  # (M, 2) indices of keypoints of each pair of frames
@@ -54,10 +54,10 @@ def track_frames(
         matches: Matches = {}
         for index, name in enumerate(names):
             show(index, len(names))
-            for one in names[max(0, index - PAIRED_FRAMES) : index]:
-                both = _matches(sequence, name, one, keypoints)
-                if len(both) >= MIN_MATCHES:
-                    matches[one, name] = both
+            for before in names[max(0, index - PAIRED_FRAMES) : index]:
+                both = _matches(sequence, name, before, keypoints)
+                if len(both) >= MIN_PAIR_MATCHES:
+                    matches[before, name] = both
             _indices(keypoints, name, _corners(sequence.view(name).image), MIN_SPACING_PX)
         _write_tracks(beside, sequence, ids, keypoints, matches)
         beside.replace(target)
@@ -120,23 +120,23 @@ def _write_tracks(
             more[:, [2, 5] if more.shape[1] == 6 else [2]] = 1  # their scale, or affine shape
             opened.update_keypoints(ids[name], np.vstack([own, more]))
             first[name] = len(own)
-        for (one, other), both in matches.items():
-            indices = (both + (first[one], first[other])).astype(np.uint32)
-            _write_pair(opened, ids[one], ids[other], indices)
+        for (earlier, later), both in matches.items():
+            indices = (both + (first[earlier], first[later])).astype(np.uint32)
+            _write_pair(opened, ids[earlier], ids[later], indices)
 
 
-def _write_pair(opened: Any, one: int, other: int, indices: NDArray[np.uint32]) -> None:
+def _write_pair(opened: Any, image1: int, image2: int, indices: NDArray[np.uint32]) -> None:
     """Write the matches (M, 2) of a pair of images and their two-view geometry in place of its own."""
     import pycolmap
 
     options = pycolmap.TwoViewGeometryOptions()
     options.compute_relative_pose, options.ransac.max_error, options.ransac.random_seed = True, VERIFY_PX, 0
-    cameras = [opened.read_camera(opened.read_image(number).camera_id) for number in (one, other)]
-    points = [opened.read_keypoints(number)[:, :2].astype(float) for number in (one, other)]
+    cameras = [opened.read_camera(opened.read_image(number).camera_id) for number in (image1, image2)]
+    points = [opened.read_keypoints(number)[:, :2].astype(float) for number in (image1, image2)]
     geometry = pycolmap.estimate_calibrated_two_view_geometry(
         cameras[0], points[0], cameras[1], points[1], indices, options
     )
-    opened.delete_matches(one, other)
-    opened.delete_two_view_geometry(one, other)
-    opened.write_matches(one, other, indices)
-    opened.write_two_view_geometry(one, other, geometry)
+    opened.delete_matches(image1, image2)
+    opened.delete_two_view_geometry(image1, image2)
+    opened.write_matches(image1, image2, indices)
+    opened.write_two_view_geometry(image1, image2, geometry)

@@ -58,7 +58,7 @@ def mapper_options(*, linked: bool = False, keep_photographs: bool = False) -> A
     options.mapper.init_min_tri_angle = MIN_ANGLE_DEG  # 16 refuses every pair
     options.mapper.init_max_forward_motion = 1.0  # 0.95 refuses who walks forward
     options.mapper.init_min_num_inliers = 50  # not 100: a small or plain picture has few confident smears
-    options.mapper.init_max_error = 2.0  # 4 px forgive a third of a smear
+    options.mapper.init_max_error = 2.0  # COLMAP's 4 px would accept errors of a third of a smear
     return options
 
 

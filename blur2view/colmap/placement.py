@@ -70,15 +70,15 @@ def place_views(
         raise DatabaseError(f"{database}: has no views of frames in {model} that can be placed: {why}")
     known = {times[name]: registered[name].cam_from_world().matrix() for name in names if name in registered}
     path = CameraPath(np.array([*known]), np.stack([*known.values()]), PATH_REACH)
-    frames = [_exposed(reconstruction, one, times[one.photograph.name]) for one in linked]
+    frames = [_exposed(reconstruction, link, times[link.photograph.name]) for link in linked]
     ends, used, measured = exposures(frames, path, fraction)
     placed = []
-    for one, changes in zip(linked, ends, strict=True):
+    for link, changes in zip(linked, ends, strict=True):
         if np.isfinite(changes).all():
-            _add_views(reconstruction, one, changes)
-            placed.append(one.photograph.name)
+            _add_views(reconstruction, link, changes)
+            placed.append(link.photograph.name)
         else:
-            refused[one.photograph.name] = "no frame of the model is next to them by number"
+            refused[link.photograph.name] = "no frame of the model is next to them by number"
     return Placement(reconstruction, used, measured, tuple(placed), refused)
 
 
@@ -111,29 +111,29 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], model: Any, ph
     count, points = min(map(len, ends)), observed(model, photograph)
     matched = map(int, read_matches(opened, ids[photograph.name], first)[:, 0])
     seen = {index: points[index] for index in matched if index < count and index in points}
-    return _Linked(photograph, (first, last), np.stack([one[:count] for one in ends]), seen)
+    return _Linked(photograph, (first, last), np.stack([keypoints[:count] for keypoints in ends]), seen)
 
 
-def _exposed(model: Any, one: _Linked, time: float) -> ExposedFrame:
+def _exposed(model: Any, link: _Linked, time: float) -> ExposedFrame:
     """Return the smears of features whose 3D points lie in front of the camera."""
-    camera, pose = model.cameras[one.photograph.camera_id], one.photograph.cam_from_world().matrix()
-    world = np.array([model.points3D[number].xyz for number in one.seen.values()]).reshape(-1, 3)
+    camera, pose = model.cameras[link.photograph.camera_id], link.photograph.cam_from_world().matrix()
+    world = np.array([model.points3D[number].xyz for number in link.seen.values()]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
-    first, last = (normalised_points(camera, from_colmap(ends[[*one.seen]])) for ends in one.ends)
+    first, last = (normalised_points(camera, from_colmap(ends[[*link.seen]])) for ends in link.ends)
     good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
     rays, displacement = 0.5 * (first + last)[good], (last - first)[good]
     return ExposedFrame(time=time, rays=rays, displacement=displacement, inverse_depth=1 / depth[good])
 
 
-def _add_views(model: Any, one: _Linked, changes: Array) -> None:
+def _add_views(model: Any, link: _Linked, changes: Array) -> None:
     """Add both images, by the changes (2, 6) from the photograph's pose, and observations of its points."""
     import pycolmap
 
-    pose = one.photograph.cam_from_world().matrix()
-    for end, number, points, change in zip((OPEN, CLOSE), one.ids, one.ends, changes, strict=True):
-        name = one.photograph.name + end
-        image = add_image(model, name, changed(pose, change), points, one.photograph, number)
-        for index, point in one.seen.items():
+    pose = link.photograph.cam_from_world().matrix()
+    for end, number, points, change in zip((OPEN, CLOSE), link.ids, link.ends, changes, strict=True):
+        name = link.photograph.name + end
+        image = add_image(model, name, changed(pose, change), points, link.photograph, number)
+        for index, point in link.seen.items():
             pixel = image.project_point(model.points3D[point].xyz)
             if pixel is not None and np.linalg.norm(pixel - points[index]) < MAX_ERROR_PX:
                 model.add_observation(point, pycolmap.TrackElement(image.image_id, index))

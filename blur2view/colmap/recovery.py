@@ -40,7 +40,7 @@ MAX_CORRECTION = 0.7  # of the smears' rotation, relative, where fewer points ar
 SURE_FOUND = 0.5  # share of the points in the picture
 # The next four are of 69 rendered frames, runs of 3 of tools.evaluation.recovered with shakes of 10, 30 and
 # 60 px, by likelihood and coverage: 90 % hold at 90 %
-INDEPENDENT = 0.01  # share of the matches: a point is found in several neighbours, and patches overlap
+INDEPENDENT_SHARE = 0.01  # share of the matches: a point is found in several neighbours, and patches overlap
 KERNEL_ERROR = 0.01  # standard deviation, relative to the motion, that the blur leaves in a pose
 BEND_ERROR = 0.04  # the same, relative to the bend
 MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
@@ -63,7 +63,7 @@ class FrameSequence:
     def __init__(self, model: Any, folder: Path, names: Sequence[str], network: SmearReader) -> None:
         self.model, self.folder, self.network = model, folder, network
         self.times = dict(zip(names, frame_times(names), strict=True))
-        self.images = {name: one for name, one in photographs_of(model).items() if name in self.times}
+        self.images = {name: image for name, image in photographs_of(model).items() if name in self.times}
         self.poses = {name: image.cam_from_world().matrix() for name, image in self.images.items()}
         self.recovered = dict[str, RecoveredFrame]()  # in order of time
         self.refused = dict[str, str]()  # the reason, in order of time
@@ -72,7 +72,7 @@ class FrameSequence:
     def recover(self, show: Callable[[int, int], None]) -> None:
         """Recover frames or refuse them, those next to registered ones first; ``poses`` grow."""
         missing = [name for name in self.times if name not in self.images]
-        gaps = {name: min(self._frames_between(name, one) for one in self.images) for name in missing}
+        gaps = {name: min(self._frames_between(name, known) for known in self.images) for name in missing}
         for done, name in enumerate(sorted(missing, key=lambda name: gaps[name])):
             show(done, len(missing))
             try:
@@ -85,14 +85,14 @@ class FrameSequence:
 
     def near(self, name: str) -> list[str]:
         """Return the registered frames, the nearest in time first: itself, if it is one."""
-        return sorted(self.images, key=lambda one: (self._frames_between(name, one), self.times[one]))
+        return sorted(self.images, key=lambda known: (self._frames_between(name, known), self.times[known]))
 
     def _frames_between(self, name: str, other: str) -> int:
         return abs(self.times[name] - self.times[other])
 
     def expected(self, name: str) -> Expected | None:
         """Predict a frame by the path of the others; None where fewer than two are near."""
-        times = np.array([self.times[one] for one in self.poses], float)
+        times = np.array([self.times[known] for known in self.poses], float)
         return CameraPath(times, np.stack(list(self.poses.values())), NEAR_FRAMES).expected(self.times[name])
 
     def view(self, name: str, pose: Array | None = None) -> View:
@@ -119,10 +119,10 @@ class FrameSequence:
         if expected is None:
             raise ImageError(f"fewer than two registered frames are within {NEAR_FRAMES} frames")
         view = self.view(name, expected.pose)
-        neighbours = [self.view(one) for one in near]
-        seen = [self.points_of(one) for one in near]
+        neighbours = [self.view(neighbour) for neighbour in near]
+        seen = [self.points_of(neighbour) for neighbour in near]
         ids = np.array(sorted(set().union(*seen)))
-        masks = [np.isin(ids, list(one)) for one in seen]
+        masks = [np.isin(ids, list(points)) for points in seen]
         found = find_pose(view, neighbours, self.world(ids), masks, expected.motion)
         if found is None or (reason := refusal(found, expected)):
             raise ImageError(TOO_FEW if found is None else reason)
@@ -194,11 +194,11 @@ def refusal(found: BlurredPose, expected: Expected) -> str:
 
 def weighted_mean(found: BlurredPose, expected: Expected) -> tuple[Array, Array]:
     """Return the mean of the poses found and expected, weighted without the bend, and its covariance."""
-    matches = np.asarray(np.linalg.pinv(found.information * INDEPENDENT, hermitian=True), float)
-    turned, moved, bent = (np.linalg.norm(one) for one in np.split(found.motion, 3))
+    matches = np.asarray(np.linalg.pinv(found.information * INDEPENDENT_SHARE, hermitian=True), float)
+    turned, moved, bent = (np.linalg.norm(part) for part in np.split(found.motion, 3))
     shares = [np.hypot(KERNEL_ERROR, error * bent / (turned + TINY)) for error in (BEND_ERROR, 0.0)]
-    shared = [np.repeat([np.hypot(one * turned, MIN_ERROR_RAD), one * moved], 3) ** 2 for one in shares]
-    own, even = (matches + np.diag(one) for one in shared)
+    shared = [np.repeat([np.hypot(share * turned, MIN_ERROR_RAD), share * moved], 3) ** 2 for share in shares]
+    own, even = (matches + np.diag(squared) for squared in shared)
     if not np.isfinite([expected.rotation_rad, expected.position]).all():
         return found.pose, own
     prior = np.diag(np.repeat([expected.rotation_rad, expected.position], 3) ** 2)

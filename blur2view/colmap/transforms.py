@@ -72,12 +72,16 @@ def exposed_images(model: Any, folder: Path, max_smear_px: float = np.inf) -> li
             photographs.append(Exposed(images[name], views, smear_px))
         else:
             photographs.append(Exposed(images[name], (), None))
-    if not any(one.views for one in photographs):
+    if not any(photograph.views for photograph in photographs):
         remedy = f"NAME{OPEN} and NAME{CLOSE}; put them there with blur2view place"
         raise DatabaseError(f"{folder}: no photograph has both its views, {remedy}")
     if np.isinf(max_smear_px):
         return photographs
-    kept = [one for one in photographs if one.smear_px is not None and one.smear_px <= max_smear_px]
+    kept = [
+        photograph
+        for photograph in photographs
+        if photograph.smear_px is not None and photograph.smear_px <= max_smear_px
+    ]
     if not kept:
         raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; add to --max-smear")
     return kept
@@ -106,18 +110,18 @@ def content_of(
     ``images`` is the folder of the photographs as seen from that of the file; the exposure time, seconds, is
     of nerfstudio's dialect. DatabaseError if these files cannot hold a camera of the model in ``folder``.
     """
-    used = {one.image.camera_id for one in photographs}
+    used = {photograph.image.camera_id for photograph in photographs}
     cameras = {number: intrinsics(folder, model.cameras[number]) for number in used}
-    kinds = sorted({one["camera_model"] for one in cameras.values()})
+    kinds = sorted({keys["camera_model"] for keys in cameras.values()})
     if len(kinds) > 1:
         raise DatabaseError(f"{folder}: has plain and fisheye cameras; undistort the photographs first")
     shared = next(iter(cameras.values())) if len(cameras) == 1 else {"camera_model": kinds[0]}
     if dialect == INSTANT_NGP:
-        whole, motions = _box(model, photographs), [_ends(one) for one in photographs]
+        whole, motions = _box(model, photographs), [_ends(photograph) for photograph in photographs]
     else:
         whole = {"exposure_time": exposure_s, "rolling_shutter_time": 0.0}
         whole |= {PLY_KEY: PLY} if model.points3D else {}
-        motions = [_velocities(one, exposure_s) for one in photographs]
+        motions = [_velocities(photograph, exposure_s) for photograph in photographs]
     frames = []
     for (image, _, _), motion in zip(photographs, motions, strict=True):
         own = {} if len(cameras) == 1 else cameras[image.camera_id]
@@ -148,19 +152,19 @@ def _world_from_camera(image: Any) -> Array:
     return np.vstack([image.cam_from_world().inverse().matrix(), [0, 0, 0, 1]]) @ OPENGL
 
 
-def _ends(one: Exposed) -> dict[str, Any]:
+def _ends(photograph: Exposed) -> dict[str, Any]:
     """Return instant-ngp's keys of an exposure: sharpness and both ends' poses, as far as known."""
-    sharp = {} if one.smear_px is None else {"sharpness": 1 / (1 + one.smear_px)}
-    ends = zip(("transform_matrix_start", "transform_matrix_end"), one.views, strict=False)
+    sharp = {} if photograph.smear_px is None else {"sharpness": 1 / (1 + photograph.smear_px)}
+    ends = zip(("transform_matrix_start", "transform_matrix_end"), photograph.views, strict=False)
     return sharp | {key: _world_from_camera(view).tolist() for key, view in ends}
 
 
-def _velocities(one: Exposed, exposure_s: float) -> dict[str, Any]:
+def _velocities(photograph: Exposed, exposure_s: float) -> dict[str, Any]:
     """Return the keys of an exposure of nerfstudio's fork: velocities, zero without views."""
     linear = angular = np.zeros(3)
-    if one.views:
-        camera_from_world = _world_from_camera(one.image)[:3, :3].T
-        first, last = map(_world_from_camera, one.views)
+    if photograph.views:
+        camera_from_world = _world_from_camera(photograph.image)[:3, :3].T
+        first, last = map(_world_from_camera, photograph.views)
         linear = camera_from_world @ (last[:3, 3] - first[:3, 3]) / exposure_s
         angular = camera_from_world @ rotation_vector(last[:3, :3] @ first[:3, :3].T) / exposure_s
     return {"camera_linear_velocity": linear.tolist(), "camera_angular_velocity": angular.tolist()}
@@ -168,7 +172,7 @@ def _velocities(one: Exposed, exposure_s: float) -> dict[str, Any]:
 
 def _box(model: Any, photographs: Sequence[Exposed]) -> dict[str, Any]:
     """Return instant-ngp's keys of a scene: its shutter, where its box lies in the world, which way is up."""
-    poses = np.stack([_world_from_camera(one.image) for one in photographs])
+    poses = np.stack([_world_from_camera(photograph.image) for photograph in photographs])
     centres = poses[:, :3, 3]
     points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
     middle = np.median(points if len(points) else centres, axis=0)
@@ -195,7 +199,7 @@ def point_cloud(model: Any) -> bytes:
 def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
     """Remove all other images and their points; DatabaseError if images name points that are not there."""
     try:
-        for image in [one for one in model.images.values() if one.name not in names]:
+        for image in [image for image in model.images.values() if image.name not in names]:
             if image.has_pose:  # not removed with another of its frame
                 model.deregister_frame(image.frame_id)
     except IndexError:

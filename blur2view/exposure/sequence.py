@@ -38,7 +38,7 @@ MAX_FEATURES = 4000  # with 1000 the rotation of 94 % of RedKitchen's frames cam
 CONTRAST_THRESHOLD = 0.01  # SIFT's: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
 MAX_ERROR_PX = 2.0  # of the fundamental matrix that verifies matches, at `MAX_SIDE`
-MIN_MATCHES = 12  # that are verified; fewer may be chance
+MIN_VERIFIED = 12  # that are verified; fewer may be chance
 MAX_DISTANCE = 0.04  # from a match to the nearest smear that is used, of the longer side
 MIN_VOTES = 8  # matches near smears; fewer do not decide
 # Errors of smears are correlated, so hundreds of matches are worth few independent ones. With 30 nothing
@@ -80,11 +80,14 @@ def features_of(image: NDArray[np.float32]) -> Features:
     return points, np.asarray(descriptors, np.float32)
 
 
-def match_features(one: Features, other: Features) -> Matches:
+def match_features(features1: Features, features2: Features) -> Matches:
     """Match mutual nearest neighbours that pass the ratio test and follow one fundamental matrix."""
-    if min(len(one[0]), len(other[0])) < MIN_MATCHES:
+    (points1, descriptors1), (points2, descriptors2) = features1, features2
+    if min(len(points1), len(points2)) < MIN_VERIFIED:
         return NO_POINTS, NO_POINTS
-    unit1, unit2 = (d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for _, d in (one, other))
+    unit1, unit2 = (
+        d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for d in (descriptors1, descriptors2)
+    )
     similarity = unit1 @ unit2.T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
@@ -92,13 +95,13 @@ def match_features(one: Features, other: Features) -> Matches:
     similarity[rows, best] = -np.inf
     clear = 1 - first < RATIO**2 * (1 - similarity.max(axis=1))
     chosen = np.flatnonzero(clear & (back[best] == rows))
-    points1, points2, kept = one[0][chosen], other[0][best[chosen]], np.zeros(0, bool)
-    if len(chosen) >= MIN_MATCHES:
+    points1, points2, kept = points1[chosen], points2[best[chosen]], np.zeros(0, bool)
+    if len(chosen) >= MIN_VERIFIED:
         bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
         with suppress(cv2.error):  # of a few places over and over, as noise may match (usac/estimator.cpp)
             inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]
             kept = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)
-    return (points1[kept], points2[kept]) if kept.sum() >= MIN_MATCHES else (NO_POINTS, NO_POINTS)
+    return (points1[kept], points2[kept]) if kept.sum() >= MIN_VERIFIED else (NO_POINTS, NO_POINTS)
 
 
 def motion_of(matches: Mapping[int, Matches], camera: Camera | None = None) -> PictureMotion:
@@ -107,8 +110,8 @@ def motion_of(matches: Mapping[int, Matches], camera: Camera | None = None) -> P
     velocity = [NO_POINTS, *((there - here) / steps for steps, (here, there) in matches.items())]
     rotation = np.zeros(3)
     if camera is not None and camera.known:
-        for steps, one in matches.items():
-            rotation += rotation_between(camera, *one) / steps
+        for steps, both in matches.items():
+            rotation += rotation_between(camera, *both) / steps
     return PictureMotion(points, np.concatenate(velocity), rotation)
 
 
@@ -153,12 +156,13 @@ def directed(
         twins = [views, other_translation(views)]
         candidates = [flip for twin in twins if twin is not None for flip in (twin, twin.reversed())]
 
-    def score(one: ExposureViews) -> float:
-        pose = one.geometry.cam2_from_cam1
+    def score(candidate: ExposureViews) -> float:
+        pose = candidate.geometry.cam2_from_cam1
         turn = np.zeros(3) if pose is None else pose.rotation_vector
         lengths = max(float(np.linalg.norm(turn) * np.linalg.norm(motion.rotation)), TINY)
         cosine = float(turn @ motion.rotation) / lengths
-        return agreement_of(one, motion) + ROTATION_WEIGHT * cosine + CHEIRALITY_WEIGHT * share_in_front(one)
+        agreement, in_front = agreement_of(candidate, motion), share_in_front(candidate)
+        return agreement + ROTATION_WEIGHT * cosine + CHEIRALITY_WEIGHT * in_front
 
     best = max(candidates, key=score)
     from scipy.special import ndtr
@@ -228,12 +232,12 @@ def estimate_frames(
         paths = sorted(Path("mav0/cam0/data").glob("*.png"))
         stamps = blur2view.timestamps_of(paths)  # from the names
         images, camera = map(blur2view.read_image, paths), blur2view.Camera.from_focal(458.0, (752, 480))
-        for one in blur2view.estimate_frames(images, timestamps_s=stamps, camera=camera):
-            rate = one.angular_velocity(0.02)
-            if rate is not None and one.time.known:  # it moved, shows a pose, and its sign is known
-                publish(one.timestamp_s, rate.of_gyroscope.mean, rate.of_gyroscope.covariance)
+        for result in blur2view.estimate_frames(images, timestamps_s=stamps, camera=camera):
+            rate = result.angular_velocity(0.02)
+            if rate is not None and result.time.known:  # it moved, shows a pose, and its sign is known
+                publish(result.timestamp_s, rate.of_gyroscope.mean, rate.of_gyroscope.covariance)
     """
-    one_of = partial(
+    estimate_one = partial(
         estimate,
         network=network or SmearNetwork(),
         select=select,
@@ -242,7 +246,7 @@ def estimate_frames(
         shutter=shutter,
     )
     times = None if timestamps_s is None else iter(timestamps_s)
-    return _in_series(map(photograph_of, _frames_of(frames)), times, one_of)
+    return _in_series(map(photograph_of, _frames_of(frames)), times, estimate_one)
 
 
 def _frames_of(frames: object) -> Iterable[AnyArray]:
@@ -264,18 +268,20 @@ def _in_series(
     matches: dict[int, Matches] = {}
     features: Features = NO_FEATURES
     for number, frame in enumerate(frames):
-        one, before = estimate_one(frame), features
+        current, before = estimate_one(frame), features
         if times is not None:
             if (time := next(times, None)) is None:
                 raise ValueError("there are fewer timestamps than frames")
-            one = replace(one, timestamp_s=float(time))
+            current = replace(current, timestamp_s=float(time))
         features = features_of(rgb_of(frame))
         if last is not None:
-            if one.grid.size != last.grid.size:
-                raise ValueError(f"frame {number} has {one.grid.size} pixels, those before {last.grid.size}")
+            if current.grid.size != last.grid.size:
+                raise ValueError(
+                    f"frame {number} has {current.grid.size} pixels, those before {last.grid.size}"
+                )
             earlier, later = match_features(before, features)
             yield in_time(last, matches | {1: (earlier, later)})
             matches = {-1: (later, earlier)}
-        last = one
+        last = current
     if last is not None:
         yield in_time(last, matches)

@@ -145,8 +145,8 @@ def exposures(
 ) -> tuple[Array, float, bool]:
     """Return the changes (N, 2, 6) from mid exposure to both ends of each exposure, by path and smears.
 
-    Also the exposure over the frame interval: as given, or where smears and path agree, or NaN if no frame
-    shows it; and whether it is measured, not a guess because the camera shakes faster than the frames.
+    Also the exposure over the frame interval (NaN if no frame shows it), and whether it was measured; if not,
+    the camera shakes faster than the frames and it is a guess.
     """
     if fraction is not None:
         ends = _ends(frames, path, fraction)
@@ -186,7 +186,7 @@ def _placed(frames: Sequence[ExposedFrame], path: CameraPath, fraction: float) -
         return ends, 0.0
     motions = (ends[:, 1] - ends[:, 0])[known]
     seen = [_rotation(frames[k], motion) for k, motion in zip(known, motions, strict=True)]
-    turns, information, senses = (np.array(one) for one in zip(*seen, strict=True))
+    turns, information, senses = (np.array(values) for values in zip(*seen, strict=True))
     own = senses[:, None] * motions[:, :3]
     one_sided = np.array([not all(path.sides(frames[k].time)) for k in known])
     factors = np.where(one_sided, EXTRAPOLATED_SIGMA, 1.0)

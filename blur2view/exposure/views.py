@@ -29,7 +29,7 @@ OPEN, CLOSE = "#open", "#close"  # appended to a photograph's name
 # 20 px, where there are 900 about as exact for their length: with it 22 of 28 views of a rendered video were
 # mapped, 91 % of the exposures the right way in time, without all and 100 %.
 MAX_SIGMA_SHARE = 0.5
-STILL_PX = 1.5  # standard deviation that a smear of any length may have
+ALLOWED_SIGMA_PX = 1.5  # standard deviation that a smear of any length may have
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,8 +99,8 @@ def keypoint_views(
     """Return both virtual images of a photograph whose features (N, 2), pixels, move by half of their smears.
 
     They stay where the camera did not move. Usable are features within the picture whose smears have a
-    standard deviation of at most `MAX_SIGMA_SHARE` of their length or `STILL_PX`; a coordinate that is not
-    finite becomes 0.
+    standard deviation of at most `MAX_SIGMA_SHARE` of their length or `ALLOWED_SIGMA_PX`; a coordinate
+    that is not finite becomes 0.
     """
     grid, geometry, used = estimate.grid, estimate.geometry, estimate.matches
     keypoints = np.asarray(keypoints, float)
@@ -113,7 +113,7 @@ def keypoint_views(
     sampson = used.shared.sampson_px(length, across_px(length, smears.sigma_rad.astype(float)))
     order = end_order(geometry, used.ends, used.sampson_px, estimate.camera, grid.size)
     second_end_is_open = order.second_end_is_open(ends, sampson)
-    usable = inside & (sigma <= np.maximum(MAX_SIGMA_SHARE * length, STILL_PX))
+    usable = inside & (sigma <= np.maximum(MAX_SIGMA_SHARE * length, ALLOWED_SIGMA_PX))
     usable &= geometry.F is not None or geometry.H is not None
     fits = usable  # without F all are taken to follow H
     if geometry.F is not None:
@@ -192,7 +192,7 @@ def other_translation(views: ExposureViews) -> ExposureViews | None:
     other = replace(
         geometry,
         cam2_from_cam1=None if geometry.cam2_from_cam1 is None else pose,
-        covariance=covariance and replace(covariance, tangents=-covariance.tangents),
+        covariance=None if covariance is None else replace(covariance, tangents=-covariance.tangents),
         second_end_is_open=geometry.second_end_is_open ^ exchanged,
     )
     return replace(views, points_open=points_open, points_close=points_close, geometry=other)

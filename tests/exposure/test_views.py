@@ -8,8 +8,8 @@ import pytest
 from blur2view import estimate_two_view
 from blur2view.camera import Camera
 from blur2view.exposure.views import (
+    ALLOWED_SIGMA_PX,
     MAX_SIGMA_SHARE,
-    STILL_PX,
     half_fundamental,
     half_geometry,
     keypoint_views,
@@ -163,7 +163,7 @@ def test_only_certain_smears_are_used(linked: Result) -> None:
     estimate, _ = linked
     smears = estimate.grid.smears()
     sigma, length = smears.sigma_px.copy(), smears.length_px
-    sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], STILL_PX) + 0.1
+    sigma[:60] = np.maximum(MAX_SIGMA_SHARE * length[:60], ALLOWED_SIGMA_PX) + 0.1
     estimate = replace(estimate, grid=grid_of(smears.displacement, sigma))
     keypoints = np.array([[50.0, 30.0], [50.0, 90.0]])
     views = keypoint_views("a.jpg", keypoints, estimate)
