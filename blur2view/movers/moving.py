@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import AnyArray, Array, Floats, Mask
 from blur2view.images.pixels import brightened, gain_of, rgb_of
-from blur2view.networks.model_file import BLUR, UNET, Execution, shipped
+from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
 from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
@@ -28,7 +28,7 @@ PLACE_PX = 4
 """Side of a place, pixels."""
 CELL_VALUES = DIRECTIONS + LENGTHS + len(KINDS) + 1
 """Values of a cell for the U-Net: `cell_values`."""
-MIN_SIGMA_PX, FLOOR_PX, FLOOR_SHARE = 0.1, 0.4, 0.05
+MIN_STATED_PX, FLOOR_PX, FLOOR_SHARE = 0.1, 0.4, 0.05
 """Least deviation of a smear, pixels; errors beside it: constant, and per pixel of length; bounds."""
 SEEN_PX = 2.0
 """Length from which on a smear's direction counts fully, pixels; bound."""
@@ -119,14 +119,8 @@ def moving_in(
     execution : Execution, optional
         Threads and providers of the networks. ModelError if they cannot be run.
     """
-    execution, factor = execution or Execution(), 1
-    while image.shape[0] * image.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
-        factor *= 2
-    if factor > 1:
-        size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-    if factor > 1 or grid.stride != STEP or grid.shares is None or grid.blur is None:
-        grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
+    execution = execution or Execution()
+    image, grid, factor = _readable(image, grid, execution)
     gain = gain_of(image)
     missing = [(0, -side % STEP) for side in image.shape[:2]]
     image = np.pad(rgb_of(image), [*missing, (0, 0)], mode="symmetric")
@@ -141,7 +135,7 @@ def moving_in(
     if camera_moved < 0.5:
         motion, camera_px = np.zeros_like(motion), 0.0
     against = of_places(gradients, colour, grid, motion), of_cells(grid, motion)
-    ((blurred, _),) = shipped(BLUR, execution).run(*map(first_axis, against))
+    ((blurred, _),) = shipped(MOVERS, execution).run(*map(first_axis, against))
     odds = INTERCEPT + SLOPE * (looks + blurred)
     odds += np.float32(AT_REST * (1 - camera_moved))
     smooth = smooth_places(gradients)
@@ -152,6 +146,19 @@ def moving_in(
         camera_px=camera_px,
         camera_moved=camera_moved,
     )
+
+
+def _readable(image: AnyArray, grid: SmearGrid, execution: Execution) -> tuple[AnyArray, SmearGrid, int]:
+    """Return a photograph halved as often as its size asks for, its grid for the networks, and the factor."""
+    factor = 1
+    while image.shape[0] * image.shape[1] > LARGE_PX * factor**2 or grid.stride > STEP * factor:
+        factor *= 2
+    if factor > 1:
+        size = -(-image.shape[1] // factor), -(-image.shape[0] // factor)
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    if factor > 1 or grid.stride != STEP or grid.shares is None or grid.blur is None:
+        grid = SmearNetwork(threads=execution.threads, providers=execution.providers).predict(image)
+    return image, grid, factor
 
 
 def camera_field(grid: SmearGrid, weight: Array, rng: np.random.Generator) -> Array:
@@ -183,7 +190,7 @@ def _smears(grid: SmearGrid) -> tuple[Array, Array, Array]:
     """Return the smears (h, w, 2) of a grid's cells, and their stated and whole deviations (h, w), pixels."""
     smears = grid.smears()
     displacement = smears.displacement.astype(float)
-    sigma = np.maximum(smears.sigma_px.astype(float), MIN_SIGMA_PX)
+    sigma = np.maximum(smears.sigma_px.astype(float), MIN_STATED_PX)
     error = np.hypot(sigma, FLOOR_PX + FLOOR_SHARE * np.linalg.norm(displacement, axis=-1))
     return displacement, sigma, error
 
@@ -230,8 +237,8 @@ def of_cells(grid: SmearGrid, camera: Array) -> Floats:
     cosine = np.abs((seen * camera).sum(-1)) / np.maximum(length * expected, 1e-6)
     angle = np.arccos(np.minimum(cosine, 1.0))
     readable = np.minimum(np.minimum(length, expected) / SEEN_PX, 1.0) ** 2
-    one, other = (np.asarray(to_double_angle(d)) @ np.array([1, 1j]) for d in (seen, camera))
-    turned = (one - other) * np.exp(-1j * np.angle(other)) / (np.abs(one) + np.abs(other) + 2)
+    own, other = (np.asarray(to_double_angle(d)) @ np.array([1, 1j]) for d in (seen, camera))
+    turned = (own - other) * np.exp(-1j * np.angle(other)) / (np.abs(own) + np.abs(other) + 2)
     lines = np.zeros_like(length)  # of F: the network was trained with them, too
     evidence = [
         np.log1p(apart / (scale * error)),

@@ -20,7 +20,7 @@ from blur2view.arrays import Floats, Mask
 from blur2view.networks.spectra import NOISE_FLOOR, TAPERS, TREND, WINDOW, in_batches
 from blur2view.smears.likelihood import MIN_SIGMA_PX, MIN_SIGMA_RAD
 
-SHORTEST_PX, LONGEST_PX = 14.0, 28.0  # octave's pixels; longer smears are read in the next octave
+MIN_PEAK_PX, MAX_PEAK_PX = 14.0, 28.0  # octave's pixels; longer smears are read in the next octave
 UNSURE = 0.6  # deviation over length up to which the network's smear is taken for the peak's neighbourhood
 # Rotations, radians, and log scales at which a cepstrum is sampled: half a pixel of the longest smear apart.
 ROTATIONS = np.linspace(-0.3, 0.3, 33, dtype=np.float32)
@@ -52,7 +52,7 @@ def refine_on_cepstrum(cells: Floats, spectra: list[Floats], threads: int = 1) -
     windows stand as far apart in the picture as the cells, or 2, 4, ... times as far.
     """
     length = np.hypot(cells[..., 0], cells[..., 1])
-    octave = np.ceil(np.log2(np.maximum(length, 1) / LONGEST_PX)).clip(0, len(spectra) - 1)
+    octave = np.ceil(np.log2(np.maximum(length, 1) / MAX_PEAK_PX)).clip(0, len(spectra) - 1)
     moved = cells.copy()
     for k, power in enumerate(spectra):
         own, side = octave == k, len(cells) // len(power)
@@ -75,7 +75,7 @@ def _prior(cells: Floats, length: Floats, own: Mask, side: int, scale: int) -> P
     values = np.concatenate([cells, length[..., None], np.ones_like(length)[..., None]], -1) * own[..., None]
     sums = values.reshape(height, side, width, side, 6).sum((1, 3))
     x, y, sigma_px, sigma_rad, mean = np.moveaxis(sums[..., :5] / np.maximum(sums[..., 5:], 1), -1, 0)
-    long = (mean >= SHORTEST_PX * scale) & (mean <= 2 * LONGEST_PX * scale)
+    long = (mean >= MIN_PEAK_PX * scale) & (mean <= 2 * MAX_PEAK_PX * scale)
     along = _along(mean, sigma_px, sigma_rad)
     return Prior(
         smear=(mean / scale * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),

@@ -47,7 +47,7 @@ UNET = NetworkFormat(
     file="unet.onnx", version="unet-1", inputs=("image", "cells"), outputs=("log_odds", "camera_moved")
 )
 """Image (1, 3, 32 h, 32 w), cells (1, 70, h, w); log_odds (1, 8 h, 8 w), camera_moved (1,)."""
-BLUR = NetworkFormat(
+MOVERS = NetworkFormat(
     file="movers.onnx", version="movers-1", inputs=("places", "cells"), outputs=("log_odds",)
 )
 """Places (1, 15, 8 h, 8 w), cells (1, 19, h, w); log_odds (1, 2, 8 h, 8 w)."""
@@ -145,7 +145,7 @@ class OnnxNetwork:
         options = _onnxruntime().RunOptions()
         if frugal:
             options.add_run_config_entry("memory.enable_memory_arena_shrinkage", "cpu:0")
-        given = {name: one[None] for name, one in zip(self.form.inputs, inputs, strict=True)}
+        given = {name: array[None] for name, array in zip(self.form.inputs, inputs, strict=True)}
         try:
             outputs: list[AnyArray] = self.session.run(None, given, options)
         except Exception:  # of the same types

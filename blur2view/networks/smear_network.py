@@ -215,7 +215,7 @@ def read_octave(
     size = power.shape[:2]
     shape, coarse = (*size, DIRECTIONS, features), smaller
     if smaller is not None and smaller.radii.shape[:2] != size:
-        coarse = Octave(*(repeated(one, 2)[: size[0], : size[1]] for one in smaller))
+        coarse = Octave(*(repeated(values, 2)[: size[0], : size[1]] for values in smaller))
     above = np.zeros(shape, np.float32) if coarse is None else coarse.features
     outputs = network.run(grey[None], *polar_cepstra(power, network.execution.threads), above, frugal=frugal)
     expected = [(*size, DIRECTIONS, BINS), (*size, BINS), (*size, len(KINDS)), shape]

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_info
 
 from blur2view.errors import ModelError
 from blur2view.networks.model_file import (
-    BLUR,
+    MOVERS,
     UNET,
     Execution,
     NetworkFormat,
@@ -41,7 +41,7 @@ def test_provider_that_onnx_runtime_lacks_is_named_in_one_line(tiny_model: Path)
     np.testing.assert_array_equal(found.cells, SmearNetwork(tiny_model).predict(noise()).cells)
 
 
-@pytest.mark.parametrize("form", [UNET, BLUR], ids=lambda form: form.file)
+@pytest.mark.parametrize("form", [UNET, MOVERS], ids=lambda form: form.file)
 def test_mover_networks_say_what_they_are_and_another_file_is_refused(
     form: NetworkFormat, tmp_path: Path
 ) -> None:

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from blur2view.arrays import AnyArray
 from blur2view.images.pixels import BRIGHT
 from blur2view.movers.moving import CELL_VALUES, PLACE_PX
-from blur2view.networks.model_file import BLUR, SMEAR, UNET, NetworkFormat
+from blur2view.networks.model_file import MOVERS, SMEAR, UNET, NetworkFormat
 from blur2view.networks.spectra import STEP, polar_cepstra, power_spectra, windows_of
 from blur2view.smears.likelihood import DIRECTIONS
 from tools.command import Existing, Target, run
@@ -37,7 +37,7 @@ Inputs = dict[str, Tensor]
 
 MAX_DIFFERENCE = 2e-3
 """Of logits or log-odds of ONNX Runtime and torch before weights are rounded; bound."""
-MAX_ROUNDED = {SMEAR.file: 0.2, UNET.file: 0.05, BLUR.file: 0.05}
+MAX_ROUNDED = {SMEAR.file: 0.2, UNET.file: 0.05, MOVERS.file: 0.05}
 """Root mean square of what rounding changes: the smear network's logits have deviations of 2 to 3, log-odds
 of the U-Net of 5; bounds."""
 
@@ -227,7 +227,7 @@ def main(which: Which, checkpoints: list[Existing], target: Target) -> None:
         pictures = grey[..., :128, :192].contiguous(), grey
         write(target, Exported(reader, octave_of), SMEAR, [smear_inputs(reader, p) for p in pictures], facts)
         return
-    network, outputs, form = (UNet(), looks_of, UNET) if which == "unet" else (BlurNet(), blurred_of, BLUR)
+    network, outputs, form = (UNet(), looks_of, UNET) if which == "unet" else (BlurNet(), blurred_of, MOVERS)
     network.load_state_dict(mean)
     inputs = [mover_inputs(form, *size) for size in ((8, 12), (5, 7))]
     write(target, Exported(network, outputs), form, inputs, facts)

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from blur2view import ModelError, SmearNetwork
-from blur2view.networks.model_file import BLUR, UNET, OnnxNetwork
+from blur2view.networks.model_file import MOVERS, UNET, OnnxNetwork
 from blur2view.smears.likelihood import BINS, DIRECTIONS, read_smears
 from tests.support.colour_code import colour_code_network
 from tests.tools.rendering.test_layer_scenes import noise_and_disc
@@ -79,7 +79,7 @@ def test_a_mover_network_of_drawn_scenes_is_one_that_the_package_takes(
     figures = load_average(run / "last.pt")["figures"]
     assert figures and all(0 <= value <= 1 for value in figures.values())
     export.main(which, [run / "last.pt"] * 2, tmp_path / "file.onnx")
-    network, form = (UNet(), UNET) if which == "unet" else (BlurNet(), BLUR)
+    network, form = (UNet(), UNET) if which == "unet" else (BlurNet(), MOVERS)
     sources = noise_and_disc(np.random.default_rng(0))
     batch = Drawing(which=which, sources=sources, count=1, size=(128, 96))[5]
     network.load_state_dict(first_weights(run / "last.pt", network))
