@@ -97,8 +97,7 @@ def neighbours_of(sources: Sequence[Source], sequence: bool | None) -> list[Neig
     found = []
     for source in sources:
         near = (-1, before.get(source) or source.beside(-1)), (1, after.get(source) or source.beside(1))
-        there = [(steps, other) for steps, other in near if other and other.folder == source.folder]
-        found.append(tuple(there))
+        found.append(tuple((k, other) for k, other in near if other and other.folder == source.folder))
     return found
 
 
@@ -208,9 +207,7 @@ def _identified(job: Job) -> Job:
     """Return a job with the digests of its file and all else that its result depends on; or its refusal."""
     if job.refusal is not None:
         raise job.refusal
-    near = []
-    if job.source.frame is None:
-        near = [_digest_of(neighbour.path) for _, neighbour in job.neighbours]
+    near = [_digest_of(source.path) for _, source in job.neighbours] if job.source.frame is None else []
     every = job.options_sha256, job.source.frame, [steps for steps, _ in job.neighbours], near
     digest = hashlib.sha256(repr(every).encode()).hexdigest()
     return replace(job, input_sha256=_digest_of(job.source.path), options_sha256=digest)

@@ -197,17 +197,16 @@ class CommandParser(Parser):
             for title, rows in (getattr(kind, "tables", {}) | {"exit codes": EXIT_CODES}).items():
                 self.add_table(title, rows)
 
-    def _add(self, kind: Any, title: str, about: str = "") -> None:
+    def _add(self, kind: Any, title: str, about: str | None = None) -> None:
         """Add the options of a dataclass and of its groups; all their names differ."""
         either = None
         for entry in sorted(fields(kind), key=lambda entry: is_dataclass(entry.type)):  # own before groups
             if is_dataclass(entry.type):
                 name, text = words_of(entry.type)
-                self._add(entry.type, name.lower(), text)
+                self._add(entry.type, name.lower(), text or None)
                 continue
             if title not in self._sections:
-                description = about if about and self.everything else None
-                self._sections[title] = self.add_argument_group(title, description)
+                self._sections[title] = self.add_argument_group(title, about if self.everything else None)
             section, said = self._sections[title], entry.metadata
             if entry.name in getattr(kind, "either", ()):
                 if either is None:

@@ -232,7 +232,7 @@ class Run:
             print(f"wrote {printable(str(self.table))}")
 
     def print_counts(self, counts: Mapping[str, int], *written: Path | None, said: str = "") -> None:
-        """Print how many photographs are what, in one line, then what is ``said``, then what was written."""
+        """Print counts of photographs by their words in one line, then ``said``, then the files written."""
         parts = ", ".join(f"{count} {words}" for words, count in counts.items() if count)
         line = f"{plural(len(self.outcomes), 'photograph')}: {parts} in {self.seconds:.1f} s"
         paths = " and ".join(printable(str(path)) for path in written if path is not None)

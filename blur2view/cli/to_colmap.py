@@ -102,25 +102,19 @@ class ToColmapOptions(Command):
         if not self.link:
             check_target(db)
         run.do(views_one, lines=False, checked=db)
-        done = [outcome.views for outcome in run.done if outcome.views is not None]
+        done = [(job, outcome.photograph, outcome.views) for job, outcome in run.outcomes if outcome.views]
         if run.early_exit_code or not done:
             return run.exit_code
+        views = [of_photograph for _, _, of_photograph in done]
         with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
             if self.link:
-                backup = write_links(db, done, backup=self.backup)
+                backup = write_links(db, views, backup=self.backup)
             else:
-                write_database(db, done)
-        records = [
-            views_record(job, outcome.photograph, outcome.views)
-            for job, outcome in run.outcomes
-            if outcome.views is not None
-        ]
+                write_database(db, views)
+        records = [views_record(*each) for each in done]
         if self.json:
-            document = {
-                "target": str(db),
-                "backup": None if backup is None else str(backup),
-                "photographs": records,
-            }
+            kept = None if backup is None else str(backup)
+            document = {"target": str(db), "backup": kept, "photographs": records}
             print(json.dumps(document | {"failures": run.failures}, indent=2, allow_nan=False))
         elif not self.printing.quiet:
             print("\n".join(self._summary(records, backup)))

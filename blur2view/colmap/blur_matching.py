@@ -21,7 +21,7 @@ SAMPLE_PX, MAX_SAMPLES = 1.5, 24  # of a smear's length between samples of the b
 MIN_BLUR_PX = 0.5  # shorter smears are not applied
 LENGTH_QUANTILE = 0.97  # of a picture's smears, to which longer ones are shortened
 CONTRAST_WINDOW = 61  # pixels over which brightness and contrast are made equal
-CONTRAST, GREY, NOISE = 40.0, 128.0, 2.0  # deviation and mean after that, of 8 bits; noise before it
+CONTRAST, MEAN_GREY, NOISE = 40.0, 128.0, 2.0  # deviation and mean after that, of 8 bits; noise before it
 MAX_ROUND_TRIP_PX = 0.5  # forward-backward error of a patch that is tracked there and back
 MIN_CORRELATION = 0.8  # of two patches
 LOST_PX = 1e4  # motion of a patch that is not found
@@ -70,7 +70,7 @@ def equalised(image: Any) -> Any:
     window = (CONTRAST_WINDOW, CONTRAST_WINDOW)
     mean = cv2.blur(image, window)
     spread = np.sqrt(np.maximum(cv2.blur(image * image, window) - mean * mean, 0) + NOISE**2)
-    return np.clip((image - mean) / spread * CONTRAST + GREY, 0, 255).astype(np.uint8)
+    return np.clip((image - mean) / spread * CONTRAST + MEAN_GREY, 0, 255).astype(np.uint8)
 
 
 def tracked(first: Any, second: Any, points: Array, guess: Array, levels: int) -> Array:

@@ -37,7 +37,7 @@ ROUNDS = ((0.5, 2), (1.0, 1), (1.0, 0))  # share of the working size, and pyrami
 FLOOR_SIGMA_PX = 0.3  # of smears, and of places beside what the patch itself says
 KERNEL_PATCHES = 600  # of a neighbour, from which the motion is corrected
 KERNEL_SIGMA = 0.3  # of a correction of the motion, relative to its rotation
-MIN_POINTS = 6  # of a pose
+MIN_POSE_POINTS = 6  # of a pose
 FIT_STEPS, POSE_STEPS = 12, 20  # of reweighting
 
 
@@ -98,7 +98,7 @@ def find_pose(
     """
     pixels = view.project(world)
     inside = _inside(view.camera, pixels)
-    if inside.sum() < MIN_POINTS:
+    if inside.sum() < MIN_POSE_POINTS:
         return None
     flow, pose = image_flow(view.camera, view.points(world)[inside]), view.pose
     smear_motion = fit_smears(flow, *view.smears(pixels[inside]), expected)
@@ -120,7 +120,10 @@ def find_pose(
 
 
 def projected(camera: Any, points: Array) -> Array:
-    """Project points (N, 3) in a camera's frame to pixels (N, 2), ours, NaN behind it."""
+    """Project points (N, 3) in the camera's frame to pixels (N, 2); NaN behind it.
+
+    (0, 0) is the centre of the top-left pixel.
+    """
     pixels = from_colmap(np.asarray(camera.img_from_cam(points), float).reshape(-1, 2))
     return np.where(points[:, 2:] > 0, pixels, np.nan)
 
@@ -229,7 +232,7 @@ def _find_matches(
             moves = image_flow(camera, points[index[best]])
             equations += blur_equations(pictures, other, at[best], moved[best], moves)
     index, places, covariance = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    if len(np.unique(index)) < MIN_POINTS:
+    if len(np.unique(index)) < MIN_POSE_POINTS:
         return None
     return index, places, covariance + FLOOR_SIGMA_PX**2 * np.eye(2), equations
 

@@ -22,14 +22,14 @@ from blur2view.exposure.sequence import frame_times, place_of
 from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, changed, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 
-MAX_ERROR_PX = 4.0  # of a point in a view: COLMAP's filter_max_reproj_error
+MAX_REPROJECTION_PX = 4.0  # of a point in a view: COLMAP's filter_max_reproj_error
 
 
 class Placement(NamedTuple):
     """A reconstruction with virtual views."""
 
     model: Any
-    """pycolmap.Reconstruction with both views of ``placed``, which observe points within `MAX_ERROR_PX`."""
+    """pycolmap.Reconstruction with both views of ``placed``; they observe points within 4 px."""
     fraction: float  # exposure over frame interval: given, or as measured from the smears; NaN if unknown
     measured: bool  # False where it is a guess, as the camera shakes faster than frames follow one another
     placed: tuple[str, ...]  # photographs whose views were placed
@@ -135,5 +135,5 @@ def _add_views(model: Any, link: _Linked, changes: Array) -> None:
         image = add_image(model, name, changed(pose, change), points, link.photograph, number)
         for index, point in link.seen.items():
             pixel = image.project_point(model.points3D[point].xyz)
-            if pixel is not None and np.linalg.norm(pixel - points[index]) < MAX_ERROR_PX:
+            if pixel is not None and np.linalg.norm(pixel - points[index]) < MAX_REPROJECTION_PX:
                 model.add_observation(point, pycolmap.TrackElement(image.image_id, index))

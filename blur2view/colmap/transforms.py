@@ -77,11 +77,7 @@ def exposed_images(model: Any, folder: Path, max_smear_px: float = np.inf) -> li
         raise DatabaseError(f"{folder}: no photograph has both its views, {remedy}")
     if np.isinf(max_smear_px):
         return photographs
-    kept = [
-        photograph
-        for photograph in photographs
-        if photograph.smear_px is not None and photograph.smear_px <= max_smear_px
-    ]
+    kept = [photo for photo in photographs if photo.smear_px is not None and photo.smear_px <= max_smear_px]
     if not kept:
         raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; add to --max-smear")
     return kept

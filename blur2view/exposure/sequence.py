@@ -33,11 +33,11 @@ from blur2view.pipeline import Estimate, estimate
 from blur2view.smears.matches import SelectOptions
 from blur2view.two_view.estimate import EstimatorOptions
 
-MAX_SIDE = 640  # pixels: pictures are reduced to this side, blurred ones show no more in larger ones
+MATCHED_SIDE_PX = 640  # pixels: pictures are reduced to this side, blurred ones show no more in larger ones
 MAX_FEATURES = 4000  # with 1000 the rotation of 94 % of RedKitchen's frames came out right instead of 100 %
 CONTRAST_THRESHOLD = 0.01  # SIFT's: blurred pictures have little
 RATIO = 0.8  # best over second best distance (Lowe 2004)
-MAX_ERROR_PX = 2.0  # of the fundamental matrix that verifies matches, at `MAX_SIDE`
+MAX_F_ERROR_PX = 2.0  # of the fundamental matrix that verifies matches, at `MATCHED_SIDE_PX`
 MIN_VERIFIED = 12  # that are verified; fewer may be chance
 MAX_DISTANCE = 0.04  # from a match to the nearest smear that is used, of the longer side
 MIN_VOTES = 8  # matches near smears; fewer do not decide
@@ -68,7 +68,7 @@ class PictureMotion(NamedTuple):
 def features_of(image: NDArray[np.float32]) -> Features:
     """Return SIFT features of a photograph (H, W, 3), RGB in [0, 1]: pixels and descriptors."""
     grey = np.asarray(np.rint(255 * cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)), np.uint8)
-    scale = min(1.0, MAX_SIDE / max(grey.shape))
+    scale = min(1.0, MATCHED_SIDE_PX / max(grey.shape))
     if scale < 1:
         grey = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
     # without the last option OpenCV's features lie a quarter of a pixel off
@@ -82,12 +82,10 @@ def features_of(image: NDArray[np.float32]) -> Features:
 
 def match_features(features1: Features, features2: Features) -> Matches:
     """Match mutual nearest neighbours that pass the ratio test and follow one fundamental matrix."""
-    (points1, descriptors1), (points2, descriptors2) = features1, features2
+    (points1, d1), (points2, d2) = features1, features2
     if min(len(points1), len(points2)) < MIN_VERIFIED:
         return NO_POINTS, NO_POINTS
-    unit1, unit2 = (
-        d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for d in (descriptors1, descriptors2)
-    )
+    unit1, unit2 = (d / np.maximum(np.linalg.norm(d, axis=1, keepdims=True), 1e-6) for d in (d1, d2))
     similarity = unit1 @ unit2.T
     best, back = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
@@ -97,7 +95,7 @@ def match_features(features1: Features, features2: Features) -> Matches:
     chosen = np.flatnonzero(clear & (back[best] == rows))
     points1, points2, kept = points1[chosen], points2[best[chosen]], np.zeros(0, bool)
     if len(chosen) >= MIN_VERIFIED:
-        bound = MAX_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MAX_SIDE)
+        bound = MAX_F_ERROR_PX * max(1.0, float(max(points1.max(), points2.max())) / MATCHED_SIDE_PX)
         with suppress(cv2.error):  # of a few places over and over, as noise may match (usac/estimator.cpp)
             inliers = cv2.findFundamentalMat(points1, points2, cv2.USAC_MAGSAC, bound, 0.999, 2000)[1]
             kept = np.zeros(0, bool) if inliers is None else inliers.ravel().astype(bool)

@@ -34,7 +34,7 @@ SEEN_PX = 2.0
 """Length from which on a smear's direction counts fully, pixels; bound."""
 OCTAVES, MIN_GRADIENT = 3, 1e-5
 """Octaves in which gradients are measured; their least mean square, of levels in [0, 1] a pixel."""
-SMOOTH, SMOOTH_PX = 1.5e-6, 96
+SMOOTH, SMOOTH_WINDOW_PX = 1.5e-6, 96
 """Mean square gradient, a third of a level of 255 a pixel, below which a window of this side, as the smears
 are read in, shows nothing; bound."""
 SAMPLES, SCORED, STEPS = 150, 400, 12
@@ -295,7 +295,7 @@ def at_places(image: Floats) -> tuple[Floats, Floats]:
 
 def smooth_places(gradients: Floats) -> Mask:
     """Mark the places (h, w) about which a window shows nothing, by gradients (h, w, 9) of `at_places`."""
-    side = SMOOTH_PX // PLACE_PX
+    side = SMOOTH_WINDOW_PX // PLACE_PX
     mean = cv2.blur(np.ascontiguousarray(gradients[..., 0]), (side, side))
     return np.asarray(mean < SMOOTH)
 

@@ -25,16 +25,10 @@ def gyroflow_log(records: Iterable[Photograph], video: str) -> str:
     It holds what a gyroscope along the camera's axes shows, the negative of the scene's rates, rad/s, of the
     frames with a known direction of time. OutputError if there are none.
     """
-    known = [
-        record
-        for record in records
-        if record.time_known and record.exposure_s and record.timestamp_s is not None
-    ]
-    rates = {
-        record.timestamp_s or 0.0: (record.wx, record.wy, record.wz)
-        for record in known
-        if record.wx is not None
-    }
+    rates = dict[float, tuple[float | None, ...]]()
+    for frame in records:
+        if frame.time_known and frame.exposure_s and frame.timestamp_s is not None and frame.wx is not None:
+            rates[frame.timestamp_s] = frame.wx, frame.wy, frame.wz
     if not rates:
         raise OutputError(
             "no frame has a time, a rate and a known direction of time; name a video, --focal and --exposure"

@@ -38,8 +38,8 @@ SQUARES = 14  # of the picture, in each of which the longest smear gets its epip
 LINE_OPACITY, MOVING_OPACITY, UNSEEN_OPACITY = 0.6, 0.55, 0.55
 HATCH_PX = 12
 PALE = np.column_stack([0.4 / 3 + 0.25 * np.eye(3), np.full(3, 20)])
-"""From RGB to RGB on which colours stand out: grey, some colour and a constant."""
-MIN_SHARE = 0.005  # of the photograph: a smaller unobservable part is not mentioned
+"""Affine map (3, 4) of RGB to paler RGB, on which colours stand out: mean, share of colour, constant."""
+MENTIONED_SHARE = 0.005  # of the photograph: a smaller unobservable part is not mentioned
 
 
 def draw_overlay(image: AnyArray, estimate: Estimate, record: Photograph | None = None) -> Picture:
@@ -91,7 +91,7 @@ def mask_verdict(mask: MotionMask) -> str:
     if count:
         parts = "1 moving part" if count == 1 else f"{count} moving parts"
         line = f"{parts}, {percent(mask.shares['moving'])} of the photograph"
-    return f"{line}; motion is unobservable in {percent(unseen)}" if unseen >= MIN_SHARE else line
+    return f"{line}; motion is unobservable in {percent(unseen)}" if unseen >= MENTIONED_SHARE else line
 
 
 def scale_of(shape: tuple[int, ...]) -> float:

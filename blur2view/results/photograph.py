@@ -150,7 +150,9 @@ class Photograph:
     beta: float | None = explained("The option --beta.")
     max_error_px: float | None = explained("The option --max-error.")
     seed: int | None = explained("The option --seed.")
-    threshold: float | None = explained("The option --threshold of segment; null if not asked.")
+    threshold: float | None = explained(
+        "The option --threshold of segment, its default in report; null without a mask."
+    )
     version: str = explained("The version of blur2view.", "")
     model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
@@ -236,7 +238,7 @@ class Photograph:
         return replace(self, **{name: getattr(fresh, name) for name in geometry})
 
     def plain(self) -> dict[str, Any]:
-        """Return what JSON holds: every field and property, of a photograph that failed name and error."""
+        """Return every field and property as JSON's types; of a photograph that failed, name and error."""
         if self.error:
             return {"name": self.name, "error": self.error}
         return {key: getattr(self, key) for key, _, _ in entries()}
