@@ -88,6 +88,7 @@ def test_angular_velocity_is_the_rotation_over_the_exposure(network: SmearNetwor
     pose, covariance = geometry.cam2_from_cam1, geometry.covariance
     assert velocity is not None and pose is not None and covariance is not None
     np.testing.assert_allclose(velocity.mean * 0.02, rotation_vector(pose.rotation))
+    np.testing.assert_array_equal(velocity.of_gyroscope.mean, -velocity.mean)
     np.testing.assert_allclose(np.degrees(velocity.sigma) * 0.02, covariance.rotation_sigma_deg)
     np.testing.assert_allclose(velocity.covariance * 0.02**2, covariance.matrix[:3, :3])
     assert estimate(PICTURE, network=network).angular_velocity(0.02) is None

@@ -10,7 +10,9 @@ from blur2view.geometry.pose import (
     RigidTransform,
     before_both,
     decompose_essential,
+    plane_basis,
     rotation_matrix,
+    rotation_vector,
 )
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.two_view.estimate import estimate_two_view
@@ -100,6 +102,23 @@ def test_distance_of_a_pose_is_measured_in_standard_deviations() -> None:
     assert squared_distance(covariance, pose, pose.inverse()) < 1e-12  # the other flip of time
     np.testing.assert_allclose(covariance.rotation_sigma_deg, np.degrees(0.1))
     assert np.isclose(covariance.translation_sigma_deg, np.degrees(0.5))
+
+
+def test_an_error_of_a_pose_is_that_of_its_inverse() -> None:
+    rng = np.random.default_rng(2)
+    t, change = np.array([0.6, 0.0, 0.8]), 1e-4 * rng.normal(size=5)
+    tangents = plane_basis(t)
+    pose = RigidTransform(rotation=rotation_matrix(rng.normal(size=3)), translation=t)
+    moved = t + change[3:] @ tangents
+    true = RigidTransform(
+        rotation=rotation_matrix(change[:3]) @ pose.rotation, translation=moved / np.linalg.norm(moved)
+    )
+    covariance = PoseCovariance(matrix=np.outer(change, change), tangents=tangents).inverse(pose)
+    back, turned = pose.inverse(), true.inverse()
+    error = np.append(
+        rotation_vector(turned.rotation @ back.rotation.T), covariance.tangents @ turned.translation
+    )
+    np.testing.assert_allclose(covariance.matrix, np.outer(error, error), atol=1e-11)
 
 
 def test_what_is_no_pose_or_covariance_is_refused() -> None:

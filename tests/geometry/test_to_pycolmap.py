@@ -73,11 +73,12 @@ def test_every_configuration_has_its_namesake(config: Configuration) -> None:
 
 def test_reversed_time_is_pycolmaps_inverse() -> None:
     _, geometry = solved()
+    geometry = replace(geometry, H=np.array([[1.0, 0.02, 5], [-0.01, 1.03, -3], [1e-5, 2e-5, 1]]))
     theirs = geometry.to_pycolmap()
     theirs.invert()
     ours = geometry.reversed().to_pycolmap()
-    for name in ("F", "E"):
-        first, second = getattr(ours, name), getattr(theirs, name)
+    for name in ("F", "E", "H"):
+        first, second = (one / np.linalg.norm(one) for one in (getattr(ours, name), getattr(theirs, name)))
         np.testing.assert_allclose(first * np.sign((first * second).sum()), second, atol=1e-9)
     np.testing.assert_allclose(ours.cam2_from_cam1.matrix(), theirs.cam2_from_cam1.matrix(), atol=1e-9)
 

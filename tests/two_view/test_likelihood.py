@@ -5,6 +5,7 @@ import pytest
 
 from blur2view.arrays import Array
 from blur2view.geometry.epipolar import cross_matrix, homogeneous
+from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.homography import FieldLikelihood, HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import CameraF, HomographyFlow, cayley
@@ -80,3 +81,10 @@ def test_both_orders_of_every_smear_are_summed() -> None:
     decided = 6 * np.log1p((plane.residual**2).sum(axis=0) / 4)
     far = plane.likelihood.smears.matches.length_px > 8
     assert np.isclose(np.median((plane.costs - decided)[far]), 2 * np.log(2), atol=0.05)
+
+
+def test_without_an_image_size_the_assumed_camera_lies_about_the_ends() -> None:
+    ends = np.random.default_rng(0).uniform(0, 500, (40, 2, 2))
+    here, there = (SmearMatches(ends=ends + shift, sigma_px=np.ones(40)) for shift in (0, [900, -400]))
+    np.testing.assert_allclose(Likelihood.of(there).ends, Likelihood.of(here).ends, atol=1e-12)
+    assert np.abs(Likelihood.of(here).ends).max() < 1
