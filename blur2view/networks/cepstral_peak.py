@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import Floats, Mask
 from blur2view.networks.spectra import NOISE_FLOOR, TAPERS, TREND, WINDOW, in_batches
-from blur2view.smears.likelihood import MIN_SIGMA_PX, MIN_SIGMA_RAD
+from blur2view.smears.likelihood import MIN_READ_SIGMA_PX, MIN_READ_SIGMA_RAD
 
 MIN_PEAK_PX, MAX_PEAK_PX = 14.0, 28.0  # octave's pixels; longer smears are read in the next octave
 UNSURE = 0.6  # deviation over length up to which the network's smear is taken for the peak's neighbourhood
@@ -79,8 +79,8 @@ def _prior(cells: Floats, length: Floats, own: Mask, side: int, scale: int) -> P
     along = _along(mean, sigma_px, sigma_rad)
     return Prior(
         smear=(mean / scale * np.exp(0.5j * np.arctan2(y, x))).astype(np.complex64),
-        sigma_rad=np.maximum(sigma_rad, MIN_SIGMA_RAD),
-        sigma_log=np.maximum(along / np.maximum(mean, 1e-3), MIN_SIGMA_RAD),
+        sigma_rad=np.maximum(sigma_rad, MIN_READ_SIGMA_RAD),
+        sigma_log=np.maximum(along / np.maximum(mean, 1e-3), MIN_READ_SIGMA_RAD),
         usable=long & (sigma_px < UNSURE * mean),
     )
 
@@ -146,8 +146,8 @@ def _corrected(cells: Floats, corrections: Floats) -> Floats:
     variance_log = trust * variance_log + (1 - trust) * along**2
     length = length * np.exp(log_scale)
     double = np.arctan2(y, x) + 2 * rotation
-    sigma_px = np.maximum(length * np.sqrt(variance_rad + variance_log), MIN_SIGMA_PX)
-    sigma_rad = np.maximum(np.sqrt(variance_rad), MIN_SIGMA_RAD)
+    sigma_px = np.maximum(length * np.sqrt(variance_rad + variance_log), MIN_READ_SIGMA_PX)
+    sigma_rad = np.maximum(np.sqrt(variance_rad), MIN_READ_SIGMA_RAD)
     return np.stack([length * np.cos(double), length * np.sin(double), sigma_px, sigma_rad], -1)
 
 

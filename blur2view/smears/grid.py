@@ -26,7 +26,7 @@ Floats = NDArray[np.floating[Any]]
 
 # Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear.
 SURE_STILL = 0.68
-GRID, BLUR = "smear_grid", "blur_grid"
+GRID_KEY, BLUR_KEY = "smear_grid", "blur_grid"
 
 DAMAGE = (OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
           RuntimeError, MemoryError, BadZipFile)  # fmt: skip
@@ -179,17 +179,17 @@ def _decoded(cells: NDArray[np.float32]) -> SmearField:
 def stored_smears(grid: SmearGrid) -> dict[str, AnyArray]:
     """Return the arrays of a ``.smear.npz`` file by name: cells (h, w, 4) and blur (h, w, 6) as float16."""
     place = {"stride": grid.stride, "shape": grid.shape, "window_px": grid.window_px or 0}
-    blur = {} if grid.blur is None else {BLUR: grid.blur.astype(np.float16)}
+    blur = {} if grid.blur is None else {BLUR_KEY: grid.blur.astype(np.float16)}
     named = {name: np.array(value) for name, value in place.items()}
-    return {GRID: grid.cells.astype(np.float16), **blur, **named}
+    return {GRID_KEY: grid.cells.astype(np.float16), **blur, **named}
 
 
 def load_smears(path: str | Path) -> SmearGrid:
     """Read the smears of a ``.smear.npz`` file of ``estimate -o``; OutputError of any other file."""
     try:
         with open_regular(path) as file, np.load(file, allow_pickle=False) as arrays:
-            cells = arrays[GRID].astype(np.float32)
-            blur = arrays[BLUR].astype(np.float32) if BLUR in arrays else None
+            cells = arrays[GRID_KEY].astype(np.float32)
+            blur = arrays[BLUR_KEY].astype(np.float32) if BLUR_KEY in arrays else None
             if not np.isfinite(cells).all() or (blur is not None and not np.isfinite(blur).all()):
                 raise ValueError("smears must be finite")
             height, width, stride, window_px = map(

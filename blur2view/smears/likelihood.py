@@ -23,7 +23,7 @@ PEAK_BINS = 2  # bins on each side of the peak whose mean is the smear
 # (tools/results/training_log.md, 20 test photographs).
 SURE_PEAK = 0.6
 ANY_PX = 16.0  # root mean square of lengths of 2 to 38 px, as frequent in every octave: of an unseen smear
-MIN_SIGMA_RAD, MIN_SIGMA_PX = float(np.deg2rad(0.3)), 0.15  # that the bins resolve
+MIN_READ_SIGMA_RAD, MIN_READ_SIGMA_PX = float(np.deg2rad(0.3)), 0.15  # that the bins resolve
 # Kinds of blur that a cell may show, in the order of the network's logits.
 KINDS = ("sharp", "out of focus", "smeared", "out of focus and smeared", "cannot tell")
 SHARP, OUT_OF_FOCUS, SMEARED, BOTH, CANNOT_TELL = range(len(KINDS))
@@ -69,8 +69,8 @@ def read_smears(log_likelihood: Floats) -> Floats:
     along = ((likelihood @ bins) * np.abs(np.cos(apart))).sum(-1)
     squared = likelihood.sum(-2) @ bins**2 + length**2 - 2 * length * along
     squared -= length**2 * (blur_rad**2 + blur_log**2)
-    sigma_rad = np.sqrt(np.maximum(direction_variance, MIN_SIGMA_RAD**2))
-    sigma_px = np.sqrt(np.maximum(squared, MIN_SIGMA_PX**2))
+    sigma_rad = np.sqrt(np.maximum(direction_variance, MIN_READ_SIGMA_RAD**2))
+    sigma_px = np.sqrt(np.maximum(squared, MIN_READ_SIGMA_PX**2))
     return np.stack(
         [length * np.cos(2 * direction), length * np.sin(2 * direction), sigma_px, sigma_rad], -1
     ).astype(np.float32)

@@ -13,7 +13,7 @@ from blur2view.arrays import Array, require
 from blur2view.smears.grid import SmearGrid, smear_ends
 from blur2view.smears.noise import INDEPENDENT, NoiseModel, across_px
 
-SHORTEST_PX = 1.5  # shorter smears have no direction worth the name
+MIN_MATCH_PX = 1.5  # shorter smears have no direction worth the name
 TINY_SIGMA_PX = 1e-3  # what smaller standard deviations count as, so that none is 0
 
 
@@ -121,7 +121,7 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     sigma = np.maximum(smears.sigma_px.astype(np.float64), TINY_SIGMA_PX)
     order = np.argsort(sigma, kind="stable")
     most = min(int(np.ceil(options.beta * len(length))), options.max_matches)
-    kept = np.sort(order[(length >= SHORTEST_PX)[order]][:most])
+    kept = np.sort(order[(length >= MIN_MATCH_PX)[order]][:most])
     noise = INDEPENDENT
     if grid.window_px is not None:
         noise = NoiseModel.of_cells(step * grid.stride, grid.window_px)

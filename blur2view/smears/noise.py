@@ -22,7 +22,7 @@ import numpy as np
 from blur2view.arrays import Array
 
 MIN_PX = 0.1  # standard deviation of a smear, at least
-MIN_SHARE = 0.01  # the same as a share of its length, across the smear; along it twice as much
+ADDED_SHARE = 0.01  # the same as a share of its length, across the smear; along it twice as much
 CLAIMED = 0.65  # of the stated standard deviations, the 68 % points of what is no outlier: for regions
 WINDOW_PX = 96  # side of the window that a cell is read from, pixels
 # How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
@@ -42,13 +42,13 @@ class NoiseModel:
     # standard deviations of errors that vary slowly over the picture: of lengths, as a share, and directions
     length: float = 0.0
     direction_rad: float = 0.0
-    min_sampson: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
+    added_sampson: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
     # Of the stated standard deviations, the scale of Student's distribution of the errors which are no
     # outliers; 0.85 of four degrees of freedom is the nearest to a normal one.
     inlier: float = 0.85
     # Share of its length to which no smear's error across is believed better, and twice that to which none
     # along is: paths are bent and cells cover more than a point.
-    min_across: float = MIN_SHARE
+    added_across: float = ADDED_SHARE
     outlier_odds: float = 0.5  # for parallax to compete with: few of a network, whose errors have heavy tails
 
     @classmethod
@@ -63,9 +63,9 @@ class NoiseModel:
             correlation=CORRELATED_CELLS,
             length=0.04,
             direction_rad=0.02,
-            min_sampson=0.03,
+            added_sampson=0.03,
             inlier=0.2,
-            min_across=0.02,
+            added_across=0.02,
             outlier_odds=0.01,
         )
 
@@ -73,17 +73,17 @@ class NoiseModel:
     def fully_correlated(self) -> NoiseModel:
         """The same with every correlation counted, and 68 % points: for what is claimed, not for fits."""
         share = self.effective_share / self.correlation
-        return replace(self, effective_share=share, correlation=1.0, inlier=CLAIMED, min_across=MIN_SHARE)
+        return replace(self, effective_share=share, correlation=1.0, inlier=CLAIMED, added_across=ADDED_SHARE)
 
     def inlier_sigmas_px(self, length_px: Array, sigma_px: Array, across: Array) -> Array:
         """Return standard deviations (2, N) along and across smears of inliers' errors, pixels."""
         along = np.sqrt(np.maximum(sigma_px**2 - across**2, 0.0))
-        least = self.min_across * np.stack([2 * length_px, length_px])
+        least = self.added_across * np.stack([2 * length_px, length_px])
         return np.maximum(np.hypot(self.inlier * np.stack([along, across]), least), MIN_PX)
 
     def sampson_px(self, length_px: Array, across: Array) -> Array:
         """Return standard deviations (N,) of the Sampson distances of smears, pixels, as stated."""
-        return np.maximum(np.hypot(SAMPSON_SHARE * across, self.min_sampson * length_px), MIN_PX)
+        return np.maximum(np.hypot(SAMPSON_SHARE * across, self.added_sampson * length_px), MIN_PX)
 
 
 INDEPENDENT = NoiseModel()

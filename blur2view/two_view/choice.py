@@ -82,9 +82,9 @@ def within_errors(matches: SmearMatches) -> bool:
 def fields_about(plane: HomographyFit, *, rolling: bool) -> list[Candidate]:
     """Return every displacement field, fitted."""
     likelihood, smears = plane.likelihood, plane.likelihood.smears
-    still = HomographyFlow.plane(np.zeros(8), smears.prior)
+    still = HomographyFlow.plane(np.zeros(8), smears.prior_sigma)
     vector = symmetric_skew(plane.family.generator())[1]  # of the nearest rotation
-    turning = fit_homography(likelihood, HomographyFlow.rotation(vector, smears.prior))
+    turning = fit_homography(likelihood, HomographyFlow.rotation(vector, smears.prior_sigma))
     fits = {
         MotionModel.STILL: HomographyFit(likelihood=likelihood, family=still),
         MotionModel.PLANE: plane,

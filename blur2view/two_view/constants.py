@@ -17,9 +17,10 @@ BEHIND = 0.2  # probability that noise puts a point behind a camera that is befo
 ASSUMED_FOCAL = 0.55
 # Prior of the rotation, in smear length over focal length; roll moves points less.
 ROTATION_SPREAD = 1.0, 1.0, 3.0
-# Prior deviations of the log focal length over the assumed one and of the principal point in focal lengths;
-# and without an image size: of 104 scenes of the sweep AUC@10 0.825, as with it; 91 % of 118 of SYNTH named.
-LENS_SPREAD, UNSIZED_LENS_SPREAD = (0.3, 0.03), (0.9, 0.09)
+# Prior standard deviations of the log focal length over the assumed one and of the principal point in focal
+# lengths; then the same without an image size, with which 104 scenes of the sweep have an AUC@10 of 0.825, as
+# with it, and 91 % of 118 scenes of SYNTH are named rightly.
+LENS_SIGMA, UNSIZED_LENS_SIGMA = (0.3, 0.03), (0.9, 0.09)
 
 # The likelihood of F.
 CUTOFF = 3.0  # residual, in standard deviations, at which a smear is as likely an outlier as an inlier
@@ -49,9 +50,11 @@ WIDE, SEARCH_STEPS = 3.0, 3  # sigmas of the first of two fits inside the loop; 
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them: bound
 # Translations tried with every sample of three. Of 48 scenes of `test_estimate`'s dominant planes
 # three have an epipole more than 2 degrees off; with 60 directions five.
-DIRECTIONS = 80
+SEARCH_DIRECTIONS = 80
 STEPS = 12  # Levenberg-Marquardt steps; fits start near their end: bound
-REST = 0.02  # standard deviations: a smaller step ends a fit; with 0.2 the order of the given ends shows in F
+# Step, in standard deviations, below which a fit ends; with 0.2, F depends on the order in which ends are
+# given.
+MIN_STEP = 0.02
 # Starts that take a first, a second, a third and a fourth step; then the cheapest alone goes on. With 3 and
 # 2, 3 of 120 exact scenes (`test_estimate`) end in another minimum.
 STARTERS = 5, 5, 5, 2
@@ -61,7 +64,7 @@ MIN_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are 
 PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
 # Refusals and inliers: `two_view.estimate`.
-MIN_MATCHES = 20
+MIN_SMEARS = 20
 MIN_LENGTH_PX = 1.0  # median smear
 MIN_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 BLOCKS, MIN_COVERAGE = 12, 0.08  # square blocks along the longer side; share of them that hold matches
@@ -85,8 +88,8 @@ MODELS = {  # parameters, and penalty beside Schwarz's
     "plane": (8, 2.7),
     "parallax": (10, 3.7),
 }
-ROLLING = 3, 3.0  # the same that a rolling shutter adds
-PENALTY_COUNT = 6.0  # independent smears, all correlation counted, that they had
+ROLLING = 3, 3.0  # parameters and penalty that a rolling shutter adds to a model
+PENALTY_COUNT = 6.0  # independent smears, all correlation counted, of the photographs that these fit
 # Probability of parallax: of the 200, two of the 150 others reach it, of the 50 that have it 18.
 PROVEN_FROM = 0.87
 # Share of the smears that must follow F beyond chance, too: in `tools.datasets.synthetic_matches`, seeds 0 to
@@ -109,9 +112,9 @@ GRID_STARTS, GRID_APART = 3, 0.9
 GRID_PARTS = 4  # parts of the directions, each of which a cache holds; all at once take a third longer: bound
 GRID_ROTATION_SPREAD = 3.0  # prior deviation of the rotation, in lengths of smears: bound
 KNOWN_DEG = 30.0  # deviation of its direction below which a translation is given
-# Squared distances of the truth over those that the curvature states. With 4 the nominal 90 % regions of
-# `tools.evaluation.pose_coverage` hold the truth in 87 to 100 % of 60 seeds.
-MISSED = 4.0
+# By which the inverse normal matrix is multiplied: squared errors over those that it states. With 4 the
+# nominal 90 % regions of `tools.evaluation.pose_coverage` hold the truth in 87 to 100 % of 60 seeds.
+COVARIANCE_FACTOR = 4.0
 # Deviation, in lengths of smears, of a rotation beside a translation that may account for any part of them:
 # past things at one depth, or on a slope.
 UNSEEN = 0.5

@@ -94,7 +94,7 @@ def estimate_two_view(
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
     both = geometry, geometry.reversed()
-    ways = [all_rows_at_once(matches, options, rng, camera, shutter, way) for way in both]
+    ways = [estimate_global_shutter(matches, options, rng, camera, shutter, way) for way in both]
     least_parallax = list(Parallax)[::-1].index
     flips = sorted(
         (way for way in ways if way is not None),
@@ -106,7 +106,7 @@ def estimate_two_view(
     return replace(flips[0], backward=flips[1])
 
 
-def all_rows_at_once(
+def estimate_global_shutter(
     matches: SmearMatches,
     options: EstimatorOptions,
     rng: np.random.Generator,
@@ -155,7 +155,7 @@ def as_recorded(
     agreement = (float(inliers.mean()) - by_chance) / max(1 - by_chance, 1e-9)
     choice = choose(likelihood, fit, agreement=agreement, rolling=rolling, moved=moved)
     field, pose = choice.homography, None
-    if likelihood.lens == (0.0, 0.0) and (choice.reports_F or field is not None):
+    if likelihood.lens_sigma == (0.0, 0.0) and (choice.reports_F or field is not None):
         pose = estimate_pose(likelihood, fit, choice)
         F = F if pose.E is None else denormalise(pose.E, likelihood.T)
     model = F if choice.reports_F else field
@@ -207,8 +207,8 @@ def no_geometry(matches: SmearMatches, reason: str, **why: Any) -> TwoViewGeomet
 
 def refused(matches: SmearMatches) -> TwoViewGeometry | None:
     """Return the geometry of smears that show no motion or too little; else None."""
-    if len(matches) < c.MIN_MATCHES:
-        few = f"too few smears: {len(matches)}, at least {c.MIN_MATCHES} are needed"
+    if len(matches) < c.MIN_SMEARS:
+        few = f"too few smears: {len(matches)}, at least {c.MIN_SMEARS} are needed"
         return no_geometry(matches, few, insufficient_data=True)
     median = float(np.median(matches.length_px))
     if median < c.MIN_LENGTH_PX:
@@ -251,11 +251,11 @@ def inliers_of(
             return model.distances_px(likelihood) < tolerance
         return np.asarray(np.sqrt(serrmin(model, likelihood.matches.ends)) < tolerance)
 
-    scattered = replace(likelihood, matches=in_random_directions(likelihood.matches))
+    scattered = replace(likelihood, matches=in_spread_directions(likelihood.matches))
     return fitting(likelihood), float(fitting(scattered).mean())
 
 
-def in_random_directions(matches: SmearMatches) -> SmearMatches:
+def in_spread_directions(matches: SmearMatches) -> SmearMatches:
     """Return the matches with their midpoints and lengths, in directions that have nothing in common."""
     angle = np.pi * (GOLDEN * np.arange(len(matches)) % 1.0)
     half = 0.5 * matches.length_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)

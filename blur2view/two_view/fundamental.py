@@ -2,8 +2,8 @@
 
 A photograph's camera is roughly known (`constants.ASSUMED_FOCAL`) and rotates little during an exposure:
 F = [t]x (I + [w]x) to first order, and for every direction t of a grid three smears fix w linearly. These
-starts are approximate; local optimisation makes them exact. (Seven smears fix any F exactly, but one wrong
-smear in seven spoils it, and so does noise.)
+F are approximate, and are refined by local optimisation. (Seven smears determine F without assumptions, but
+a sample of seven has more outliers, and noise spoils it.)
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from blur2view.arrays import TINY, Array
 from blur2view.geometry.epipolar import EndProducts, cross_matrix, homogeneous, unit_lines
 from blur2view.geometry.pose import half_sphere, rotation_flow, rotation_matrix
 from blur2view.two_view import constants as c
-from blur2view.two_view.least_squares import least_of, levenberg_marquardt, reweighted_motion
+from blur2view.two_view.least_squares import last_of, least_of, levenberg_marquardt, reweighted_motion
 from blur2view.two_view.likelihood import Likelihood, OrderedResiduals
-from blur2view.two_view.models import UNROTATED, CameraF
+from blur2view.two_view.models import UNROTATED, FundamentalManifold
 from blur2view.two_view.ransac import ransac
 
 MIN_LENGTH = np.float32(1e-6)  # of a smear over the focal length: shorter ones have no direction
@@ -31,62 +31,63 @@ ORDERS_OF_THREE: Array = np.array([[1.0, 1, 1], [1, 1, -1], [1, -1, 1], [1, -1, 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FundamentalFit:
-    """An F with the odds of the smears' orders there: a `least_squares.Problem`.
+    """An F with its cost and derivatives for the smears: a `least_squares.Problem`.
 
-    The order of every smear, and whether it is an outlier, are weighed anew at every point (expectation-
-    maximisation). Only the ``sign`` of the translation is fixed, by which positive depth gives odds to the
-    orders. A sign of 0 takes each smear's better order for granted: right for a search at unknown noise, but
-    it rewards any symmetric part of F as large as the noise (on pure translations with 4 degrees of noise
-    median rho 0.022 against 0.010). With 30 % outliers and 1 px of noise the mixture of inliers and outliers
-    gives an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
+    At every point the smears' orders, and whether they are outliers, have new probabilities, which are the
+    weights (expectation-maximisation). The ``sign`` of the translation stays; with it positive depth gives
+    prior probabilities to the orders. A sign of 0 takes the better order of each smear as certain: right for
+    a search at unknown noise, but it rewards any symmetric part of F as large as the noise (on pure
+    translations with 4 degrees of noise median rho 0.022 against 0.010). With 30 % outliers and 1 px of noise
+    the mixture of inliers and outliers gives an AUC@10 of the pose of 0.83, Geman and McClure's cost 0.72.
     """
 
-    point: CameraF
+    point: FundamentalManifold
     likelihood: Likelihood
     sign: float = 0.0
 
     @classmethod
-    def likelier(cls, point: CameraF, likelihood: Likelihood) -> FundamentalFit:
-        """Return a point with the sign of the translation that explains more."""
+    def likelier(cls, point: FundamentalManifold, likelihood: Likelihood) -> FundamentalFit:
+        """Return the fit at a point with the sign of the translation of lower cost."""
         both = (cls(point=point, likelihood=likelihood, sign=sign) for sign in (1.0, -1.0))
-        return min(both, key=lambda state: state.cost)
+        return min(both, key=lambda fit: fit.cost)
 
     @cached_property
     def residuals(self) -> OrderedResiduals:
-        """Residuals in both orders, with their odds."""
+        """Residuals in both orders, with the prior probability of the orders."""
         plain = self.likelihood.residuals(self.point.matrix())
         if not self.sign:
             return plain.decided()
-        return replace(plain, prior=self.likelihood.order_odds(*self.point.motion(), self.sign))
+        return replace(plain, order_prior=self.likelihood.order_odds(*self.point.motion(), self.sign))
 
     @cached_property
     def cost(self) -> float:
         """Twice the negative log-posterior."""
-        prior, _ = self.point.prior()
+        prior_residuals, _ = self.point.prior_residuals()
         data = self.residuals.costs.sum()
-        return float(self.likelihood.effective_share * data + prior @ prior)
+        return float(self.likelihood.effective_share * data + prior_residuals @ prior_residuals)
 
     def normal_equations(self) -> tuple[Array, Array]:
-        """Return J^T W J (8, 8) and J^T W r (8,) of data, in the orders that count, and prior."""
+        """Return J^T W J (8, 8) and J^T W r (8,) of both orders of all smears and of the prior."""
         likelihood, residuals = self.likelihood, self.residuals
         weight = np.sqrt(likelihood.effective_share * residuals.weights)
         F, tangents = self.point.matrix(), self.point.tangent()
         jacobian = likelihood.products.derivatives(F, tangents, residuals.both, residuals.root)
         jacobian *= weight
         jacobian = jacobian.reshape(len(jacobian), -1)
-        prior, of_prior = self.point.prior()
+        prior_residuals, prior_jacobian = self.point.prior_residuals()
+        normal = jacobian @ jacobian.T + prior_jacobian.T @ prior_jacobian
         gradient = jacobian @ (weight * residuals.both).reshape(-1)
-        return jacobian @ jacobian.T + of_prior.T @ of_prior, gradient + of_prior.T @ prior
+        return normal, gradient + prior_jacobian.T @ prior_residuals
 
     def moved(self, delta: Array) -> FundamentalFit:
         """Return the point moved by delta (8,)."""
         return replace(self, point=self.point.step(delta))
 
 
-def fit_best(starts: Sequence[CameraF], likelihood: Likelihood) -> FundamentalFit:
-    """Return the cheapest refinement of the starts, which race (`constants.STARTERS`)."""
-    points = [FundamentalFit.likelier(start, likelihood) for start in starts]
-    return least_of(points, c.STARTERS, c.STEPS, c.TOLERANCE, c.REST)
+def fit_best(starts: Sequence[FundamentalManifold], likelihood: Likelihood) -> FundamentalFit:
+    """Return the fit of least cost from several starts, which race (`least_of`)."""
+    fits = [FundamentalFit.likelier(start, likelihood) for start in starts]
+    return least_of(fits, c.STARTERS, c.STEPS, c.TOLERANCE, c.MIN_STEP)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +104,7 @@ class SmearEstimator:
 
     @cached_property
     def products(self) -> EndProducts:
-        """Products of the ends' coordinates, for SErrMin of many models at once."""
+        """Products of the ends' coordinates in single precision, for SErrMin of many models at once."""
         return EndProducts(self.likelihood.ends, self.likelihood.sigma, np.float32)
 
     @cached_property
@@ -115,21 +116,21 @@ class SmearEstimator:
     def generate_models(self, samples: int, rng: np.random.Generator) -> Array:
         """Return candidates (M, 3, 3) of ``samples`` samples of three, for every direction."""
         three = rng.choice(self.count, (samples, self.sample_size), p=self.quality)
-        limit = 3 * self.likelihood.prior[:3]
-        return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.DIRECTIONS), limit)
+        limit = 3 * self.likelihood.prior_sigma[:3]
+        return small_rotation_hypotheses(self.likelihood.ends[three], half_sphere(c.SEARCH_DIRECTIONS), limit)
 
     def score(self, models: Array, block: NDArray[np.int_]) -> NDArray[Any]:
         """Return MSAC's cost (M,): SErrMin in squared standard deviations, cut at CUTOFF squared."""
         return self.products.costs(models, c.CUTOFF**2, block)
 
     def refine(self, model: Array) -> Array:
-        """Return F (3, 3) after a few steps on all its parameters, wider deviations first: it is coarse."""
+        """Return F (3, 3) after a few steps, first with larger standard deviations, as it is approximate."""
         some = self.likelihood.thinned(c.ROUGH_COUNT)
         for likelihood in (some.rescaled(c.WIDE), some):
-            start = CameraF.from_matrix(model, likelihood.prior)
+            start = FundamentalManifold.from_matrix(model, likelihood.prior_sigma)
             problem = FundamentalFit(point=start, likelihood=likelihood)
-            *_, best = levenberg_marquardt(problem, c.SEARCH_STEPS, c.SEARCH_TOLERANCE)
-            model = best.point.matrix()
+            reached = last_of(levenberg_marquardt(problem, c.SEARCH_STEPS, c.SEARCH_TOLERANCE))
+            model = reached.point.matrix()
         return model
 
     def inlier_share(self, model: Array) -> float:
@@ -169,21 +170,22 @@ def small_rotation_hypotheses(ends: Array, directions: Array, limit: Array) -> A
 class DirectionLikelihood:
     """The likelihood of every direction of translation, on a grid over half a sphere.
 
-    Given a direction every smear's epipolar line and order follow (a point before the camera moves away from
-    the epipole, or to it), and the rotation that brings most smears onto their lines follows linearly. Smears
-    of a turning camera leave it flat, which no covariance about one optimum shows. Coordinates are a camera's
-    (K = identity), and all correlation of the smears counts.
+    A direction determines the epipolar line of every smear and its order (a point before the camera moves
+    away from the epipole), and the rotation that brings most smears onto their lines is found linearly.
+    Where the camera only turns the likelihood is flat, which no covariance about one optimum shows.
+    Coordinates are those of a camera with K = identity; its smears count with all of their correlation.
     """
 
     likelihood: Likelihood
 
     def at(self, directions: Array) -> tuple[Array, Array, Array]:
-        """Return rotation vectors (G, 3) of directions (G, 3), their costs (G,), and orders of smears (G, N).
+        """Return the best rotation vectors (G, 3) for directions (G, 3), their costs, and the smears' orders.
 
-        Costs are twice the negative log-posteriors; an order is 1 where ends[:, 0] is the open end, else -1.
+        Costs (G,) are twice the negative log-posterior; orders (G, N) are 1 where ends[:, 0] is the open end,
+        else -1.
         """
         some = self.likelihood.thinned(c.GRID_SMEARS)
-        middle, displacement = (one.astype(np.float32) for one in (some.middle, some.displacement))
+        middle, displacement = some.middle.astype(np.float32), some.displacement.astype(np.float32)
         length = np.maximum(np.hypot(*displacement.T), MIN_LENGTH)
         unit, flow = displacement.T / length, rotation_flow(middle) / length
         along, across = unit_lines(directions.astype(np.float32), middle)  # (G, 2, N)
@@ -191,37 +193,41 @@ class DirectionLikelihood:
         outwards = np.copysign(np.float32(1), along[:, 0] * unit[0] + along[:, 1] * unit[1])
         wanted = outwards * (across[:, 0] * unit[0] + across[:, 1] * unit[1])  # (G, N)
         own = some.field_sigmas_px[1] / (length * some.unit_px)
-        share = np.hypot(own, some.matches.shared.min_sampson).astype(np.float32)  # error across over length
+        # error across over length, with what `NoiseModel.sampson_px` adds
+        share = np.hypot(own, some.matches.shared.added_sampson).astype(np.float32)
         rotations, missed = reweighted_motion(
             rows[:, :, None], wanted[:, None], steps=c.GRID_STEPS, scale=lambda _: share
         )
         data = (c.FREEDOM + 1) * np.log1p((missed / share) ** 2 / c.FREEDOM).mean(axis=1, dtype=float)
-        prior = ((rotations / (c.GRID_ROTATION_SPREAD * float(np.median(length)))) ** 2).sum(axis=1)
-        return rotations.astype(float), self.likelihood.effective_count * data + prior, outwards
+        prior_cost = ((rotations / (c.GRID_ROTATION_SPREAD * float(np.median(length)))) ** 2).sum(axis=1)
+        return rotations.astype(float), self.likelihood.effective_count * data + prior_cost, outwards
 
     @cached_property
     def grid(self) -> tuple[Array, Array, Array, Array]:
-        """Directions (G, 3), their rotations (G, 3), costs (G,) and orders of smears (G, N)."""
+        """Directions (G, 3) over half a sphere, and what `at` returns for them."""
         directions = half_sphere(c.GRID)
         parts = [self.at(some) for some in np.array_split(directions, c.GRID_PARTS)]
         rotations, costs, orders = (np.concatenate(part) for part in zip(*parts, strict=True))
         return directions, rotations, costs, orders
 
     def likeliest(self, count: int) -> list[tuple[Array, Array]]:
-        """Return rotation vectors and translations (3,) of the greatest likelihood, no two close together."""
+        """Return the likeliest rotation vectors and translations (3,), ``count`` at most.
+
+        No two translations are closer than GRID_APART allows.
+        """
         directions, rotations, costs, _ = self.grid
         kept: list[int] = []
-        for one in np.argsort(costs):
-            if len(kept) < count and (np.abs(directions[kept] @ directions[one]) < c.GRID_APART).all():
-                kept.append(int(one))
-        return [(rotations[one], directions[one]) for one in kept]
+        for index in np.argsort(costs):
+            if len(kept) < count and (np.abs(directions[kept] @ directions[index]) < c.GRID_APART).all():
+                kept.append(int(index))
+        return [(rotations[index], directions[index]) for index in kept]
 
 
 def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Likelihood, FundamentalFit]:
-    """Return the likelihood with the noise that F leaves, and F, fitted after a robust search.
+    """Return F, fitted after a robust search, and the likelihood with noise as the residuals of F show it.
 
-    Where many smears are independent the likeliest directions of translation are starts, too: without them 3
-    of 46 scenes of exact smears end in another minimum.
+    F starts from the search, from a pure translation and, where many smears are independent, from the
+    likeliest directions of translation: without these 3 of 46 scenes of exact smears end in another minimum.
     """
     estimator = SmearEstimator(likelihood=likelihood)
     searched, simple = ransac(estimator, rng), fit_translation(estimator, rng).matrix()
@@ -230,12 +236,13 @@ def search_and_fit(likelihood: Likelihood, rng: np.random.Generator) -> tuple[Li
         grid = DirectionLikelihood(likelihood=likelihood.fully_correlated)
         starts += [cross_matrix(t) @ rotation_matrix(w) for w, t in grid.likeliest(c.GRID_STARTS)]
     rough = with_measured_noise(likelihood.thinned(c.ROUGH_COUNT), starts[0])  # as the search's F has it
-    point = fit_best([CameraF.from_matrix(F, likelihood.prior) for F in starts], rough).point
-    measured = with_measured_noise(likelihood, point.matrix())  # and as the fitted F has it
+    points = [FundamentalManifold.from_matrix(F, likelihood.prior_sigma) for F in starts]
+    point = fit_best(points, rough).point
+    measured = with_measured_noise(likelihood, point.matrix())  # as the fitted F has it
     return measured, fit_best([point], measured)
 
 
-def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> CameraF:
+def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> FundamentalManifold:
     """Return the two-parameter F [e]x, fitted on the deviations as stated.
 
     It starts at the best of the points e, unit homogeneous, where the lines of two smears meet.
@@ -247,16 +254,16 @@ def fit_translation(estimator: SmearEstimator, rng: np.random.Generator) -> Came
     norm = np.linalg.norm(points, axis=1, keepdims=True)
     points = (points / np.maximum(norm, TINY))[norm[:, 0] > TINY]  # both lines may be one
     costs = SmearEstimator(likelihood=some).score(cross_matrix(points), np.arange(len(some)))
-    start = CameraF(t=points[int(np.argmin(costs))], R=np.eye(3), sigma=UNROTATED)
+    start = FundamentalManifold(t=points[int(np.argmin(costs))], R=np.eye(3), prior_sigma=UNROTATED)
     *_, best = levenberg_marquardt(FundamentalFit(point=start, likelihood=some), c.STEPS, c.TOLERANCE)
     return best.point
 
 
 def with_measured_noise(likelihood: Likelihood, F: Array) -> Likelihood:
-    """Return the likelihood with standard deviations as the residuals of F show them, 0.1 to 4 of the stated.
+    """Return the likelihood with standard deviations as the residuals of F show: 0.1 to 4 times the stated.
 
-    Residuals of the better order below CUTOFF are a mixture of a half normal distribution and a uniform one
-    of outliers, which expectation-maximisation separates.
+    The residuals below CUTOFF, of the better order, are taken for a mixture of half normal inliers and
+    uniform outliers, which is fitted by expectation-maximisation.
     """
     residual = likelihood.residuals(F).least
     squared = residual[residual < c.CUTOFF] ** 2

@@ -210,7 +210,7 @@ def find_plane(likelihood: FieldLikelihood, rotation: Array, *orders: NDArray[np
     basis, scale = velocity_basis(smears.middle), 2**0.5 * smears.sigma
     signed = [np.where(backward, -1.0, 1.0) * smears.displacement.T for backward in orders]
     linear = [reweighted_motion(basis, d, steps=c.PLANE_STEPS, scale=lambda _: scale)[0] for d in signed]
-    starts = (HomographyFlow.plane(start, smears.prior) for start in (*linear, rotation))
+    starts = (HomographyFlow.plane(start, smears.prior_sigma) for start in (*linear, rotation))
     return fit_homography(likelihood, *starts, steps=2 * c.FIELD_STEPS)
 
 

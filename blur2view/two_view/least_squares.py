@@ -1,13 +1,15 @@
 """Levenberg-Marquardt and reweighted least squares: loops that fit, which know no geometry.
 
-SciPy's ``least_squares`` takes residuals of fixed weights; here these change at every point. Of the square
-roots of the costs it needs 1.4 ("lm") to 2 times ("trf") the time, and ends as low (20 scenes of the sweep of
-`tools.evaluation.estimators`).
+SciPy's ``least_squares`` takes residuals of fixed weights; here weights change at every point. Given the
+square roots of the costs as residuals it ends as low in 1.4 ("lm") to 2 times ("trf") the time (20 scenes of
+the sweep of `tools.evaluation.estimators`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
@@ -21,7 +23,7 @@ RIDGE = 1e-9  # of the normal equations' diagonal, added to it: singular problem
 
 
 class Problem(Protocol):
-    """A point of a least-squares problem whose weights are those of the point."""
+    """A point of a least-squares problem, at which it states its own weights."""
 
     @property
     def cost(self) -> float:
@@ -38,12 +40,12 @@ P = TypeVar("P", bound=Problem)
 
 
 def levenberg_marquardt(
-    start: P, max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
+    start: P, max_iterations: int, tolerance: float = 0.0, min_step: float = 0.0
 ) -> Iterator[P]:
-    """Yield the start, then the points reached, each by the step of least damping tried that costs no more.
+    """Yield the start, then every point reached, by the first step of growing damping that costs no more.
 
     Ends after ``max_iterations`` steps, where no step succeeds, after a decrease of the cost by a share of at
-    most ``tolerance`` or a step shorter than ``rest`` standard deviations of the parameters.
+    most ``tolerance`` or a step shorter than ``min_step`` standard deviations of the parameters.
 
     References
     ----------
@@ -66,25 +68,34 @@ def levenberg_marquardt(
         little = point.cost - trial.cost <= tolerance * trial.cost
         point = trial
         yield point
-        if little or delta @ normal @ delta < rest**2:
+        if little or delta @ normal @ delta < min_step**2:
             return
 
 
 def least_of(
-    starts: Sequence[P], kept: Sequence[int], max_iterations: int, tolerance: float = 0.0, rest: float = 0.0
+    starts: Sequence[P],
+    kept: Sequence[int],
+    max_iterations: int,
+    tolerance: float = 0.0,
+    min_step: float = 0.0,
 ) -> P:
-    """Return the point reached by `levenberg_marquardt` from the best of several starts.
+    """Return the point that `levenberg_marquardt` reaches from the best of several starts.
 
-    They race: for each number of ``kept`` that many of the cheapest take a step; then the cheapest goes on.
+    They race: for each number of ``kept`` in turn that many of the cheapest points take a step; then the
+    cheapest alone goes on.
     """
-    runs = [levenberg_marquardt(start, max_iterations, tolerance, rest) for start in starts]
+    runs = [levenberg_marquardt(start, max_iterations, tolerance, min_step) for start in starts]
     trials = [(next(run), run) for run in runs]
     for count in kept if len(runs) > 1 else ():
         trials = sorted(trials, key=lambda trial: trial[0].cost)[:count]
         trials = [(next(run, reached), run) for reached, run in trials]
     reached, run = min(trials, key=lambda trial: trial[0].cost)
-    *_, best = [reached, *run]
-    return best
+    return last_of(chain([reached], run))
+
+
+def last_of(points: Iterable[P]) -> P:
+    """Return the last of the points that a fit reaches."""
+    return deque(points, maxlen=1).pop()
 
 
 def reweighted_motion(
@@ -98,9 +109,9 @@ def reweighted_motion(
     """Return the motion m (..., k) with m @ rows = flow for most points, and lengths of residuals (..., N).
 
     Iteratively reweighted least squares with Cauchy's weights, ``steps`` rounds, of rows (..., k, d, N) and a
-    flow (..., d, N); leading axes are problems, each solved by itself. ``scale`` maps the lengths of the
-    residuals (..., N) to the length of half the weight. A ``start`` (..., k) weighs the first round, else all
-    points weigh the same.
+    flow (..., d, N); each index of the leading axes is a problem of its own. ``scale`` maps the lengths of
+    the residuals (..., N) to the length at which a point has half of its full weight. The first round weighs
+    points by their residuals at the ``start`` (..., k), without one it weighs them equally.
     """
     flat = rows.reshape(*rows.shape[:-2], -1)  # (..., k, d N)
     column = flow.reshape(*flow.shape[:-2], -1, 1)  # (..., d N, 1)

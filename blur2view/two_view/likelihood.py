@@ -1,10 +1,10 @@
 """The likelihood of F given smears whose order is unknown, and the errors by which every model is judged.
 
-F says on which line a smear lies, not where: the Sampson distance counts. (A displacement field, of a
-rotation or a plane, says where both ends are: `homography.FieldLikelihood`.) Errors are as large along a
-smear and across it as `smears.noise` says. Both orders of a smear are possible, and their probabilities are
-summed; some smears follow no model; of n smears only the effective number is independent, and every
-log-likelihood is tempered by that share.
+F says on which line a smear lies, not where on it, so a residual is a Sampson distance. (The displacement
+field of a rotation or a plane says where both ends are: `homography.FieldLikelihood`.) How large errors are
+along a smear and across it is stated by `smears.noise`. The likelihood of a smear is the sum over its two
+orders and over being an outlier. Smears that overlap err together: the log-likelihood of n smears is
+multiplied by the share of them that is independent.
 """
 
 from __future__ import annotations
@@ -30,21 +30,22 @@ MAX_LOG_ODDS = 300.0  # against an order: two such make no number that is too sm
 class OrderedResiduals:
     """Residuals of every smear in both orders, in standard deviations, and what follows from them.
 
-    ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``prior`` both orders'
-    probabilities before looking at the residuals: 1/2, or (2, N) by positive depth (`order_odds`). At even
-    odds, deciding an order costs 2 log 2 and is only worth it where the orders differ by more than the noise.
-    ``root`` (2, N) is the gradient's length, which their derivatives take; ``chance`` (N,) the density of an
-    outlier's residual over an inlier's at zero, times the odds of being one.
+    ``both`` (2, N) are the residuals of ends[:, 0] first and of ends[:, 1] first; ``order_prior`` is the
+    probability of both orders before looking at the residuals: 1/2, or (2, N) by positive depth
+    (`order_odds`). With 1/2 each, deciding an order costs 2 log 2 and is only worth it where the residuals of
+    the orders differ by more than the noise. ``root`` (2, N) is the length of the gradient, kept for the
+    derivatives; ``chance`` (N,) the density of an outlier's residual over that of an inlier's at zero, times
+    the odds of being an outlier.
     """
 
     both: Array
     root: Array
     chance: Array
-    prior: Array | float = 0.5
+    order_prior: Array | float = 0.5
 
     @cached_property
     def backward(self) -> NDArray[np.bool_]:
-        """Whether ends[:, 1] first is the better order, (N,)."""
+        """Where ends[:, 1] first is the better order, (N,)."""
         return np.asarray(np.abs(self.both[1]) < np.abs(self.both[0]))
 
     @property
@@ -55,18 +56,18 @@ class OrderedResiduals:
     @property
     def forward_share(self) -> Array:
         """Posterior probability (N,) of the order ends[:, 0] first."""
-        ahead, behind = np.log(self.prior) - 0.5 * self.both**2
+        ahead, behind = np.log(self.order_prior) - 0.5 * self.both**2
         share: Array = 0.5 * (1 + np.tanh(0.5 * (ahead - behind)))
         return share
 
     @cached_property
     def likelihoods(self) -> Array:
-        """Probability times likelihood (2, N) of both orders; their sum is at most 1."""
-        return np.asarray(np.exp(-0.5 * self.both**2) * self.prior)
+        """Prior probability times likelihood (2, N) of both orders; their sum is at most 1."""
+        return np.asarray(np.exp(-0.5 * self.both**2) * self.order_prior)
 
     @property
     def costs(self) -> Array:
-        """Twice the negative log-likelihood (N,) of inliers and outliers, 0 for a perfect inlier."""
+        """Twice the negative log-likelihood (N,) of each smear, 0 for residuals of zero."""
         total = self.likelihoods.sum(axis=0) + self.chance
         return np.asarray(-2 * np.log(total / (1 + self.chance)))
 
@@ -76,35 +77,36 @@ class OrderedResiduals:
         return np.asarray(self.likelihoods / (self.likelihoods.sum(axis=0) + self.chance))
 
     def decided(self) -> OrderedResiduals:
-        """Return them with each smear's better order taken for granted, as SErrMin does."""
-        return replace(self, prior=np.stack([~self.backward, self.backward]).astype(float))
+        """Return the residuals with the better order of each smear taken as certain, as SErrMin does."""
+        return replace(self, order_prior=np.stack([~self.backward, self.backward]).astype(float))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Likelihood:
-    """Matches in normalised coordinates, with the errors that they may have."""
+    """Smears in normalised coordinates, T times pixels, with the standard deviations of their errors."""
 
     matches: SmearMatches  # of undistorted pixels, where the camera is known
-    T: Array  # (3, 3) pixels to normalised: the inverse of the camera, assumed or given
+    T: Array  # (3, 3): from pixels to normalised coordinates, K^-1 of the camera, assumed or given
     # standard deviations of the log focal length and of the principal point in focal lengths; 0: known
-    lens: tuple[float, float]
-    sigma_fitted: float = 1.0  # scale of the Sampson deviations, over those stated
+    lens_sigma: tuple[float, float]
+    sigma_fitted: float = 1.0  # standard deviations of Sampson distances over those stated
 
     @classmethod
     def of(cls, matches: SmearMatches, camera: Camera | None = None) -> Likelihood:
-        """Return the likelihood of matches, whose ends are undistorted pixels of the camera, if one is given.
+        """Return the likelihood of matches in undistorted pixels of the camera.
 
-        Without it an ordinary camera is assumed; without an image size one whose picture just holds the ends.
+        Without a camera an ordinary one is assumed (`models.assumed_camera`), without an image size one whose
+        picture just holds the ends.
         """
         if camera is not None:
-            lens = camera.log_focal_sigma, 0.0 if camera.known else c.LENS_SPREAD[1]
-            return cls(matches=matches, T=np.asarray(np.linalg.inv(camera.K), float), lens=lens)
+            lens_sigma = camera.log_focal_sigma, 0.0 if camera.known else c.LENS_SIGMA[1]
+            return cls(matches=matches, T=np.asarray(np.linalg.inv(camera.K), float), lens_sigma=lens_sigma)
         if matches.image_size is not None:
-            return cls(matches=matches, T=assumed_camera(matches.image_size), lens=c.LENS_SPREAD)
+            return cls(matches=matches, T=assumed_camera(matches.image_size), lens_sigma=c.LENS_SIGMA)
         low, high = matches.ends.min(axis=(0, 1)), matches.ends.max(axis=(0, 1))
         T = assumed_camera(tuple(high - low + 1))
         T[:2, 2] -= T[0, 0] * low
-        return cls(matches=matches, T=T, lens=c.UNSIZED_LENS_SPREAD)
+        return cls(matches=matches, T=T, lens_sigma=c.UNSIZED_LENS_SIGMA)
 
     def __len__(self) -> int:
         return len(self.matches)
@@ -143,9 +145,9 @@ class Likelihood:
     def field_sigmas_px(self) -> Array:
         """Standard deviations (2, N) of the distance from a field along and across the smears, pixels.
 
-        As stated, or as measured by what F leaves where many smears err by themselves. Else F takes up errors
-        that neighbours share, and what it leaves is less than they are: a tenth on a phone's picture of a
-        flat chart, which then seemed to have depth.
+        As stated; scaled as the residuals of F show where many smears err independently. F partly explains
+        errors that neighbours share, so its residuals are smaller than the errors: a tenth of them on a
+        phone's picture of a flat chart, which then seemed to have depth.
         """
         scale = self.sigma_fitted if self.effective_share == 1 and self.has_many_independent else 1.0
         matches = self.matches
@@ -153,7 +155,7 @@ class Likelihood:
 
     @property
     def effective_share(self) -> float:
-        """Share of the smears that counts as independent."""
+        """Number of smears that would err independently over the number that there is."""
         return self.matches.shared.effective_share
 
     @property
@@ -163,62 +165,70 @@ class Likelihood:
 
     @property
     def has_many_independent(self) -> bool:
-        """Whether enough smears are independent for residuals to tell minima of the cost apart."""
+        """Whether MIN_INDEPENDENT smears are independent, so that residuals tell minima of the cost apart."""
         return self.effective_count >= c.MIN_INDEPENDENT
 
     @cached_property
-    def prior(self) -> Array:
-        """Standard deviations (6,) of a camera's motion and lens while smears of this length arise."""
+    def prior_sigma(self) -> Array:
+        """Prior standard deviations (6,) of rotation and intrinsics, given the median smear's length.
+
+        Those of the head of `models`.
+        """
         rotation = np.array(c.ROTATION_SPREAD) * float(np.median(self.matches.length_px)) / self.unit_px
-        return np.array([*rotation, self.lens[0], self.lens[1], self.lens[1]])
+        return np.array([*rotation, self.lens_sigma[0], self.lens_sigma[1], self.lens_sigma[1]])
 
     def rescaled(self, factor: float) -> Likelihood:
-        """Return the likelihood with the deviations of Sampson distances multiplied by a factor."""
+        """Return the likelihood with the standard deviations of Sampson distances multiplied by a factor."""
         return replace(self, sigma_fitted=self.sigma_fitted * factor)
 
     def thinned(self, count: int) -> Likelihood:
-        """Return the likelihood of ``count`` to twice as many of the smears; their correlation stays."""
+        """Return the likelihood of every n-th smear, ``count`` to 2 ``count`` of them; correlation stays."""
         step = max(1, len(self) // count)
         return replace(self, matches=self.matches.subset(slice(None, None, step)))
 
     @cached_property
     def fully_correlated(self) -> Likelihood:
-        """The same smears with all correlation of neighbours counted: for regions, not for fits."""
+        """The same smears with all correlation of neighbours counted: for covariances, not for fits."""
         return replace(self, matches=replace(self.matches, shared=self.matches.shared.fully_correlated))
 
     @cached_property
     def products(self) -> EndProducts:
-        """Products of the ends' coordinates, for residuals."""
+        """Products of the ends' coordinates, of which residuals are made."""
         return EndProducts(self.ends, self.sigma)
 
     @cached_property
     def chance(self) -> Array:
-        """Density (N,) of an outlier's residual over an inlier's at zero, times the odds of being one."""
+        """Density (N,) of an outlier's residual over an inlier's at zero, times the odds of an outlier."""
         density = np.minimum(np.pi**0.5 * self.sigma_px / (self.matches.length_px + TINY), 1)
         return np.asarray(c.OUTLIER_ODDS * density)
 
     def residuals(self, F: Array) -> OrderedResiduals:
-        """Return residuals under F (3, 3), of normalised coordinates, in both orders, at even odds."""
+        """Return the residuals of F (3, 3), of normalised coordinates; both orders are equally probable."""
         both, root = self.products.distances(F)
         return OrderedResiduals(both=both, root=root, chance=self.chance)
 
     @cached_property
     def _depths(self) -> tuple[Array, Array]:
-        """Products (3, N) and (24, N) of which t and t A^T give smears and a field along epipolar lines."""
+        """Matrices (3, N) and (24, N) that t, and t times a generator's entries, are multiplied by.
+
+        The products are the smears, and the displacements of the generator, along the epipolar lines of t.
+        """
         basis = velocity_basis(self.middle).swapaxes(0, 1)  # (2, 8, N)
         flow = np.concatenate([self.displacement.T[:, None], basis], axis=1)
         along = np.concatenate([flow, -(self.middle.T[:, None] * flow).sum(axis=0, keepdims=True)])
         return along[:, 0], along[:, 1:].reshape(24, -1)
 
     def order_odds(self, rotation: Array, t: Array, sign: float) -> Array:
-        """Return the probability (2, N) of both orders by depth, of a rotation's entries (8,) and +-t.
+        """Return the probability (2, N) of both orders by positive depth.
 
-        A point in front of the camera moves, once the rotation is taken off, along t_12 - t_3 p at p: away
-        from the epipole of a camera that goes forward, towards that of one that goes back. An order is as
-        probable as its parallax is positive, to first order: exactly one is where the translation moves
-        points farther than the rotation does. Where both are feasible they share, so that a motion gains
-        nothing by being vague; where none is, both are improbable. Errors that neighbours share mislead about
-        depth as they do about F: the fewer smears are independent, the nearer the odds are to even ones
+        ``rotation`` (8,) are the entries of the rotation's generator; ``sign`` times ``t`` (3,) is the
+        translation. Without the rotation a point p before the camera moves along t_12 - t_3 p: away from the
+        epipole of a camera that goes forward, towards that of one that goes back. The probability that an
+        order is feasible is that of its displacement along this direction, less that of the rotation, being
+        positive. Only one order is feasible where the translation moves points farther than the rotation
+        does. Where both are feasible they share the probability, so that a motion gains nothing by leaving
+        orders open; where neither is, both are improbable. Errors that neighbours share mislead about depth
+        as they do about F: the fewer smears are independent, the nearer both are to 1/2
         (`constants.DEPTH_TRUST`).
         """
         smear, flow = self._depths

@@ -20,7 +20,7 @@ from blur2view.two_view.choice import Choice
 from blur2view.two_view.fundamental import DirectionLikelihood, FundamentalFit, fit_best
 from blur2view.two_view.homography import FieldLikelihood
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.models import CameraF, cayley
+from blur2view.two_view.models import FundamentalManifold, cayley
 from blur2view.two_view.order import pose_before_both
 
 POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
@@ -71,11 +71,11 @@ def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -
 
 
 def fit_calibrated(
-    likelihood: Likelihood, start: CameraF, directions: DirectionLikelihood
-) -> tuple[CameraF, RigidTransform]:
+    likelihood: Likelihood, start: FundamentalManifold, directions: DirectionLikelihood
+) -> tuple[FundamentalManifold, RigidTransform]:
     """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
     ((rotation, t),) = directions.likeliest(1)
-    likeliest = CameraF(t=t, R=rotation_matrix(rotation), sigma=likelihood.prior)
+    likeliest = FundamentalManifold(t=t, R=rotation_matrix(rotation), prior_sigma=likelihood.prior_sigma)
     point = fit_best([start, likeliest], likelihood).point
     residuals = likelihood.residuals(point.matrix())
     inliers = residuals.weights.sum(axis=0)
@@ -103,14 +103,14 @@ def spread_over(
     return weight @ (sign * rotations), matrix
 
 
-def covariance_at(point: CameraF, correlated: Likelihood) -> Array:
+def covariance_at(point: FundamentalManifold, correlated: Likelihood) -> Array:
     """Return the covariance (5, 5) of rotation and translation by the curvature of the cost.
 
     It is the inverse of Gauss and Newton's normal matrix times a factor, as that matrix leaves out that
     orders and outliers are uncertain.
     """
     normal, _ = FundamentalFit.likelier(point, correlated).normal_equations()
-    return np.asarray(c.MISSED * np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), float)
+    return np.asarray(c.COVARIANCE_FACTOR * np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), float)
 
 
 def rotation_alone(vector: Array, covariance: Array, why: str) -> EstimatedPose:

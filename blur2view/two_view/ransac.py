@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 Models = NDArray[Any]  # (M, ...): one model per entry of the first axis
 BATCH, MAX_ITERATIONS = 64, 1000  # samples drawn at once, and at most (the paper: 1000)
-CONFIDENCE = 0.99  # probability of having drawn one all-inlier sample that ends the loop
-FIRST_BLOCK, GROWTH = 32, 8  # data scored first; growth of later blocks, each with 1 / GROWTH of the models
+CONFIDENCE = 0.99  # probability of having drawn a sample of inliers only, at which the loop ends
+# Data scored first; each later block is GROWTH times as large, and scores 1 / GROWTH of the models.
+FIRST_BLOCK, GROWTH = 32, 8
 SURVIVORS = 4  # models of a batch that are scored on all data
 
 
 class Estimator(Protocol):
-    """What the loop asks of a problem."""
+    """A problem that the loop solves: how its models are made, scored and refined."""
 
     sample_size: ClassVar[int]  # of a minimal sample
 
@@ -30,17 +31,17 @@ class Estimator(Protocol):
         """Return the cost (M,) of every model summed over the data of a block; less is better."""
 
     def refine(self, model: Models) -> Models:
-        """Return a locally better model, or the same one."""
+        """Return a model of lower cost near the given one, or the given one."""
 
     def inlier_share(self, model: Models) -> float:
         """Return the share of data that follow a model."""
 
 
 def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
-    """Return the model of least cost found, None if no sample gave any; deterministic given the state of rng.
+    """Return the model of least cost, None if no sample gave a model; deterministic given the state of rng.
 
-    A model is refined when, as sampled, it beats every sampled model before it on all data; refined models
-    compete by their cost on all data.
+    A model is refined if its cost on all data is below that of every sampled model before it. The cheaper of
+    it and the refined one becomes the best if it costs less than the best so far.
 
     References
     ----------
@@ -67,7 +68,7 @@ def ransac(estimator: Estimator, rng: np.random.Generator) -> Models | None:
 
 
 def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Models:
-    """Return the SURVIVORS best models after scoring on growing blocks of the data.
+    """Return the SURVIVORS best models, scored on growing blocks of the data in an order (N,).
 
     References
     ----------
@@ -84,7 +85,10 @@ def preempt(estimator: Estimator, models: Models, order: NDArray[np.int_]) -> Mo
 
 
 def needed_iterations(inlier_share: float, sample_size: int) -> float:
-    """Return log(1 - CONFIDENCE) / log(1 - w^m): samples needed so that one is surely all inliers."""
+    """Return log(1 - CONFIDENCE) / log(1 - w^m), w the share of inliers, m the sample size.
+
+    With probability CONFIDENCE one of so many samples holds inliers only.
+    """
     good = min(max(inlier_share, 0.0), 1.0) ** sample_size
     if good <= 0:
         return float("inf")

@@ -133,7 +133,7 @@ def noise_field_ends(rng: np.random.Generator, *, count: int = 2000, correlation
 
 T = assumed_camera(IMAGE_SIZE)
 UNIT_PX = 1 / T[0, 0]
-PLAIN = NoiseModel(min_sampson=0.0, min_across=0.0)
+PLAIN = NoiseModel(added_sampson=0.0, added_across=0.0)
 
 
 def normalised_likelihood(ends: Array, sigma: float | Array, effective_share: float = 1.0) -> Likelihood:

@@ -8,7 +8,7 @@ from blur2view.geometry.epipolar import cross_matrix, homogeneous
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.homography import FieldLikelihood, HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
-from blur2view.two_view.models import CameraF, HomographyFlow, cayley
+from blur2view.two_view.models import FundamentalManifold, HomographyFlow, cayley
 from tests.support.scenes import make_scene, normalised_likelihood
 
 NOISE = 8e-4
@@ -32,7 +32,7 @@ def beside_a_plane(seed: int, off: float) -> tuple[Array, Array, Array]:
 
 def plane_of(A: Array, likelihood: Likelihood) -> HomographyFit:
     field = FieldLikelihood(smears=likelihood)
-    return fit_homography(field, HomographyFlow.plane(A.ravel()[:8], likelihood.prior))
+    return fit_homography(field, HomographyFlow.plane(A.ravel()[:8], likelihood.prior_sigma))
 
 
 def gain(A: Array, F: Array, ends: Array) -> float:
@@ -54,7 +54,9 @@ def odds(seed: int, rotation_share: float, camera: bool) -> tuple[Array, Array]:
     likelihood = Likelihood.of(scene.matches(0.01), scene.camera if camera else None)
     K = likelihood.T @ scene.K
     lens = np.array([np.log(K[0, 0]), *K[:2, 2]])
-    point = CameraF(t=scene.t / np.linalg.norm(scene.t), R=scene.R, lens=lens, sigma=np.ones(6))
+    point = FundamentalManifold(
+        t=scene.t / np.linalg.norm(scene.t), R=scene.R, intrinsics=lens, prior_sigma=np.ones(6)
+    )
     forward, backward = likelihood.order_odds(*point.motion(), 1.0)
     return np.where(scene.swapped, backward, forward), np.where(scene.swapped, forward, backward)
 

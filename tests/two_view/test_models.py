@@ -13,7 +13,7 @@ from blur2view.two_view.homography import FieldLikelihood, find_plane
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import (
     UNROTATED,
-    CameraF,
+    FundamentalManifold,
     HomographyFlow,
     assumed_camera,
     cayley,
@@ -24,9 +24,9 @@ from tests.support.scenes import IMAGE_SIZE, make_scene, normalised_likelihood
 SOFT = np.array([0.1, 0.1, 0.3, 0.3, 0.03, 0.03])
 DIRECTION = np.array([0.6, 0.0, 0.8])
 CAMERAS = [
-    CameraF(t=DIRECTION, R=np.eye(3), sigma=UNROTATED),
-    CameraF(t=DIRECTION, R=rotation_matrix(np.array([0.1, 0.2, -0.1])), lens=np.array([0.1, 0.1, -0.05]),
-            sigma=SOFT),
+    FundamentalManifold(t=DIRECTION, R=np.eye(3), prior_sigma=UNROTATED),
+    FundamentalManifold(t=DIRECTION, R=rotation_matrix(np.array([0.1, 0.2, -0.1])),
+                        intrinsics=np.array([0.1, 0.1, -0.05]), prior_sigma=SOFT),
 ]  # fmt: skip
 
 
@@ -62,7 +62,7 @@ def normalised(ends: Array) -> Array:
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=["translation", "camera"])
-def test_tangents_of_F_are_numeric_derivatives_and_keep_rank_two(camera: CameraF) -> None:
+def test_tangents_of_F_are_numeric_derivatives_and_keep_rank_two(camera: FundamentalManifold) -> None:
     for k, step in enumerate(1e-6 * np.eye(8)):
         numeric = (camera.step(step).matrix() - camera.step(-step).matrix()) / 2e-6
         assert np.allclose(numeric, camera.tangent()[k], atol=1e-8)
@@ -70,7 +70,7 @@ def test_tangents_of_F_are_numeric_derivatives_and_keep_rank_two(camera: CameraF
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=["translation", "camera"])
-def test_gradient_is_the_derivative_of_half_the_cost_prior_included(camera: CameraF) -> None:
+def test_gradient_is_the_derivative_of_half_the_cost_prior_included(camera: FundamentalManifold) -> None:
     ends = normalised(make_scene(np.random.default_rng(6), count=60).ends)
     likelihood = normalised_likelihood(ends, np.full(60, 0.02), effective_share=0.1)
     state = FundamentalFit.likelier(camera, likelihood)
@@ -84,7 +84,9 @@ def test_gradient_is_the_derivative_of_half_the_cost_prior_included(camera: Came
     "field",
     [
         HomographyFlow.plane(plane(1).A.ravel()[:8], SOFT),
-        HomographyFlow(parameters=np.array([0.02, 0.03, -0.05, 0.2, 0.03, -0.02]), turns=True, sigma=SOFT),
+        HomographyFlow(
+            parameters=np.array([0.02, 0.03, -0.05, 0.2, 0.03, -0.02]), turns=True, prior_sigma=SOFT
+        ),
     ],
     ids=["plane", "rotation"],
 )

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from blur2view import Camera, SmearMatches, estimate_two_view
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.geometry.epipolar import denormalise, fundamental_from_pose, homogeneous, serrmin, unit_norm
-from blur2view.two_view.constants import MIN_MATCHES
+from blur2view.two_view.constants import MIN_SMEARS
 from blur2view.two_view.fundamental import SmearEstimator, fit_translation
 from blur2view.two_view.likelihood import Likelihood
 from tools.datasets.synthetic_matches import KnownMatches, with_swaps
@@ -77,8 +77,8 @@ def poselib_calibrated(points1: AnyArray, points2: AnyArray, K: AnyArray) -> Any
 
 
 def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
-    """Return F of a pure translation, two parameters, fitted robustly; None from fewer than MIN_MATCHES."""
-    if len(matches) < MIN_MATCHES:
+    """Return F of a pure translation, two parameters, fitted robustly; None from fewer than MIN_SMEARS."""
+    if len(matches) < MIN_SMEARS:
         return None
     estimator = SmearEstimator(likelihood=Likelihood.of(matches))
     point = fit_translation(estimator, np.random.default_rng(0))
@@ -86,9 +86,9 @@ def two_parameter_fundamental(matches: SmearMatches) -> AnyArray | None:
 
 
 def paper_of_matches(matches: SmearMatches, max_iterations: int = 1000) -> Array | None:
-    """Return the F of the paper's estimator, of unit norm and rank 2; None from fewer than MIN_MATCHES."""
+    """Return the F of the paper's estimator, of unit norm and rank 2; None from fewer than MIN_SMEARS."""
     ends, rng, found = matches.ends, np.random.default_rng(0), list[Array]()
-    if len(ends) < MIN_MATCHES:
+    if len(ends) < MIN_SMEARS:
         return None
     for _ in range(max_iterations):
         F = minimise_seven(ends[rng.choice(len(ends), SAMPLE_SIZE, replace=False)], rng)
