@@ -53,3 +53,14 @@ def test_table_of_a_resumed_call_is_that_of_a_whole_one(run: Call, folder: Path,
     assert run(*words, "--csv", "whole.csv") == 0
     assert run(*words, "--csv", "again.csv", "--resume") == 0
     assert Path("again.csv").read_bytes() == Path("whole.csv").read_bytes()
+
+
+def test_a_photograph_is_done_again_where_a_neighbour_changed(
+    run: Call, folder: Path, tmp_path: Path, read: list[str]
+) -> None:
+    words = (folder, "-o", tmp_path / "out", "--sequence")
+    assert run(*words) == 0
+    read.clear()
+    write_picture(folder / "004.png", colour_code(np.zeros((64, 80, 2)), 1.0))
+    assert run(*words, "--resume") == 0
+    assert read == ["003.png", "004.png"]

@@ -25,7 +25,11 @@ WALK = Walk(names=NAMES, size=(160, 120), focal=200.0, turn=TURN, move=MOVE)
 
 
 def project(
-    folder: Path, linked: Sequence[int] = range(FRAMES), share: float = SHARE, usable: int = FEATURES
+    folder: Path,
+    linked: Sequence[int] = range(FRAMES),
+    share: float = SHARE,
+    usable: int = FEATURES,
+    wrong: int = 0,
 ) -> tuple[Path, Path]:
     """Write a model of a steady walk and its database, some with views."""
     folder.mkdir(exist_ok=True)
@@ -33,7 +37,11 @@ def project(
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
     database, model = folder / "walk.db", folder / "model"
     WALK.write(points, database, {model: range(FRAMES)})
-    write_links(database, [smears(NAMES[k], points, share, usable) for k in linked], backup=False)
+    views = [smears(NAMES[k], points, share, usable) for k in linked]
+    for one in views:
+        one.points_open[:wrong] += 40.0
+        one.points_close[:wrong] += 40.0
+    write_links(database, views, backup=False)
     return database, model
 
 
@@ -58,7 +66,7 @@ def motion_of(found: Placement, name: str) -> tuple[Array, Array]:
 
 
 def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> None:
-    found = place_views(*project(tmp_path))
+    found = place_views(*project(tmp_path, wrong=3))
     assert found.placed == tuple(NAMES) and found.refused == {}
     assert found.fraction == pytest.approx(SHARE, rel=0.02)
     for name in NAMES:
@@ -67,7 +75,7 @@ def test_a_steady_walk_gives_every_exposure_its_share_of_it(tmp_path: Path) -> N
         assert np.linalg.norm(move - SHARE * MOVE) < 0.1 * np.linalg.norm(SHARE * MOVE)
     assert found.model.num_reg_images() == 3 * FRAMES
     assert found.model.compute_mean_reprojection_error() < 0.2
-    assert found.model.compute_num_observations() == 3 * FRAMES * FEATURES
+    assert found.model.compute_num_observations() == FRAMES * (3 * FEATURES - 2 * 3)  # none by the wrong ones
 
 
 @pytest.mark.parametrize(("share", "usable"), [(SHARE, 5), (0.0, FEATURES)], ids=["few", "still"])

@@ -8,10 +8,17 @@ import pycolmap
 import pytest
 
 from blur2view.arrays import AnyArray, Array
+from blur2view.colmap.blurred_pose import BlurredPose
 from blur2view.colmap.blurred_tracks import track_frames
 from blur2view.colmap.models import photographs_of
-from blur2view.colmap.recovery import NEAR_FRAMES, FrameSequence, recover_frames
-from blur2view.exposure.trajectory import CameraPath, change_of
+from blur2view.colmap.recovery import (
+    INDEPENDENT_SHARE,
+    NEAR_FRAMES,
+    FrameSequence,
+    recover_frames,
+    weighted_mean,
+)
+from blur2view.exposure.trajectory import CameraPath, Expected, change_of, changed
 from tests.support.blurred_plane import SIZE, BlurredPlane, ExactSmears
 
 PLANE, MISSING = BlurredPlane(), (3, 4)
@@ -104,9 +111,26 @@ def test_large_frames_are_worked_on_smaller(
     folder: Path, network: ExactSmears, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("blur2view.colmap.recovery.WORK_SIDE", 180)
-    found = recover(folder, network).recovered[PLANE.names[MISSING[0]]]
+    whole = recover(folder, network)
+    found = whole.recovered[PLANE.names[MISSING[0]]]
     assert apart(found.pose, PLANE.pose(MISSING[0]))[0] < 0.3
     assert PLANE.inside(found.places).all() and np.ptp(found.places, axis=0).min() > 120
+    world = np.array([whole.model.points3D[int(number)].xyz for number in found.points])
+    missed = found.places - PLANE.seen(found.pose, world)
+    np.testing.assert_allclose(np.median(missed, axis=0), 0, atol=0.08)  # half a pixel of neither size
+
+
+def test_mean_of_two_equally_sure_poses_lies_half_way() -> None:
+    start, sigma = np.eye(3, 4), np.repeat([0.01, 0.1], 3)
+    expected = Expected(start, 0.01, 0.1, np.zeros(6))
+    change, none = np.array([0.01, 0, 0, 0, 0.2, 0]), np.zeros((0, 2))
+    information = np.diag(sigma**-2.0) / INDEPENDENT_SHARE
+    found = BlurredPose(
+        changed(start, change), information, np.zeros(9), np.zeros(6), np.zeros(0, int), none, 0.0, 0
+    )
+    pose, covariance = weighted_mean(found, expected)
+    np.testing.assert_allclose(change_of(start, pose), change / 2, atol=1e-3)
+    np.testing.assert_allclose(covariance, np.diag(sigma**2) / 2, atol=1e-4)
 
 
 def test_same_call_gives_same_bytes(

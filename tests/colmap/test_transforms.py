@@ -68,6 +68,8 @@ def test_every_matrix_projects_as_pycolmap_does_and_sharpness_is_that_of_the_tru
     model = pycolmap.Reconstruction(video / "model")
     keys = ("transform_matrix_start", "transform_matrix", "transform_matrix_end")
     assert content["rolling_shutter"] == [0, 0, 0, 1] and min(SMEAR_PX) > 2
+    middle = np.median(content["scale"] * POINTS + content["offset"], axis=0)  # in instant-ngp's unit cube
+    np.testing.assert_allclose(middle, 0.5, atol=1e-9)
     for name, frame, smear_px in zip(NAMES, content["frames"], SMEAR_PX, strict=True):
         for key, end in zip(keys, ENDS, strict=True):
             image = model.find_image_with_name(name + end)

@@ -8,7 +8,7 @@ import pytest
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.camera import Camera
-from blur2view.exposure.sequence import Matches, estimate_frames, in_time
+from blur2view.exposure.sequence import Matches, estimate_frames, in_time, motion_of
 from blur2view.geometry.pose import rotation_flow
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.inputs import timestamp_of
@@ -18,6 +18,7 @@ from blur2view.pipeline import Estimate
 from blur2view.smears.blur import Blur, BlurKind
 from blur2view.smears.matches import SmearMatches
 from blur2view.two_view.estimate import estimate_two_view
+from tests.exposure.test_time_direction import texture
 from tests.support.colour_code import colour_code, forward_motion
 from tests.support.grids import grid_of
 from tests.support.many_photographs import write_video
@@ -92,6 +93,22 @@ def test_a_video_is_read_in_order_and_what_is_none_is_refused_at_once(
         list(series)
     with pytest.raises(ValueError, match="fewer timestamps than frames"):
         list(estimate_frames(frames, timestamps_s=[0.0], network=network))
+
+
+def test_both_neighbours_show_the_motion_of_a_frame_forwards(
+    tiny_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall, shown = texture((400, 300)), list[Array]()
+
+    def keep(one: Estimate, matches: dict[int, Matches]) -> Estimate:
+        for steps, pair in matches.items():
+            shown.append(np.array([steps, *np.median(motion_of({steps: pair}).velocity, axis=0)]))
+        return one
+
+    monkeypatch.setattr("blur2view.exposure.sequence.in_time", keep)
+    frames = [wall[5 * k : 5 * k + 240, 40 - 12 * k : 360 - 12 * k] for k in range(3)]
+    assert len(list(estimate_frames(frames, network=SmearNetwork(tiny_model)))) == 3
+    np.testing.assert_allclose(shown, [[k, 12, -5] for k in (1, -1, 1, -1)], atol=0.1)
 
 
 def test_each_estimate_comes_with_its_time_when_the_next_frame_is_there(tiny_model: Path) -> None:

@@ -97,7 +97,9 @@ def test_neighbours_decide_the_signs_of_time_and_translation(
     scene = clip(seed)
     given = wrong(views(scene))
     assert given is not None
-    found = directed(given, motion(scene))
+    shown = motion(scene)
+    np.testing.assert_allclose(shown.rotation, 2 * INTERVAL * scene.turn, atol=1e-3)  # by both neighbours
+    found = directed(given, shown)
     near, far = (np.linalg.norm(found.points_open - scene.seen(tau), axis=1) for tau in (-0.5, 0.5))
     assert (near < far).all()
     assert found.time.known and found.time.confidence > 0.95
@@ -158,6 +160,13 @@ def test_matches_of_a_shifted_picture_are_its_shift() -> None:
     assert len(points1) > 50
     np.testing.assert_allclose(np.median(points2 - points1, axis=0), shift, atol=0.1)
     assert (np.linalg.norm(points2 - points1 - shift, axis=1) < 2).mean() > 0.95
+
+
+def test_features_of_a_large_picture_lie_where_those_of_the_small_one_do() -> None:
+    small = texture((640, 480))
+    points, _ = detect(small)
+    there, _ = detect(small.repeat(2, axis=0).repeat(2, axis=1))
+    np.testing.assert_allclose(there, 2 * points + 0.5, atol=1e-3)
 
 
 def test_blank_and_unrelated_pictures_have_no_matches() -> None:

@@ -38,6 +38,14 @@ def steady(count: int) -> list[Array]:
     return poses
 
 
+def test_flow_is_the_motion_of_projected_points() -> None:
+    one, small = frame(PER_FRAME, 0), 1e-6 * PER_FRAME
+    points = np.column_stack([one.rays, np.ones(len(one.rays))]) / one.inverse_depth[:, None]
+    moved = points + np.cross(small[:3], points) + small[3:]
+    exact = moved[:, :2] / moved[:, 2:] - one.rays
+    np.testing.assert_allclose(one.flow(small), exact, atol=1e-11)
+
+
 def swing(period: float) -> tuple[CameraPath, Array]:
     """Return a camera that moves to and fro with a period in frames, and its true motions."""
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from blur2view.networks.cepstral_peak import refine_on_cepstrum
 from blur2view.networks.smear_network import octaves
-from blur2view.networks.spectra import power_spectra, windows_of
+from blur2view.networks.spectra import polar_cepstra, power_spectra, windows_of
 from blur2view.smears.grid import from_double_angle, to_double_angle
 
 Floats = NDArray[np.float32]
@@ -104,3 +104,22 @@ def test_without_a_peak_the_network_is_believed(spread: float) -> None:
     ratio, angle_deg = errors(moved, 20, 30)
     assert np.isfinite(moved).all() and ratio < 0.1 and angle_deg < 4
     assert np.median(moved[..., 2]) > 0.5 * 2.0
+
+
+def test_cepstra_of_a_mirrored_window_are_mirrored() -> None:
+    window = blurred(12.0, 25.0)[:96, :96]
+    same, down, across = (
+        polar_cepstra(power_spectra(np.ascontiguousarray(one)[None, None]))[0][0, 0]
+        for one in (window, window[::-1], window.T)
+    )
+    bins = np.arange(32)  # of 180 / 32 degrees
+    assert same.std() > 0.9
+    np.testing.assert_allclose(down, same[-bins % 32], atol=5e-3)
+    np.testing.assert_allclose(across, same[(16 - bins) % 32], atol=5e-3)
+
+
+def test_windows_are_centred_on_their_cells() -> None:
+    x, y = np.meshgrid(np.arange(256.0), np.arange(224.0))
+    middles = [windows_of(one)[1:-1, 1:-1].mean((2, 3)) for one in (x, y)]
+    expected = np.meshgrid(32 * np.arange(1, 7) + 15.5, 32 * np.arange(1, 6) + 15.5)
+    np.testing.assert_allclose(middles, expected)

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.likelihood import DIRECTIONS, LABEL_SPREAD, PER_OCTAVE, SHORTEST_PX, read_smears
+from blur2view.smears.likelihood import (
+    DIRECTIONS,
+    LABEL_SPREAD,
+    PER_OCTAVE,
+    SHORTEST_PX,
+    read_smears,
+    with_unseen,
+)
 
 Floats = NDArray[np.float32]
 
@@ -54,3 +61,11 @@ def test_of_two_peaks_the_higher_is_read_and_doubted() -> None:
     assert length == pytest.approx(20, rel=0.03) and turn_deg(direction, 30) < 0.5
     assert sigma_rad == pytest.approx(np.sqrt(0.3) * np.pi / 2, rel=0.05)
     assert sigma_px == pytest.approx(np.sqrt(0.3 * (20**2 + 8**2)), rel=0.05)  # they are at right angles
+
+
+def test_an_unseen_smear_may_have_any_direction() -> None:
+    cells = np.array([[[3.0, 4.0, 1.0, 0.1]]], np.float32)
+    np.testing.assert_array_equal(with_unseen(cells, np.zeros((1, 1), np.float32)), cells)
+    *_, sigma_px, sigma_rad = with_unseen(cells, np.ones((1, 1), np.float32))[0, 0]
+    assert sigma_px > 5
+    assert np.isclose(sigma_rad, np.std(np.linspace(-np.pi / 2, np.pi / 2, 10001)), rtol=1e-3)

@@ -7,6 +7,7 @@ import pytest
 
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
+from blur2view.smears.noise import NoiseModel
 
 
 def grid(length_px: float = 10.0, sigma_px: float = 1.0, shape: tuple[int, int] = (384, 512)) -> SmearGrid:
@@ -72,3 +73,9 @@ def test_of_large_photographs_every_second_cell_is_taken_and_counts_as_more() ->
 def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):
         SelectOptions(**wrong)
+
+
+def test_errors_along_and_across_a_smear_make_up_that_of_its_end_point() -> None:
+    noise = NoiseModel(inlier=1.0, min_across=0.01)
+    sigmas = noise.inlier_sigmas_px(np.array([1.0, 1000.0]), np.full(2, 5.0), np.full(2, 3.0))
+    np.testing.assert_allclose(sigmas, [[4, np.hypot(4, 20)], [3, np.hypot(3, 10)]], rtol=1e-4)

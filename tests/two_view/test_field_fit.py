@@ -9,7 +9,7 @@ import pytest
 
 from blur2view.geometry.pose import rotation_vector
 from blur2view.smears.noise import INDEPENDENT, NoiseModel
-from blur2view.two_view.homography import SLOW, FieldLikelihood, fit_homography
+from blur2view.two_view.homography import SLOW, FieldLikelihood, HomographyFit, fit_homography
 from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import HomographyFlow
 from tests.support.scenes import Scene, disturb, make_scene
@@ -69,3 +69,11 @@ def test_regions_hold_the_rotation_where_all_lengths_err_alike() -> None:
             regions.append(bool(error @ np.linalg.solve(covariance, error) < CHI_SQUARED_90[3]))
     assert np.mean(held) > 0.75
     assert np.mean(without) < 0.4
+
+
+def test_the_distance_to_a_field_is_that_of_both_ends_together() -> None:
+    scene = turning(0)
+    likelihood = likelihood_of(scene)
+    still = HomographyFit(likelihood=likelihood, family=HomographyFlow.plane(np.zeros(8), FIXED))
+    apart = scene.ends - scene.ends.mean(axis=1, keepdims=True)
+    np.testing.assert_allclose(still.distances_px(likelihood.smears), np.linalg.norm(apart, axis=(1, 2)))

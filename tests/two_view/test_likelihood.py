@@ -85,7 +85,9 @@ def test_both_orders_of_every_smear_are_summed() -> None:
     assert np.isclose(np.median((plane.costs - decided)[far]), 2 * np.log(2), atol=0.05)
 
 
-def test_without_an_image_size_the_assumed_camera_lies_about_the_ends() -> None:
+def test_the_assumed_camera_lies_about_the_picture_or_without_its_size_about_the_ends() -> None:
+    centre = SmearMatches(ends=np.full((1, 2, 2), [319.5, 239.5]), sigma_px=np.ones(1), image_size=(640, 480))
+    np.testing.assert_allclose(Likelihood.of(centre).ends, 0, atol=1e-12)
     ends = np.random.default_rng(0).uniform(0, 500, (40, 2, 2))
     here, there = (SmearMatches(ends=ends + shift, sigma_px=np.ones(40)) for shift in (0, [900, -400]))
     np.testing.assert_allclose(Likelihood.of(there).ends, Likelihood.of(here).ends, atol=1e-12)

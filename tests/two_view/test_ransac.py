@@ -73,3 +73,19 @@ def test_ends_when_a_better_sample_is_unlikely() -> None:
     needed = np.log(0.01) / np.log(0.97)
     assert drawn[0] == BATCH and needed <= drawn[1] < needed + BATCH
     assert MAX_ITERATIONS <= drawn[2] < MAX_ITERATIONS + BATCH
+
+
+def test_the_same_generator_gives_the_same_search() -> None:
+    searches: list[list[int]] = [[], []]
+    for search in searches:
+        location = problem(inliers=1.0)
+
+        def score(
+            models: Floats, block: NDArray[np.int_], location: Location = location, search: list[int] = search
+        ) -> Floats:
+            search.extend(block.tolist())
+            return Location.score(location, models, block)
+
+        location.score = score  # type: ignore[method-assign]
+        ransac(location, np.random.default_rng(1))
+    assert searches[0] == searches[1]
