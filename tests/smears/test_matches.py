@@ -76,6 +76,6 @@ def test_options_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
 
 
 def test_errors_along_and_across_a_smear_make_up_that_of_its_end_point() -> None:
-    noise = NoiseModel(inlier=1.0, min_across=0.01)
+    noise = NoiseModel(inlier=1.0, added_across=0.01)
     sigmas = noise.inlier_sigmas_px(np.array([1.0, 1000.0]), np.full(2, 5.0), np.full(2, 3.0))
     np.testing.assert_allclose(sigmas, [[4, np.hypot(4, 20)], [3, np.hypot(3, 10)]], rtol=1e-4)

@@ -13,7 +13,7 @@ from blur2view.geometry.epipolar import fundamental_from_pose, serrmin
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.smears.matches import SmearMatches
 from blur2view.smears.noise import NoiseModel
-from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, in_random_directions
+from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, in_spread_directions
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene, with_outliers, with_second_motion
 from tools.datasets.synthetic_matches import (
     camera,
@@ -212,7 +212,7 @@ def test_bounds_of_inliers_out_of_range_are_refused(px: float) -> None:
 
 def test_smears_that_fit_by_chance_have_the_places_and_lengths_of_the_given_ones() -> None:
     matches = make_scene(np.random.default_rng(0), count=500, length_px=15).matches(1.0)
-    chance = in_random_directions(matches)
+    chance = in_spread_directions(matches)
     np.testing.assert_allclose(chance.midpoint, matches.midpoint)
     np.testing.assert_allclose(chance.length_px, matches.length_px)
     x, y = (chance.displacement / chance.length_px[:, None]).T
