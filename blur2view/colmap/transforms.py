@@ -79,7 +79,7 @@ def exposed_images(model: Any, folder: Path, max_smear_px: float = np.inf) -> li
         return photographs
     kept = [photo for photo in photographs if photo.smear_px is not None and photo.smear_px <= max_smear_px]
     if not kept:
-        raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; add to --max-smear")
+        raise DatabaseError(f"{folder}: all smears are longer than {max_smear_px:g} px; raise --max-smear")
     return kept
 
 

@@ -101,6 +101,6 @@ def test_long_smears_are_left_out_and_photographs_that_are_not_there_counted(sce
     )
     assert " 1 frame\n" in call(*words, "--max-smear", f"{(smears[0] + smears[1]) / 2:.6f}").out
     refused = call(*words, "--max-smear", 0.1)
-    assert refused == 1 and "all smears are longer than 0.1 px; add to --max-smear" in refused.line
+    assert refused == 1 and "all smears are longer than 0.1 px; raise --max-smear" in refused.line
     min((scene / "images").iterdir()).unlink()
     assert f"; left out 1 photograph of the model not in {scene / 'images'}" in call(*words).out
