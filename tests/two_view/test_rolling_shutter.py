@@ -203,3 +203,14 @@ def test_a_turn_that_is_faster_down_the_rows_is_no_parallax_unless_the_shutter_i
         known = RollingShutter(readout_s=0.0, exposure_s=EXPOSURE_S)
         told = estimate_two_view(matches, camera=scene.camera, shutter=known)
         assert all(row.parameters == 3 for row in told.models if row.model == "rotation")
+
+
+def test_deviations_shrink_as_the_smears_of_rows_that_were_seen_longer() -> None:
+    shutter = RollingShutter(readout_s=0.02, exposure_s=EXPOSURE_S)
+    ends = smears(scene(deep=False), shutter, 0.03 * ABOUT_X)
+    matches = SmearMatches(ends=ends, sigma_px=np.full(COUNT, 0.5), across_px=np.full(COUNT, 0.2))
+    there = shutter.all_rows_at_once(matches, np.zeros(COUNT, bool), (WIDTH, HEIGHT))
+    assert there is not None
+    share = there.length_px / matches.length_px
+    assert np.abs(share - 1).min() > 0.01
+    np.testing.assert_allclose([there.sigma_px, there.across_px], [0.5 * share, 0.2 * share])
