@@ -25,7 +25,8 @@ UNCALIBRATED: parallax is proven: F
 CALIBRATED: the same with known intrinsics: E and the pose, too
 PANORAMIC: a rotation explains the smears: H, and F beside it where parallax is undecided
 PLANAR: one plane does: the same
-PLANAR_OR_PANORAMIC: one of both does, and no motion is about as likely: the same
+PLANAR_OR_PANORAMIC: a rotation or a plane does, but "no motion" is the likeliest single model, with a
+    probability of at most one half: the same
 DEGENERATE: too few, too short or collinear smears, a still camera or a constant picture: no F
 UNDEFINED: the best F explains hardly more smears than chance: none is given
 """

@@ -20,7 +20,13 @@ COLMAP_FROM_PIXEL, PIXEL_FROM_COLMAP = (
 
 
 class Configuration(StrEnum):
-    """Kind of two-view geometry, named and spelled as COLMAP's TwoViewGeometryConfiguration."""
+    """Kind of two-view geometry, named and spelled as COLMAP's TwoViewGeometryConfiguration.
+
+    UNCALIBRATED and CALIBRATED: parallax is proven, without and with known intrinsics. PANORAMIC and PLANAR:
+    a rotation, or a plane, explains the smears. PLANAR_OR_PANORAMIC: one of them does, but "no motion" is the
+    likeliest model, at a probability of at most one half. DEGENERATE: no motion, or too little is seen.
+    UNDEFINED: the best F explains hardly more smears than chance.
+    """
 
     UNDEFINED = "UNDEFINED"
     DEGENERATE = "DEGENERATE"
@@ -32,20 +38,20 @@ class Configuration(StrEnum):
 
 
 class Parallax(StrEnum):
-    """Whether smears show things at different depths, which F and a translation follow from."""
+    """Whether smears show things at different depths: only these determine F and the translation."""
 
-    PROVEN = "proven"  # no homography explains the smears, errors that neighbours share allowed for
-    UNDECIDED = "undecided"  # parallax and shared errors look the same here, or too little is seen
-    ABSENT = "absent"  # a homography leaves nothing to explain, or nothing moved
+    PROVEN = "proven"  # no homography explains the smears, even with errors that neighbours share
+    UNDECIDED = "undecided"  # shared errors could look like it, or too little is seen
+    ABSENT = "absent"  # a homography explains all smears, or nothing moved
 
 
 class MotionModel(StrEnum):
-    """Model of the camera's motion; in brackets its number of parameters, 3 more of a rolling shutter."""
+    """Model of the camera's motion; in brackets its number of parameters, with a rolling shutter 3 more."""
 
     STILL = "no motion"  # a camera that holds still (0)
-    ROTATION = "rotation"  # H (3, and 3 of the camera held by a prior)
+    ROTATION = "rotation"  # H of a rotation (3, not counting 3 intrinsics that have a prior)
     PLANE = "plane"  # any H (8)
-    PARALLAX = "parallax"  # a plane, and parallax along the lines of F (10)
+    PARALLAX = "parallax"  # any H, and parallax along the epipolar lines of F (10)
     NONE = "none"  # no models were compared
 
 
@@ -69,30 +75,31 @@ class TimeDirection:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoViewGeometry:
-    """Two-view geometry of the exposure, open (1) to close (2), of N smears; of undistorted pixels.
+    """Two-view geometry of N smears, from shutter-open (1) to shutter-close (2), in undistorted pixels.
 
-    ``points2^T F points1 = 0`` and ``points2 ~ H points1``, of unit norm. Time has no arrow: F or its
-    transpose, H or its inverse, the pose or its inverse with every order exchanged are one answer. Where the
-    direction of the translation is not known it is zero, and the rotation that which explains the smears
-    alone, or the mean over all directions.
+    ``points2^T F points1 = 0`` and ``points2 ~ H points1``; F and H have unit norm. Which end came first
+    cannot be seen: F or its transpose, H or its inverse, the pose or its inverse, every order of the ends
+    exchanged, are one answer. Where the direction of the translation is not known the translation is zero,
+    and the rotation is the one that explains the smears alone, or the mean over all directions.
     """
 
     F: Array | None  # (3, 3); None where no F can be trusted
     config: Configuration
     reason: str  # one sentence with the figures that decided
     inlier_mask: NDArray[np.bool_]  # (N,): smears that follow F or, without F, H
-    second_end_is_open: NDArray[np.bool_]  # (N,): where ends[:, 1] is; nowhere without F and H
-    H: Array | None = None  # (3, 3), where a homography explains the smears; beside F parallax is undecided
-    cam2_from_cam1: RigidTransform | None = None  # of known intrinsics
-    # Of the pose; without a translation it allows for one that is not seen, unless a rotation explains the
-    # smears as well as any homography.
+    second_end_is_open: NDArray[np.bool_]  # (N,): where ends[:, 1] is the open end; nowhere without F and H
+    H: Array | None = None  # (3, 3), where a homography explains the smears; with F if parallax is undecided
+    cam2_from_cam1: RigidTransform | None = None  # None unless the intrinsics are known
+    # Of the pose. Where that has no translation the rotation's covariance includes what an unseen translation
+    # would change, unless the configuration is PANORAMIC.
     covariance: PoseCovariance | None = None
-    models: tuple[ModelRow, ...] = ()  # that were compared, likeliest first
+    models: tuple[ModelRow, ...] = ()  # those compared, likeliest first
     independent_smears: float = 0.0  # how many smears err independently of each other
     support_by_chance: float = 0.0  # share of smears that would be inliers if their directions were random
-    stood_still: bool = False  # whether no motion explains the smears best
+    stood_still: bool = False  # whether the camera held still, as far as the smears show
     insufficient_data: bool = False  # whether too little is seen for any conclusion
-    backward: TwoViewGeometry | None = None  # the other order in time, of a rolling shutter another motion
+    # With a rolling shutter the geometry of the other order in time, which is not the inverse of this one.
+    backward: TwoViewGeometry | None = None
 
     @property
     def E(self) -> Array | None:
@@ -107,7 +114,7 @@ class TwoViewGeometry:
 
     @property
     def parallax_probability(self) -> float | None:
-        """Probability of parallax, 0 where F was not among the models; None where none were compared."""
+        """Probability of parallax: 0 where that was not compared, None where no models were."""
         odds = {row.model: row.probability for row in self.models}
         return odds.get(MotionModel.PARALLAX, 0.0) if odds else None
 
@@ -120,7 +127,7 @@ class TwoViewGeometry:
         return Parallax.UNDECIDED if undecided else Parallax.ABSENT
 
     def reversed(self) -> TwoViewGeometry:
-        """Return the same motion with time reversed: `backward`, if there is one, or the inverse."""
+        """Return the same motion with time reversed: `backward` if there is one, else the inverse."""
         if self.backward is not None:
             return replace(self.backward, backward=replace(self, backward=None))
         pose, covariance = self.cam2_from_cam1, self.covariance
@@ -134,7 +141,7 @@ class TwoViewGeometry:
         )
 
     def angular_velocity(self, exposure_s: float) -> AngularVelocity | None:
-        """Return the rotation over the exposure time, with its covariance; None without a pose."""
+        """Return the rotation over the exposure time, rad/s, with its covariance; None without a pose."""
         pose, covariance = self.cam2_from_cam1, self.covariance
         if pose is None or covariance is None:
             return None
@@ -142,14 +149,17 @@ class TwoViewGeometry:
         return AngularVelocity(mean=pose.rotation_vector / exposure_s, covariance=spread)
 
     def to_pycolmap(self) -> Any:
-        """Return it as a pycolmap.TwoViewGeometry: COLMAP's pixels, F and H of unit norm, indices of matches.
+        """Return a pycolmap.TwoViewGeometry: F and H of unit norm, of COLMAP's pixels, and inlier matches.
 
-        Of keypoints that are both ends of the smears in their order (`views.ExposureViews`): match (i, i) is
-        smear i. Of a distorted camera F and H are those of undistorted pixels, as everywhere here.
+        Match (i, i) is smear i: the keypoints of the two views are the ends of the smears in their order
+        (`views.ExposureViews`). F and H of a distorting camera are of undistorted pixels, as everywhere here.
         """
         import pycolmap
 
         F, H, pose = self.F, self.H, self.cam2_from_cam1
+        moved = None
+        if pose is not None:
+            moved = pycolmap.Rigid3d(pycolmap.Rotation3d(pose.rotation), pose.translation)
         inliers = np.flatnonzero(self.inlier_mask)
         return pycolmap.TwoViewGeometry(
             config=pycolmap.TwoViewGeometryConfiguration.__members__[self.config.name],
@@ -157,5 +167,5 @@ class TwoViewGeometry:
             F=None if F is None else unit_norm(PIXEL_FROM_COLMAP.T @ F @ PIXEL_FROM_COLMAP),
             E=self.E,
             H=None if H is None else unit_norm(COLMAP_FROM_PIXEL @ H @ PIXEL_FROM_COLMAP),
-            cam2_from_cam1=pose and pycolmap.Rigid3d(pycolmap.Rotation3d(pose.rotation), pose.translation),
+            cam2_from_cam1=moved,
         )

@@ -1,11 +1,11 @@
 """Which model the smears show: a table of all, a probability of each, and a name.
 
 Every model is a displacement field judged by the same likelihood (`HomographyFit.costs`) on the same smears:
-none, a rotation, any homography, both also with a rate that changes down the rows of a rolling shutter, and
-that homography with parallax along the lines of F. One calibrated step (`probabilities_of`) leads from their
-log-likelihoods, of the effective number of smears, to probabilities. Parallax is proven, undecided or absent
-as its probability lies in a range; where few smears are independent a small one does not mean that it is
-absent: then F is given with the homography beside it.
+no motion, a rotation, any homography (a plane), the latter two also with a motion that changes down the rows
+of a rolling shutter, and the plane with parallax along the epipolar lines of F. One calibrated step
+(`probabilities_of`) turns their log-likelihoods, of the effective number of smears, into probabilities. By
+its probability parallax is proven, undecided or absent. Where few smears are independent a small probability
+does not mean that it is absent: then F is given with the homography beside it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from blur2view.two_view.models import HomographyFlow
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """What the smears show, and why: whether F is reported, and the homography that explains them, if any."""
+    """The configuration, why it is that, whether F is reported, and the homography, where one is."""
 
     config: Configuration
     sentence: str
@@ -37,7 +37,7 @@ class Choice:
 
 
 class Candidate(NamedTuple):
-    """A model with its displacement field, of parallax that of the plane; ``rolls``: of a rolling shutter."""
+    """A model and its fitted field (for parallax, the plane's); `rolls`: with a rolling shutter."""
 
     model: MotionModel
     fit: HomographyFit
@@ -50,9 +50,9 @@ def choose(
 ) -> Choice:
     """Choose a model, given the F of least cost.
 
-    ``agreement`` is the share of the smears that follow F beyond chance: below MIN_AGREEMENT only a
-    homography is looked for. With ``rolling`` the shutter may read one row after the other; if the camera is
-    known to have ``moved``, no motion is not among the models.
+    ``agreement`` is the share of the smears that follow F beyond chance: below MIN_AGREEMENT the model of
+    parallax is left out. With ``rolling`` the models of a rolling shutter are added. If the camera is known
+    to have ``moved``, the model "no motion" is left out.
     """
     has_consensus = agreement >= c.MIN_AGREEMENT
     if not has_consensus and not moved and within_errors(likelihood.matches):
@@ -62,7 +62,9 @@ def choose(
     residuals = FundamentalFit(point=fit.point, likelihood=sample, sign=fit.sign).residuals
     orders = residuals.backward, residuals.forward_share < 0.5  # by F, and by depth as well
     plane = find_plane(FieldLikelihood(smears=sample), fit.point.motion()[0], *orders)
-    candidates = fields_about(plane, rolling=rolling)[moved:]  # no motion is the first
+    candidates = fields_about(plane, rolling=rolling)
+    if moved:
+        candidates = [candidate for candidate in candidates if candidate.model is not MotionModel.STILL]
     if has_consensus:
         gain = plane.gain_of_parallax(fit.point.matrix())
         candidates.append(Candidate(MotionModel.PARALLAX, plane, plane.log_posterior + gain))
@@ -70,71 +72,80 @@ def choose(
 
 
 def within_errors(matches: SmearMatches) -> bool:
-    """Return whether the shorter smears are as short as errors alone make them, up to half outliers.
+    """Whether the shorter smears are as short as errors alone; up to half of the smears may be outliers.
 
-    Of displacements that are errors of standard deviation sigma, the squared length over sigma^2 is
-    distributed exponentially with mean 1.
+    The squared length over sigma^2 of a displacement that is an error of standard deviation sigma has the
+    exponential distribution of mean 1.
     """
     ratio = (matches.length_px / matches.sigma_px) ** 2
     return bool(np.quantile(ratio, c.SHORT_QUANTILE) < -np.log(1 - c.SHORT_QUANTILE / c.SHORT_INLIERS))
 
 
 def fields_about(plane: HomographyFit, *, rolling: bool) -> list[Candidate]:
-    """Return every displacement field, fitted."""
+    """Return all models but parallax, their fields fitted from that of a plane."""
     likelihood, smears = plane.likelihood, plane.likelihood.smears
     still = HomographyFlow.plane(np.zeros(8), smears.prior_sigma)
     vector = symmetric_skew(plane.family.generator())[1]  # of the nearest rotation
-    turning = fit_homography(likelihood, HomographyFlow.rotation(vector, smears.prior_sigma))
+    rotation = fit_homography(likelihood, HomographyFlow.rotation(vector, smears.prior_sigma))
     fits = {
         MotionModel.STILL: HomographyFit(likelihood=likelihood, family=still),
         MotionModel.PLANE: plane,
-        MotionModel.ROTATION: turning,
+        MotionModel.ROTATION: rotation,
     }
     candidates = [Candidate(model, fit, fit.log_posterior) for model, fit in fits.items()]
     if rolling:
         width, height = smears.matches.image_size or (1, 1)
         rows_axis = int(height <= width)  # a sensor's rows follow one another along the shorter side
-        for model, fit, *_ in candidates[1:]:
-            rolled = fit_homography(likelihood, fit.family.rolling(rows_axis))
+        for model in (MotionModel.PLANE, MotionModel.ROTATION):
+            rolled = fit_homography(likelihood, fits[model].family.rolling(rows_axis))
             candidates.append(Candidate(model, rolled, rolled.log_posterior, rolls=True))
     return candidates
 
 
-def parameters_and_penalty(one: Candidate) -> tuple[float, float]:
+def parameters_and_penalty(candidate: Candidate) -> tuple[int, float]:
     """Return the number of parameters of a model, and its penalty beside Schwarz's."""
-    (parameters, penalty), (more, rolling) = c.MODELS[one.model], c.ROLLING
-    return parameters + one.rolls * more, penalty + one.rolls * rolling
+    parameters, penalty = c.MODELS[candidate.model]
+    if not candidate.rolls:
+        return parameters, penalty
+    added_parameters, added_penalty = c.ROLLING
+    return parameters + added_parameters, penalty + added_penalty
 
 
 def probabilities_of(candidates: list[Candidate], likelihood: Likelihood) -> list[float]:
     """Return the models' probabilities: the one calibrated step, the same for all photographs.
 
-    Errors that neighbours share look like fields and like parallax: of the log-likelihoods those of smears
-    with all correlation counted. Each model has a penalty, which grows with the number of smears by Schwarz's
-    criterion.
+    Errors that neighbours share look like fields and like parallax, so log-likelihoods count as many smears
+    as are independent after all correlation. From them are taken a penalty of the model and that of Schwarz's
+    criterion: half the logarithm of the number of smears for every parameter.
     """
     correlated = likelihood.fully_correlated
     slope = correlated.effective_share / likelihood.effective_share
-    more = 0.5 * float(np.log(max(correlated.effective_count / c.PENALTY_COUNT, 1.0)))
-    score = []
-    for one in candidates:
-        parameters, penalty = parameters_and_penalty(one)
-        score.append(slope * one.log_posterior - penalty - more * parameters)
-    odds = np.exp(np.array(score) - max(score))
+    by_parameter = 0.5 * float(np.log(max(correlated.effective_count / c.PENALTY_COUNT, 1.0)))
+    scores = []
+    for candidate in candidates:
+        parameters, penalty = parameters_and_penalty(candidate)
+        scores.append(slope * candidate.log_posterior - penalty - by_parameter * parameters)
+    odds = np.exp(np.array(scores) - max(scores))
     return [float(p) for p in odds / odds.sum()]
 
 
 def named(candidates: list[Candidate], probabilities: list[float], agreement: float) -> Choice:
-    """Return the choice: F if parallax is not absent, and the homography unless it is proven."""
-    both = list(zip(probabilities, candidates, strict=True))
-    likeliest = {one.model: one for _, one in sorted(both, key=lambda pair: pair[0])}  # rolling or not
-    odds = dict.fromkeys((one.model for one in candidates), 0.0)
-    for p, one in both:
-        odds[one.model] += p
+    """Return the choice: with F unless parallax is absent, with the homography unless parallax is proven.
+
+    PLANAR_OR_PANORAMIC is not that rotation and plane are equally likely. It is given where "no motion" is
+    the likeliest model, at a probability of at most one half; the homography is then that of the likelier of
+    rotation and plane.
+    """
+    pairs = list(zip(probabilities, candidates, strict=True))
+    by_probability = sorted(pairs, key=lambda pair: pair[0])
+    likeliest = {candidate.model: candidate for _, candidate in by_probability}  # with rolling shutter or not
+    odds = dict.fromkeys((candidate.model for candidate in candidates), 0.0)
+    for p, candidate in pairs:
+        odds[candidate.model] += p
     rows = tuple(
         ModelRow(
             model=model,
-            parameters=int(parameters_and_penalty(likeliest[model])[0]),
+            parameters=parameters_and_penalty(likeliest[model])[0],
             log_likelihood=likeliest[model].log_posterior,
             probability=odds[model],
         )
@@ -150,14 +161,14 @@ def named(candidates: list[Candidate], probabilities: list[float], agreement: fl
     plane = likeliest[MotionModel.PLANE].fit
     on_plane = float((np.hypot(*plane.residual) < c.ON_PLANE).mean())
     enough = plane.likelihood.smears.fully_correlated.has_many_independent and on_plane >= c.MIN_ON_PLANE
-    # where a shutter that reads row after row is what explains the smears, parallax may be there as well
-    rolled = sum(p for p, one in both if one.rolls)
+    # where it takes a rolling shutter to explain the smears, parallax may be there as well
+    rolled = sum(p for p, candidate in pairs if candidate.rolls)
     absent = enough and parallax < c.ABSENT_BELOW * (1 - rolled)
     if agreement < c.MIN_AGREEMENT and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence=f"no consensus ({table})", models=rows)
     model = max((MotionModel.ROTATION, MotionModel.PLANE), key=lambda model: odds[model])
     config = Configuration.PANORAMIC if model is MotionModel.ROTATION else Configuration.PLANAR
-    if rows[0].model is MotionModel.STILL:  # likelier than each, not than both
+    if rows[0].model is MotionModel.STILL:  # likelier than any other model, not than all of them
         config = Configuration.PLANAR_OR_PANORAMIC
     sentence = f"{'there is no parallax' if absent else 'parallax is undecided'} ({table})"
     if parallax >= c.PROVEN_FROM:

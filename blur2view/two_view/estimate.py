@@ -24,18 +24,20 @@ from blur2view.two_view.models import cayley
 from blur2view.two_view.order import in_order
 from blur2view.two_view.pose import estimate_pose
 
-# Of orders, by which rows are taken apart; the last of most inliers counts. Of ten draws of the noise of
-# `test_rolling_shutter`'s 45 ms two rounds leave five in another minimum, three one, four none.
+# Times that the smears are put in order, corrected for the rows and estimated again; the estimate with most
+# inliers is kept. Of ten draws of the noise of `test_rolling_shutter`, 45 ms, five end in another minimum
+# after two rounds, one after three, none after four.
 ROUNDS = 4
-GOLDEN = 0.5 * (5**0.5 - 1)  # turns of half a circle from one smear to the next: evenly spread directions
-MAX_PX = 1e6  # beyond any photograph, and its square is a number
+GOLDEN = 0.5 * (5**0.5 - 1)  # of half a circle, from the direction of one smear to that of the next
+MAX_PX = 1e6  # more than the side of any photograph; bound
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorOptions:
-    """Which smears follow F: those nearer than `tolerance_px`, of ``max_error_px`` pixels at most.
+    """Which smears are inliers: those whose Sampson distance is below `tolerance_px`.
 
-    By default the paper's 3 squared pixels. ValueError if it is not positive or beyond any photograph.
+    ``max_error_px`` is the largest tolerance, pixels; by default its square is the paper's 3. ValueError if
+    it is not positive or larger than any photograph.
     """
 
     max_error_px: float = 3**0.5
@@ -45,13 +47,13 @@ class EstimatorOptions:
             raise ValueError(f"max_error_px must be positive, at most {MAX_PX:g}, got {self.max_error_px}")
 
     def tolerance_px(self, length_px: Array, sigma_px: Array) -> Array:
-        """Return the Sampson distances (N,), pixels, below which smears are inliers: the one definition.
+        """Return the Sampson distances (N,), pixels, below which smears are inliers.
 
-        A tenth of the smear's length, at most ``max_error_px``, but two of its own standard deviations at
-        least: a bound in pixels alone is as large as short smears are, and any F would fit them.
+        A tenth of the smear's length, at most ``max_error_px``, at least two of its standard deviations. A
+        limit in pixels alone would be as large as short smears are, and any F would fit them.
         """
-        most = np.minimum(c.INLIER_SHARE * length_px, self.max_error_px)
-        return np.maximum(most, c.INLIER_SIGMAS * sigma_px)
+        by_length = np.minimum(c.INLIER_SHARE * length_px, self.max_error_px)
+        return np.maximum(by_length, c.INLIER_SIGMAS * sigma_px)
 
 
 def estimate_two_view(
@@ -65,23 +67,25 @@ def estimate_two_view(
 ) -> TwoViewGeometry:
     """Return the two-view geometry of unordered smears, or the reason why there is no F.
 
-    The same ``rng``, a generator or a seed, 0 by default, gives the same answer. With a ``camera`` F, H, E
-    and the pose are those of its undistorted pixels. With its ``shutter`` as well a geometry with F or H is
-    that of an exposure of all rows at once, another one for each order in time (``reversed()``): of both that
-    which has less parallax. If the camera is known to have ``moved``, no motion is not among the models.
+    The same ``rng``, a generator or a seed, 0 by default, gives the same answer. With a ``camera`` F and H
+    are those of its undistorted pixels, and with known intrinsics E and the pose are added. With its rolling
+    ``shutter`` as well the geometry is the one that a global shutter would have seen. It then differs between
+    the two orders in time: the one with less parallax is returned, the other is its ``reversed()``. If the
+    camera is known to have ``moved``, the model "no motion" is left out.
 
     Returns
     -------
     TwoViewGeometry
         UNCALIBRATED with F, or CALIBRATED with F, E and the pose if the intrinsics are known; PANORAMIC
-        (rotation), PLANAR or, if no motion is about as likely, PLANAR_OR_PANORAMIC with H, and with F beside
-        it where parallax is undecided; DEGENERATE (too few, too short or collinear smears, a still image) or
-        UNDEFINED (the best F explains hardly more smears than chance) with neither.
+        (rotation) or PLANAR with H, and with F beside it where parallax is undecided; PLANAR_OR_PANORAMIC
+        with the same, where "no motion" is the likeliest model at a probability of at most one half;
+        DEGENERATE (too few, too short or collinear smears, a still camera) or UNDEFINED (the best F explains
+        hardly more smears than chance) with neither.
 
     Raises
     ------
     ValueError
-        If the camera is for pictures of another size; if a shutter comes without known intrinsics.
+        If the camera is for pictures of another size, or a shutter is given without known intrinsics.
     """
     require("matches", matches, SmearMatches, "as of select_matches(network.predict(image))")
     if shutter is not None and (camera is None or not camera.known):
@@ -94,16 +98,16 @@ def estimate_two_view(
     if shutter is None or camera is None or not shutter.readout_s or without_orders:
         return geometry
     both = geometry, geometry.reversed()
-    ways = [estimate_global_shutter(matches, options, rng, camera, shutter, way) for way in both]
-    least_parallax = list(Parallax)[::-1].index
-    flips = sorted(
-        (way for way in ways if way is not None),
-        key=lambda one: (one.cam2_from_cam1 is None, least_parallax(one.parallax), one.E is not None),
+    corrected = [estimate_global_shutter(matches, options, rng, camera, shutter, order) for order in both]
+    by_parallax = [Parallax.ABSENT, Parallax.UNDECIDED, Parallax.PROVEN].index
+    found = sorted(
+        (geometry for geometry in corrected if geometry is not None),
+        key=lambda order: (order.cam2_from_cam1 is None, by_parallax(order.parallax), order.E is not None),
     )
-    if len(flips) == 1:
-        reason = f"{flips[0].reason}; in the other order in time the rows leave no such smears"
-        return replace(flips[0], reason=reason)
-    return replace(flips[0], backward=flips[1])
+    if len(found) == 1:
+        reason = f"{found[0].reason}; in the other order in time the rows leave no such smears"
+        return replace(found[0], reason=reason)
+    return replace(found[0], backward=found[1])
 
 
 def estimate_global_shutter(
@@ -112,23 +116,27 @@ def estimate_global_shutter(
     rng: np.random.Generator,
     camera: Camera,
     shutter: RollingShutter,
-    way: TwoViewGeometry,
+    recorded: TwoViewGeometry,
 ) -> TwoViewGeometry | None:
-    """Return the geometry of a global shutter's exposure, in the orders of a given one; None without any."""
-    found, second = [], way.second_end_is_open
+    """Return the geometry that a global shutter would have seen; None where no smears would leave these rows.
+
+    The smears begin with the orders of ``recorded``, the geometry estimated as if all rows were exposed at
+    once; of both orders in time the result has that which agrees with most of them.
+    """
+    found, second = [], recorded.second_end_is_open
     for _ in range(ROUNDS):
-        there = shutter.all_rows_at_once(matches, second, (camera.width, camera.height))
-        if there is None:
+        corrected = shutter.all_rows_at_once(matches, second, (camera.width, camera.height))
+        if corrected is None:
             break
-        one = as_recorded(there, options, rng, camera)
-        same = (one.second_end_is_open == way.second_end_is_open).mean() >= 0.5
-        found.append(one if same else one.reversed())
+        geometry = as_recorded(corrected, options, rng, camera)
+        agrees = (geometry.second_end_is_open == recorded.second_end_is_open).mean() >= 0.5
+        found.append(geometry if agrees else geometry.reversed())
         second = found[-1].second_end_is_open
-    return max(reversed(found), key=lambda one: int(one.inlier_mask.sum()), default=None)
+    return max(reversed(found), key=lambda geometry: int(geometry.inlier_mask.sum()), default=None)
 
 
 def without_motion(matches: SmearMatches, blur: Blur) -> TwoViewGeometry:
-    """Return the geometry of a photograph whose camera did not move, or does not show whether it did."""
+    """Return the degenerate geometry of a photograph whose camera did not move, or that shows no motion."""
     unclear = blur.kind in (BlurKind.OUT_OF_FOCUS, BlurKind.CANNOT_TELL)
     reason = f"no motion of the camera: {blur.reason}"
     return no_geometry(matches, reason, stood_still=not unclear, insufficient_data=unclear)
@@ -143,7 +151,7 @@ def as_recorded(
     rolling: bool = False,
     moved: bool = False,
 ) -> TwoViewGeometry:
-    """Return the two-view geometry of unordered smears; with ``rolling`` a rolling shutter is a model."""
+    """Return the two-view geometry of smears; with ``rolling`` models of a rolling shutter are added."""
     if (nothing := refused(matches)) is not None:
         return nothing
     straight = matches if camera is None else undistorted(matches, camera)
@@ -164,8 +172,8 @@ def as_recorded(
         inliers, by_chance = inliers_of(model, likelihood, options)
     H = None
     if field is not None:
-        turned = cayley(field.family.generator()) @ likelihood.T
-        H = unit_norm(np.asarray(np.linalg.solve(likelihood.T, turned), float))
+        mapped = cayley(field.family.generator()) @ likelihood.T
+        H = unit_norm(np.asarray(np.linalg.solve(likelihood.T, mapped), float))
     proven = choice.config is Configuration.UNCALIBRATED
     geometry = TwoViewGeometry(
         F=F if choice.reports_F else None,
@@ -185,7 +193,7 @@ def as_recorded(
 
 
 def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
-    """Return the matches in undistorted pixels of the camera; a smear without rays stays as it is.
+    """Return the matches in undistorted pixels of the camera; ends without a ray keep their smear as it is.
 
     ValueError if the camera is for pictures of another size; see `Camera.for_image`.
     """
@@ -197,7 +205,7 @@ def undistorted(matches: SmearMatches, camera: Camera) -> SmearMatches:
 
 
 def no_geometry(matches: SmearMatches, reason: str, **why: Any) -> TwoViewGeometry:
-    """Return a degenerate geometry: neither F nor H, and no smear is an inlier."""
+    """Return a DEGENERATE geometry: neither F nor H, and no smear is an inlier."""
     none = np.zeros(len(matches), bool)
     config = Configuration.DEGENERATE
     return TwoViewGeometry(
@@ -206,7 +214,7 @@ def no_geometry(matches: SmearMatches, reason: str, **why: Any) -> TwoViewGeomet
 
 
 def refused(matches: SmearMatches) -> TwoViewGeometry | None:
-    """Return the geometry of smears that show no motion or too little; else None."""
+    """Return the DEGENERATE geometry of too few, too short or collinear smears; None of any others."""
     if len(matches) < c.MIN_SMEARS:
         few = f"too few smears: {len(matches)}, at least {c.MIN_SMEARS} are needed"
         return no_geometry(matches, few, insufficient_data=True)
@@ -221,7 +229,7 @@ def refused(matches: SmearMatches) -> TwoViewGeometry | None:
         moved = f"{little}: perhaps one moving object before a still camera"
         return no_geometry(matches, moved, insufficient_data=True)
     short, long = np.linalg.svd(matches.midpoint - matches.midpoint.mean(axis=0), compute_uv=False)[::-1]
-    if short <= c.MIN_WIDTH * long:  # leaves F and H open
+    if short <= c.MIN_WIDTH * long:  # these do not determine F nor H
         return no_geometry(matches, "all smears lie along one line", insufficient_data=True)
     return None
 
@@ -240,7 +248,8 @@ def inliers_of(
 ) -> tuple[NDArray[np.bool_], float]:
     """Return the inliers (N,) of F (3, 3) in pixels or of a displacement field, and the share by chance.
 
-    See `EstimatorOptions.tolerance_px`; by chance fit those of the same smears in random directions.
+    Inliers are nearer than `EstimatorOptions.tolerance_px`; the share by chance is that of the same smears
+    turned to evenly spread directions.
     """
     of_field = isinstance(model, HomographyFit)
     sigma_px = 0.5**0.5 * np.hypot(*likelihood.field_sigmas_px) if of_field else likelihood.sigma_px
@@ -256,7 +265,10 @@ def inliers_of(
 
 
 def in_spread_directions(matches: SmearMatches) -> SmearMatches:
-    """Return the matches with their midpoints and lengths, in directions that have nothing in common."""
+    """Return the matches turned about their midpoints to directions spread evenly by the golden ratio.
+
+    Which of them fit a model, fit by chance.
+    """
     angle = np.pi * (GOLDEN * np.arange(len(matches)) % 1.0)
     half = 0.5 * matches.length_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return replace(matches, ends=np.stack([matches.midpoint - half, matches.midpoint + half], axis=1))

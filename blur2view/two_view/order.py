@@ -1,12 +1,12 @@
-"""Which end of every smear is the open one under an estimated geometry: the one answer, which all ask.
+"""Which end of every smear is the shutter-open one under a geometry: the only place that decides it.
 
-A rotation alone orders all smears. So does a homography. F leaves the order of most smears open where the
-camera hardly rotates; there positive depth decides it (cheirality). On 8 scenes each of 800 disturbed smears
-the median share of right orders rises from 0.70, by F alone, to 0.997 for a pure translation and from 0.96
-to 0.995 for a general motion (`tests/two_view/test_order.py`). Depth needs the focal length that F was fitted
-with, not one that is likelier: of 33 frames of RedKitchen without intrinsics 0.99 of the orders are right,
-with 1.2 times the longer side 0.87. Where the pose has no translation its rotation orders 0.9998 of the
-smears of 30 frames rightly, the F beside it 0.977.
+A rotation or a homography orders all smears. F leaves the order of most smears undecided where the camera
+hardly rotates; there positive depth decides it (cheirality). Of 8 scenes of 800 smears with noise the median
+share of right orders rises from 0.70, by F alone, to 0.997 for a pure translation, and from 0.96 to 0.995
+for a general motion (`tests/two_view/test_order.py`). Depth needs the focal length that F was fitted with,
+even if another is likelier: in 33 frames of RedKitchen without intrinsics 0.99 of the orders are right, with
+1.2 times the longer side 0.87. Where the pose has no translation its rotation gives the right order to 0.9998
+of the smears of 30 frames, the F beside it to 0.977.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from blur2view.two_view.constants import ASSUMED_FOCAL, BEHIND
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EndOrder:
-    """A motion by which any smear of its photograph can be ordered."""
+    """A geometry and camera, by which any smear of the photograph can be ordered."""
 
     camera: Camera  # known, approximate (EXIF) or assumed
-    F: Array | None = None  # (3, 3), of undistorted pixels, as H is
+    F: Array | None = None  # (3, 3); F and H are of undistorted pixels
     H: Array | None = None
     pose: RigidTransform | None = None
 
     def second_end_is_open(self, ends: Array, sampson_px: Array) -> NDArray[np.bool_]:
-        """Return where ends[:, 1] is the open end, (N,); nowhere if neither F, H nor a pose is known.
+        """Return where (N,) ends[:, 1] is the shutter-open end; nowhere without F, H and pose.
 
         ``ends`` (N, 2, 2) are finite pixels of the photograph, ``sampson_px`` (N,) the standard deviations of
         the smears' Sampson distances, pixels.
@@ -50,7 +50,7 @@ class EndOrder:
         return order_before_both(self.pose, self.camera.rays(ends), forward)[0]
 
     def forward_probability(self, ends: Array, sampson_px: Array) -> Array:
-        """Return the probability (N,) that ends[:, 0] is open, by F or else by H; one half without both.
+        """Return the probability (N,) that ends[:, 0] is open by F, or else H; one half without either.
 
         ``ends`` (N, 2, 2) are undistorted pixels.
         """
@@ -65,11 +65,11 @@ class EndOrder:
 def end_order(
     geometry: TwoViewGeometry, ends: Array, sampson_px: Array, camera: Camera | None, size: tuple[int, int]
 ) -> EndOrder:
-    """Return the order of ends under a geometry, given the smears that it was estimated from.
+    """Return the `EndOrder` of a geometry, given the smears that it was estimated from.
 
-    ``ends`` (N, 2, 2) are pixels as the camera distorts them, ``sampson_px`` (N,) as of `EndOrder`, ``size``
-    the photograph's width and height. A geometry without a pose has that of F and the camera, which is the
-    assumed one if None is given; one without F that of the pose.
+    ``ends`` (N, 2, 2) are pixels of the photograph, distorted as the camera distorts; ``sampson_px`` (N,) as
+    in `EndOrder`; ``size`` is the photograph's width and height. Without a pose in the geometry it is that of
+    F and the camera, by default the assumed one; without F, F is that of the pose.
     """
     camera = camera or Camera.from_focal(ASSUMED_FOCAL * max(size), size)
     F, pose, inliers = geometry.F, geometry.cam2_from_cam1, geometry.inlier_mask
@@ -84,7 +84,10 @@ def end_order(
 
 
 def in_order(geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | None) -> TwoViewGeometry:
-    """Return the geometry with the order of the ends; H, and F beside a rotation alone, run the same way."""
+    """Return the geometry with the order of the ends, H in the same direction of time.
+
+    So is F where the pose is a rotation alone, which decides the order.
+    """
     F, H, pose = geometry.F, geometry.H, geometry.cam2_from_cam1
     if F is None and H is None:
         return geometry
@@ -106,7 +109,7 @@ def in_order(geometry: TwoViewGeometry, matches: SmearMatches, camera: Camera | 
 
 
 def open_and_close(ends: Array, second_end_is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return open and close ends, (N, 2) each, of smears (N, 2, 2) in the given order (N,)."""
+    """Return shutter-open and shutter-close ends, (N, 2) each, of smears (N, 2, 2)."""
     index, second = np.arange(len(ends)), second_end_is_open.astype(int)
     return ends[index, second], ends[index, 1 - second]
 
@@ -116,8 +119,8 @@ def order_before_both(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return where ends[:, 1] is open (N,), and where the point then lies before both cameras (N,).
 
-    ``rays`` (N, 2, 2) are the ends' x/z and y/z, ``forward`` (N,) the probability that ends[:, 0] is open; an
-    order that puts the point behind a camera is less probable by BEHIND.
+    ``rays`` (N, 2, 2) are the ends' x/z and y/z, ``forward`` (N,) the probability that ends[:, 0] is open by
+    F. The probability of an order that puts the point behind a camera is multiplied by BEHIND.
     """
     front, back = before_both(pose, rays[:, 0], rays[:, 1]), before_both(pose, rays[:, 1], rays[:, 0])
     second = (1 - forward) * np.where(back, 1.0, BEHIND) > forward * np.where(front, 1.0, BEHIND)
@@ -127,9 +130,8 @@ def order_before_both(
 def pose_before_both(E: Array, rays: Array, forward: Array, weights: Array) -> RigidTransform:
     """Return the pose of E (3, 3) that puts most of the smears, by weights (N,), before both cameras.
 
-    Among equal ones it is that of the smaller rotation. ``rays`` and ``forward`` are as in
-    `order_before_both`. Reversing time inverts the pose and every order and changes no count: one of the two
-    is given.
+    If several put equally many it is that of the smaller rotation. ``rays`` and ``forward`` are those of
+    `order_before_both`. A pose and its inverse, with every order reversed, put equally many: one is given.
     """
     poses = decompose_essential(E)  # those of the smaller rotation first, and max() takes the first of equals
     shares = [weights @ order_before_both(pose, rays, forward)[1] for pose in poses]

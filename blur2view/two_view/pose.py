@@ -1,8 +1,8 @@
 """The pose of a camera with known intrinsics: E, the rotation, and the translation where it is known.
 
-E has five parameters and is fitted as F is, started from the likeliest direction of translation. The
-covariance adds the curvature of the cost and the spread of the likelihood over all directions
-(`DirectionLikelihood`), with all correlation of neighbouring smears counted.
+E has five parameters and is fitted as F is, from F and from the likeliest direction of translation. The
+covariance is that of the curvature of the cost plus, where few smears are independent, that of the likelihood
+over all directions of translation (`DirectionLikelihood`), with all correlation of neighbouring smears.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from blur2view.two_view.likelihood import Likelihood
 from blur2view.two_view.models import FundamentalManifold, cayley
 from blur2view.two_view.order import pose_before_both
 
-POSE = [2, 3, 4, 0, 1]  # a camera's parameters, rotation first
+POSE = [2, 3, 4, 0, 1]  # rotation, then translation, of the parameters of `FundamentalManifold`
 ANY_DIRECTION = (np.pi - 2) / 2  # squared radians: variance of an axis of any direction along each tangent
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatedPose:
-    """The pose, how sure it is, and why it is that."""
+    """The pose, its covariance, and a sentence that says how it was found."""
 
     cam2_from_cam1: RigidTransform
     covariance: PoseCovariance
     sentence: str
-    E: Array | None = None  # (3, 3), which F becomes that of; None where a rotation explains all smears
+    E: Array | None = None  # (3, 3), from which F is computed anew; None where F stays as fitted
 
 
 def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -> EstimatedPose:
     """Return the pose of known intrinsics for a choice with F or H, given the F of least cost.
 
-    The translation is given where parallax is proven, or its direction known to KNOWN_DEG and no rotation
-    explains the smears alone; else the pose is the rotation, for any translation.
+    The translation is given where parallax is proven, or where its direction is known to KNOWN_DEG and the
+    configuration is not PANORAMIC. Else it is zero, and the rotation is that of a PANORAMIC field, or the
+    mean over all directions of translation.
     """
     field, correlated = choice.homography, likelihood.fully_correlated
     if choice.config is Configuration.PANORAMIC and field is not None:
@@ -54,7 +55,7 @@ def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -
     tangents = np.copysign(1.0, pose.translation @ point.t) * plane_basis(point.t)
     mean, region = spread_over(directions, pose, tangents)
     matrix = covariance_at(point, correlated)
-    if not correlated.has_many_independent:  # else the likelihood is narrower than its grid of directions
+    if not correlated.has_many_independent:  # else the likelihood is narrower than the grid's steps
         matrix = matrix + region
     covariance = PoseCovariance(matrix=matrix, tangents=tangents)
     fitted = "; E was then fitted to the known intrinsics"
@@ -73,7 +74,7 @@ def estimate_pose(likelihood: Likelihood, fit: FundamentalFit, choice: Choice) -
 def fit_calibrated(
     likelihood: Likelihood, start: FundamentalManifold, directions: DirectionLikelihood
 ) -> tuple[FundamentalManifold, RigidTransform]:
-    """Return the cheapest E, from a camera's fit or the likeliest direction of translation, and its pose."""
+    """Return the E of least cost, started from the F given and the likeliest translation, and its pose."""
     ((rotation, t),) = directions.likeliest(1)
     likeliest = FundamentalManifold(t=t, R=rotation_matrix(rotation), prior_sigma=likelihood.prior_sigma)
     point = fit_best([start, likeliest], likelihood).point
@@ -87,13 +88,14 @@ def spread_over(
 ) -> tuple[Array, Array]:
     """Return the mean rotation vector (3,) over all directions of translation, and the spread about a pose.
 
-    The spread (5, 5) is that of `PoseCovariance`, with these tangents (2, 3).
+    The spread (5, 5) has the parameters of `PoseCovariance` with the given tangents (2, 3): the mean of their
+    squares and products over all directions, weighed by likelihood.
     """
     directions, rotations, costs, orders = likelihood.grid
     weight = np.exp(-0.5 * (costs - costs.min()))
     weight /= weight.sum()
     *_, (order,) = likelihood.at(pose.translation[None])
-    sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # of two flips of time, that of the pose
+    sign = np.where(orders @ order < 0, -1.0, 1.0)[:, None]  # time runs as in the pose, or is reversed
     offset = sign * directions @ tangents.T
     angle = np.arccos(np.clip(sign[:, 0] * (directions @ pose.translation), -1.0, 1.0))
     offset *= (angle / np.maximum(np.linalg.norm(offset, axis=1), TINY))[:, None]
@@ -104,17 +106,19 @@ def spread_over(
 
 
 def covariance_at(point: FundamentalManifold, correlated: Likelihood) -> Array:
-    """Return the covariance (5, 5) of rotation and translation by the curvature of the cost.
+    """Return the covariance (5, 5) of rotation and translation: the inverse normal matrix times a factor.
 
-    It is the inverse of Gauss and Newton's normal matrix times a factor, as that matrix leaves out that
-    orders and outliers are uncertain.
+    The factor, `COVARIANCE_FACTOR`, is there because the normal matrix takes orders and outliers as certain.
     """
     normal, _ = FundamentalFit.likelier(point, correlated).normal_equations()
     return np.asarray(c.COVARIANCE_FACTOR * np.linalg.pinv(normal[np.ix_(POSE, POSE)], hermitian=True), float)
 
 
 def rotation_alone(vector: Array, covariance: Array, why: str) -> EstimatedPose:
-    """Return the pose of a rotation vector (3,), radians, of covariance (3, 3), without a translation."""
+    """Return the pose without translation of w (3,), the rotation being Cayley's transform of [w]x.
+
+    ``covariance`` (3, 3) is that of w, squared radians; ``why`` ends the sentence "the pose is ...".
+    """
     matrix = np.diag([0.0, 0.0, 0.0, ANY_DIRECTION, ANY_DIRECTION])
     matrix[:3, :3] = covariance
     return EstimatedPose(
