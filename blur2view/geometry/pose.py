@@ -1,8 +1,8 @@
-"""Rotations and poses: E and its four decompositions, points before both cameras, and how sure a pose is.
+"""Rotations and poses: E and its four decompositions, points before both cameras, covariances of poses.
 
 A pose is ``cam2_from_cam1``: a point X of camera 1 is R X + t in camera 2. Coordinates are those of a camera
-with K = identity (rays). Of the translation only the direction can be known, and reversing time (swapping
-the ends of every smear) inverts the pose: both are one answer.
+with K = identity (rays). Only the direction of the translation can be known, and reversing time, which swaps
+the ends of every smear, inverts the pose: a pose and its inverse are one answer.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ QUARTER_TURN: Array = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 
 
 def plane_basis(normal: Array) -> Array:
-    """Return two orthonormal vectors (2, 3) perpendicular to a vector (3,), by its reflection."""
+    """Return two orthonormal vectors (2, 3) perpendicular to a vector (3,), by a Householder reflection."""
     mirror = np.asarray(normal, float) / max(math.sqrt(normal @ normal), TINY)
     mirror[2] += math.copysign(1.0, mirror[2])
     basis: Array = PLANE - mirror[:2, None] * (mirror * (2 / (mirror @ mirror)))
@@ -45,12 +45,15 @@ def rotation_matrix(vector: Array) -> Array:
 
 
 def rotation_vector(R: Array) -> Array:
-    """Return the rotation vector (3,) in radians of a rotation matrix."""
+    """Return the rotation vector (3,), radians, of a rotation matrix (3, 3)."""
     return np.asarray(cv2.Rodrigues(R)[0], float).ravel()
 
 
 def rotation_flow(middle: AnyArray) -> AnyArray:
-    """Return the motion (2, 3, N) of points (N, 2), K = identity, per radian: w x p - p (w x p)_z."""
+    """Return the velocities (2, 3, N) of points (N, 2), K = identity, under unit rotations about x, y and z.
+
+    For w they are (w x p)_12 - p (w x p)_3, p homogeneous.
+    """
     x, y = middle.T
     return np.array([[-x * y, 1 + x * x, -y], [-(1 + y * y), x * y, x]])
 
@@ -97,7 +100,7 @@ class AngularVelocity:
     covariance: Array  # (3, 3), squared radians per squared second
 
     def __repr__(self) -> str:
-        mean, sigma = (", ".join(f"{value:z.3g}" for value in one) for one in (self.mean, self.sigma))
+        mean, sigma = (", ".join(f"{v:z.3g}" for v in vector) for vector in (self.mean, self.sigma))
         return f"<AngularVelocity ({mean}) +/- ({sigma}) rad/s>"
 
     @property
@@ -128,8 +131,9 @@ def essential_motions(E: Array) -> tuple[list[Array], Array]:
 def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.bool_]:
     """Return where (N,) rays (N, 2), x/z and y/z, of two cameras meet before both of them (cheirality).
 
-    Where depth2 y = depth1 R x + t, each solved across the other ray, so that noisy rays nearly meet; False
-    of parallel rays (Hartley and Zisserman, 2nd ed., section 9.6.3).
+    Both depths of depth2 y = depth1 R x + t, x and y homogeneous, are positive; each is solved across the
+    other ray, as noisy rays do not meet. False for parallel rays (Hartley and Zisserman, 2nd ed., section
+    9.6.3).
     """
     x, y = homogeneous(rays1) @ pose.rotation.T, homogeneous(rays2)
     normal = np.cross(y, x)
@@ -140,13 +144,13 @@ def before_both(pose: RigidTransform, rays1: Array, rays2: Array) -> NDArray[np.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseCovariance:
-    """How sure a pose is: the covariance of (w, u), radians.
+    """Covariance of the error (w, u) of a pose, squared radians.
 
-    The true rotation is exp([w]x) R, the true translation along t + u @ tangents, to first order.
+    The true rotation is exp([w]x) R, the true translation runs along t + u @ tangents, to first order.
     """
 
     matrix: Array  # (5, 5)
-    tangents: Array  # (2, 3): unit vectors across t and each other
+    tangents: Array  # (2, 3): unit vectors perpendicular to t and to each other
 
     @property
     def rotation_sigma_deg(self) -> Array:
@@ -161,8 +165,8 @@ class PoseCovariance:
     def inverse(self, pose: RigidTransform) -> PoseCovariance:
         """Return the covariance of the inverse of a pose.
 
-        exp([w]x) R inverts to exp([w']x) R^T with w' = -R^T w; t' = -R^T t moves by -R^T (dt - w x t): along
-        the tangents -T R, u' = u + T [t]x w.
+        The inverse of exp([w]x) R is exp([w']x) R^T with w' = -R^T w; t' = -R^T t moves by -R^T (dt - w x t).
+        In its tangents -B R, B those of the pose, that is u' = u + B [t]x w.
         """
         step = np.eye(5)
         step[:3, :3] = -pose.rotation.T

@@ -1,9 +1,9 @@
-"""Rolling shutters: all rows of a photograph are exposed equally long, one begins after the other.
+"""Rolling shutters: all rows of a photograph are exposed for the same time, each begins after the one above.
 
-A point is seen while its row is open. Its smear D leads from the row on which it is when that row opens to
-the row on which it is when that one closes, which opened r D_y later (r the time from row to row): it is seen
-for e + r D_y, e the exposure time. So D / (1 + r D_y / e) is its smear in e, exactly at a constant velocity,
-and -D / (1 - r D_y / e) if the photograph was taken in the other order in time.
+A point is recorded while the row on which it lies is exposed. Its smear D begins on a row when that row
+opens, and ends on another when that one closes, which opened r D_y later, r the time from row to row: the
+point is recorded for e + r D_y, e the exposure time. At a constant velocity its smear in e is therefore
+exactly D / (1 + r D_y / e), and -D / (1 - r D_y / e) if the other end came first.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 
 from blur2view.smears.matches import SmearMatches
 
-MAX_READOUT_S = 1.0  # no electronic shutter is as slow
-LONG_S = 2.0  # an exposure beyond is taken for milliseconds
-MIN_EXPOSURES = 0.1  # of an exposure; points that keep up with the rows would be seen for less
-AROUND = 16  # smears that decide the order of one: without parallax the order of some is open
+MAX_READOUT_S = 1.0  # bound: no electronic shutter is as slow
+LONG_S = 2.0  # bound: a longer exposure is refused, as probably stated in milliseconds
+MIN_EXPOSURES = 0.1  # exposure times for which a point is recorded, at least: bound
+AROUND = 16  # nearest smears that decide the order of each, as without parallax some orders are undecided
 
 
 @dataclass(frozen=True, kw_only=True)
 class RollingShutter:
-    """A shutter that exposes one row after the other; ValueError of times that no shutter has."""
+    """A shutter that exposes one row after the other; ValueError if no shutter has such times."""
 
     readout_s: float  # from the start of the first row's exposure to that of the last
     exposure_s: float  # of each row
-    towards: tuple[int, int] = (0, 1)  # rows begin from top to bottom; (1, 0): from left to right; or against
+    towards: tuple[int, int] = (0, 1)  # (x, y) from the first row to the last: (0, 1) is from top to bottom
 
     def __post_init__(self) -> None:
         if not 0 <= self.readout_s <= MAX_READOUT_S:
@@ -40,7 +40,11 @@ class RollingShutter:
     def all_rows_at_once(
         self, matches: SmearMatches, second_end_is_open: NDArray[np.bool_], image_size: tuple[int, int]
     ) -> SmearMatches | None:
-        """Return the matches of a global shutter, given where (N,) second ends are open; None without any."""
+        """Return the smears that an exposure of all rows at once would leave.
+
+        ``second_end_is_open`` (N,) is their order. None if, in this order, half of the points would outrun
+        the rows.
+        """
         from scipy.spatial import cKDTree  # 0.1 s, so only for a rolling shutter
 
         directed = np.where(second_end_is_open, -1.0, 1.0)[:, None] * matches.displacement

@@ -1,8 +1,8 @@
-"""What blurred a photograph, and by how much: one object that names, ranks and verdicts follow from.
+"""What blurred a photograph, and by how much: `Blur`, from which its record and verdict are made.
 
-The kinds of blur and radii that a network tells of cells (:mod:`blur2view.smears.likelihood`) are averaged
-over the photograph, each cell by how much it can tell. What lies near the border counts more: before a camera
-at rest something moves within the picture, and a camera that follows something blurs what is around it.
+A network states kinds of blur and radii of cells (:mod:`blur2view.smears.likelihood`). They are averaged over
+the photograph; a cell that cannot tell counts less. Cells near the border count more: before a camera at rest
+something moves within the picture, and a camera that follows something blurs what is around it.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from blur2view.arrays import TINY, AnyArray, Floats
 from blur2view.smears.grid import SmearGrid, to_double_angle
 from blur2view.smears.likelihood import BOTH, CANNOT_TELL, OUT_OF_FOCUS, SHARP, SHORTEST_PX, SMEARED
 
-MIN_KNOWN = 0.04  # share of the cells that must tell their blur
-BORDER, BORDER_WEIGHT = 0.15, 3.0  # share of a side that is near the border, and how much more that counts
+MIN_KNOWN = 0.04  # share of the cells of which the kind of blur must be known
+BORDER, BORDER_WEIGHT = 0.15, 3.0  # share of a side that is near the border; weight of its cells
 MOVED = 0.5  # share that must be smeared for the camera to have moved
-CLOSE_MOVED = 0.2  # of the share that decides if the camera moved, what is close to its limit
-# Length of what is surely smeared, also in standard deviations; share of the cells that must be so.
+CLOSE_MOVED = 0.2  # difference of the smeared share from MOVED that is close
+# Length of what is surely smeared, pixels and standard deviations; share of the cells that must be so.
 SURE_PX, SURE_SIGMAS, SURE_SHARE = 3.0, 2.0, 0.01
 # Share of the picture that must move, or of the cells that must be smeared, for anything to have moved.
 MOVING_SHARE = 0.005
@@ -30,9 +30,9 @@ MAX_STILL, PLAIN_PX = 0.1, 4.0
 IN_FOCUS = 0.2  # share of what is not smeared that must be sharp: the subject
 DEFOCUSED_PX = 2.0  # radius, of what is sharpest, above which a photograph is out of focus
 DARK, BRIGHT = 0.02, 0.98  # values below, or above, which a whole photograph is too dark, or overexposed
-UNSEEN_PX = 500.0  # standard deviation of what shows no texture, which a network gives 1000, or borders on it
-KNOWN_BEST = 0.2  # relative deviation of a length below which it counts no more: bound
-# Length of the mean smear, in double angle, over the mean length, from which on there is one direction.
+UNSEEN_PX = 500.0  # standard deviation above which a cell shows no texture: a network gives such cells 1000
+KNOWN_BEST = 0.2  # relative deviation of a length below which the cell has hardly more weight: bound
+# Length of the mean smear, in double angle, over the mean length, above which the photograph has a direction.
 COMMON_DIRECTION = 0.5
 
 
@@ -42,7 +42,7 @@ class BlurKind(StrEnum):
     SHARP = "sharp"
     OUT_OF_FOCUS = "out of focus"
     CAMERA_MOVED = "camera moved"
-    CAMERA_AT_REST = "camera at rest"  # something moves, or moved in part of the picture; the camera did not
+    CAMERA_AT_REST = "camera at rest"  # something in the picture moves; the camera does not
     OUT_OF_FOCUS_AND_MOVED = "out of focus and moved"
     CANNOT_TELL = "cannot tell"
 
@@ -54,24 +54,24 @@ class BlurKind(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Blur:
-    """The blur of a photograph as a whole; None of what no cell tells."""
+    """The blur of a photograph as a whole; values are None where no cell shows them."""
 
     kind: BlurKind
     smear_px: float | None = None  # length of the photograph's smear: `with_length`
     smear_sigma_px: float | None = None  # its standard deviation
-    # Of the mean smear in double angle, 0 to 180 degrees, from the x axis towards y, which points down; None
-    # where smears run in many directions.
+    # Direction of the mean smear in double angle, 0 to 180 degrees, from the x axis towards y, which points
+    # down; None where smears run in many directions.
     direction_deg: float | None = None
-    # Radius of the disc which spreads as widely as the lens does, out of focus or not: of what is in focus,
-    # if anything is; and the deviation between cells.
+    # Radius of the disc which spreads as widely as the lens does: of what is in focus, if anything is, else
+    # of what is not; and its standard deviation between cells.
     defocus_px: float | None = None
     defocus_sigma_px: float | None = None
-    moving_share: float = 0.0  # of the picture that moves by itself, where that was asked
+    moving_share: float = 0.0  # of the picture that moves by itself; 0 unless movers were looked for
     nothing_seen: str = ""  # why nothing can be seen: too dark, overexposed, one colour
 
     @property
     def reason(self) -> str:
-        """What the kind is, with its figures."""
+        """The kind of blur, with its figures."""
         if self.kind is BlurKind.OUT_OF_FOCUS:
             return f"out of focus by a radius of {self.defocus_px:.1f} px"
         if self.kind is BlurKind.CAMERA_AT_REST:
@@ -82,15 +82,17 @@ class Blur:
 
     @property
     def is_short(self) -> bool:
-        """Whether the smear is no longer than its standard deviation: that is no blur."""
+        """Whether the smear is no longer than its standard deviation, so that it may be no blur."""
         return (self.smear_px or 0.0) <= (self.smear_sigma_px or 0.0)
 
     def at_rest(self) -> Blur:
-        """Return the blur of the same photograph of which it is known that the camera did not move."""
+        """Return the blur with the kind that it has if the camera is known not to have moved."""
         if not self.kind.of_camera:
             return self
-        kind = BlurKind.OUT_OF_FOCUS if self.kind is BlurKind.OUT_OF_FOCUS_AND_MOVED else BlurKind.SHARP
-        return replace(self, kind=BlurKind.CAMERA_AT_REST if self.moving_share > MOVING_SHARE else kind)
+        if self.moving_share > MOVING_SHARE:
+            return replace(self, kind=BlurKind.CAMERA_AT_REST)
+        out_of_focus = self.kind is BlurKind.OUT_OF_FOCUS_AND_MOVED
+        return replace(self, kind=BlurKind.OUT_OF_FOCUS if out_of_focus else BlurKind.SHARP)
 
 
 def blur_of(
@@ -100,11 +102,12 @@ def blur_of(
     camera_moved: float | None = None,
     moving_share: float | None = None,
 ) -> Blur:
-    """Return the blur of a photograph; the photograph itself says why nothing can be seen.
+    """Return the blur of a photograph.
 
-    Of a grid without kinds of blur the camera is taken to have moved. ``moving`` (h, w) is the share of each
-    cell that moves by itself, ``moving_share`` that of the picture, ``camera_moved`` the probability that
-    the camera did; by default 0, the mean, and that of the cells.
+    From an ``image`` it also takes why nothing can be seen. For a grid without kinds of blur the camera is
+    taken to have moved. ``moving`` (h, w) is the share of each cell that moves by itself, by default 0;
+    ``moving_share`` that of the picture, by default the mean of ``moving``; ``camera_moved`` the probability
+    that the camera moved, by default judged by the kinds of the cells.
     """
     smeared = with_length(Blur(kind=BlurKind.CAMERA_MOVED), grid)
     if smeared.smear_px is None:
@@ -122,20 +125,27 @@ def blur_of(
     if smeared.is_short and camera_moved is None:
         kind = replace(smeared, kind=kind, moving_share=moving_share).at_rest().kind
     in_focus = kind in (BlurKind.SHARP, BlurKind.CAMERA_AT_REST, BlurKind.CAMERA_MOVED)
-    weight = kinds[..., [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]].sum(-1) * known
+    counted = [SHARP, SMEARED] if in_focus else [OUT_OF_FOCUS, BOTH]
+    weight = kinds[..., counted].sum(-1) * known
     radius, spread = weighted_median(grid.blur[..., 0], weight)
     if kind is BlurKind.SHARP and radius > DEFOCUSED_PX:
         kind = BlurKind.OUT_OF_FOCUS
     blur = Blur(kind=kind, defocus_px=radius, defocus_sigma_px=spread, moving_share=moving_share)
-    of_kind = kinds[..., [SMEARED, BOTH] if kind.of_camera else [SHARP, OUT_OF_FOCUS]].sum(-1)
-    return with_length(blur, grid, of_kind * (1 - share))
+    counted = [SMEARED, BOTH] if kind.of_camera else [SHARP, OUT_OF_FOCUS]
+    return with_length(blur, grid, kinds[..., counted].sum(-1) * (1 - share))
 
 
 def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float | None = None) -> BlurKind:
-    """Return what blurred a photograph of kinds (h, w, 5), weighed by how much of a cell stands still."""
+    """Return the kind of blur of a photograph, from those of its cells.
+
+    ``kinds`` (h, w, 5) are their probabilities times the share of the cell that does not move by itself.
+    """
     sharp, defocused, smeared, both = near_border(kinds)
     moved, still = smeared + both, sharp + defocused
-    if moved > MOVED * (moved + still) if camera_moved is None else camera_moved > 0.5:
+    has_moved = bool(moved > MOVED * (moved + still))
+    if camera_moved is not None:
+        has_moved = camera_moved > 0.5
+    if has_moved:
         return BlurKind.OUT_OF_FOCUS_AND_MOVED if both > smeared else BlurKind.CAMERA_MOVED
     if moving_share > MOVING_SHARE:
         return BlurKind.CAMERA_AT_REST
@@ -144,20 +154,23 @@ def kind_of(kinds: NDArray[np.float64], moving_share: float, camera_moved: float
 
 
 def near_border(kinds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return sums (4,) of all kinds but CANNOT_TELL over a photograph, weighed more near the border."""
+    """Return the sums (4,) over the cells of all kinds but CANNOT_TELL, near the border weighed 3 times."""
     near = [np.minimum(np.arange(n), np.arange(n)[::-1]) < BORDER * n for n in kinds.shape[:2]]
     weight = np.where(near[0][:, None] | near[1], BORDER_WEIGHT, 1.0)
     return np.asarray((kinds * weight[..., None]).sum((0, 1))[:CANNOT_TELL])
 
 
 def smeared_share(grid: SmearGrid) -> float:
-    """Return the share of a grid with kinds of blur that is smeared, as it counts for the camera's motion."""
+    """Return the share of a grid that is smeared, cells near the border weighed 3 times.
+
+    The grid must have kinds.
+    """
     sums = near_border(np.asarray(grid.kinds, float))
     return float(sums[[SMEARED, BOTH]].sum() / max(sums.sum(), TINY))
 
 
 def in_doubt(grid: SmearGrid) -> bool:
-    """Whether the cells' own blur leaves open if the camera moved: some of it is smeared, some is not."""
+    """Whether the kinds of the cells do not decide if the camera moved: some are smeared, some are not."""
     if grid.kinds is None:
         return False
     smeared = (grid.kinds[..., [SMEARED, BOTH]].sum(-1) > 0.5).mean()
@@ -168,10 +181,10 @@ def in_doubt(grid: SmearGrid) -> bool:
 
 
 def is_close(grid: SmearGrid) -> bool:
-    """Whether a photograph's kind of blur is so close that more windows may show another.
+    """Whether the decision is so near a limit that reading all windows may change it.
 
-    Of 280 pictures that chose none of the limits, sharp, soft, out of focus, smeared and of DAVIS, this is
-    true of 33, and 13 of the others have another kind than by all windows.
+    True for 33 of 280 pictures by which no limit was chosen (sharp, soft, out of focus, smeared and of
+    DAVIS); 13 of the others have another kind when all windows are read.
     """
     if grid.kinds is None:
         return False
@@ -187,7 +200,7 @@ def is_close(grid: SmearGrid) -> bool:
 
 
 def nothing_seen(image: AnyArray) -> str:
-    """Return what a photograph's brightness, uint8, uint16 or 0 to 1, says of why it shows nothing."""
+    """Return why a photograph (uint8, uint16 or 0 to 1) shows nothing, by its brightness; "" if it may."""
     white = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else 1.0
     low, high = np.quantile(image[::4, ::4] / white, (0.02, 0.98))
     if high < DARK:
@@ -198,10 +211,11 @@ def nothing_seen(image: AnyArray) -> str:
 
 
 def with_length(blur: Blur, grid: SmearGrid, of_kind: NDArray[np.float64] | None = None) -> Blur:
-    """Return the blur with length, deviation and direction of the photograph's smear; as it is if smooth.
+    """Return the blur with length, standard deviation and direction of the photograph's smear.
 
-    Medians over the cells, each weighed by how well it knows its length, ``1 / (c^2 + (sigma / (length + 2
-    px))^2)``, and by the probability ``of_kind`` (h, w), by default 1.
+    Length and deviation are medians over the cells, weighed by ``1 / (c^2 + (sigma / (length + 2 px))^2)``,
+    c KNOWN_BEST, and by the probability ``of_kind`` (h, w), by default 1. Without texture the blur stays as
+    it is.
     """
     smears, sigma = grid.smears(), grid.sigma_px
     seen = sigma < UNSEEN_PX

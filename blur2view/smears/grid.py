@@ -1,8 +1,8 @@
 """Smears, the paths of pixels during the exposure, known up to the sign of their displacements.
 
-Of every pixel or at any points (`SmearField`), at the cells of a network's grid (`SmearGrid`), and in a
-file, ``.smear.npz``, in half precision, whose eleven bits change a smear by a hundredth of what the network
-errs by.
+A `SmearField` has them at every pixel or at any points, a `SmearGrid` at the cells of a network's grid. A
+``.smear.npz`` file stores a grid in half precision, which changes a smear by a hundredth of the network's
+error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from blur2view.smears.noise import WINDOW_PX
 
 Floats = NDArray[np.floating[Any]]
 
-# Probability that a cell is not smeared, from which on the 68 % point of its error is that of no smear.
+# Probability of no smear from which a cell's short smear is taken for an error: the share within one standard
+# deviation.
 SURE_STILL = 0.68
 GRID_KEY, BLUR_KEY = "smear_grid", "blur_grid"
 
@@ -53,7 +54,7 @@ class SmearField:
 
 
 def to_double_angle(displacement: ArrayLike) -> Floats:
-    """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), pixels, the same for d and -d."""
+    """Return |d| (cos 2phi, sin 2phi) of displacements d (..., 2), phi their angle; the same for d and -d."""
     d = np.asarray(displacement)
     length = np.hypot(d[..., 0], d[..., 1])
     # through the unit vector, so that squares of tiny and huge lengths neither underflow nor overflow
@@ -70,7 +71,10 @@ def from_double_angle(double_angle: ArrayLike) -> Floats:
 
 
 def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64]:
-    """Return both ends (N, 2, 2), p - d/2 and p + d/2, of smears d (N, 2) at mid-exposure pixels p (N, 2)."""
+    """Return the ends p - d/2 and p + d/2 (N, 2, 2) of smears d (N, 2) with midpoints p (N, 2), pixels.
+
+    ValueError for arrays of other shapes.
+    """
     p = np.asarray(points, dtype=np.float64)
     half = np.asarray(displacement, dtype=np.float64) / 2
     if p.shape != half.shape or p.ndim != 2 or p.shape[1] != 2:
@@ -79,9 +83,9 @@ def smear_ends(points: ArrayLike, displacement: ArrayLike) -> NDArray[np.float64
 
 
 def upsample_grid(grid: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
-    """Return a grid of cells (h, w, C), in double angle, at pixels (h*stride, w*stride, C), float32."""
+    """Interpolate a grid of cells (h, w, C), in double angle, at pixels: (h*stride, w*stride, C), float32."""
     height, width, channels = grid.shape
-    # OpenCV's pixel centres are at integer + 0.5 of the cell, which is exactly the convention above
+    # OpenCV has centres at integer + 0.5 cells, which is pixel stride*j + (stride-1)/2, as in `SmearGrid`
     resized = cv2.resize(grid, (width * stride, height * stride), interpolation=cv2.INTER_LINEAR)
     return resized.reshape(height * stride, width * stride, channels).astype(np.float32, copy=False)
 
@@ -96,7 +100,9 @@ class SmearGrid:
     cells: NDArray[np.float32]  # (h, w, 4): double angle of d, pixels; sigma_px and sigma_rad of `SmearField`
     stride: int  # pixels per cell
     shape: tuple[int, int]  # height and width of the photograph
-    window_px: int | None = WINDOW_PX  # side of the window that a cell is read from; None: cells err alone
+    window_px: int | None = (
+        WINDOW_PX  # side of the window that a cell is read from; None: cells err independently
+    )
     # (h, w, 6): radius out of focus, pixels, and probabilities of `likelihood.KINDS`; None: not known
     blur: NDArray[np.float32] | None = None
     # (h, w, 64): probabilities of 32 directions and of 32 lengths (`likelihood`), in pixels of a picture in
@@ -129,9 +135,9 @@ class SmearGrid:
     def sigma_px(self) -> NDArray[np.float32]:
         """Standard deviations of the cells' smears, (h, w), pixels.
 
-        What is surely not smeared, and reads short, errs by that length: the median deviation of 46 sharp
-        photographs, also at an eighth of their brightness, is 0.5 px (else 5.0), and that of smears of 6 to
-        16 px does not change.
+        A short smear of a cell that is surely not smeared is an error, so its length replaces a larger
+        deviation. In 46 sharp photographs, also at an eighth of their brightness, the median is then 0.5 px
+        (else 5.0); for smears of 6 to 16 px it does not change.
         """
         smears = self.smears()
         if self.kinds is None:
@@ -151,7 +157,7 @@ class SmearGrid:
         return _decoded(self.cells)
 
     def at(self, points: Array) -> SmearField:
-        """Return the smears at pixels (N, 2), interpolated in double angle; the outermost cells continue."""
+        """Return the smears at pixels (N, 2), interpolated in double angle, constant beyond outer cells."""
         height, width = self.cells.shape[:2]
         place = (np.asarray(points, float) - (self.stride - 1) / 2) / self.stride
         column, row = np.clip(place, 0, [width - 1, height - 1]).T

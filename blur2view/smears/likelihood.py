@@ -1,9 +1,9 @@
-"""Smears read off a likelihood over direction and length: the value and its deviations.
+"""Smears read off a likelihood over direction and length: displacements and standard deviations.
 
-A bin is a direction, of 32 over half a turn, and a length, of four an octave from 2 px on; before the lengths
-stands one bin for anything shorter, after them one for anything longer. The likelihood was fitted to the
-truth blurred by a Gaussian of 0.6 bins, so a smear is read between bins: as the mean about the highest peak,
-or over the whole where no peak stands out.
+There are 32 bins of direction over 180 degrees, and bins of length, four an octave from 2 px on, with one
+before them for anything shorter and one after them for anything longer. The likelihood was fitted to the true
+smear blurred by a Gaussian of 0.6 bins, so a smear is read between bins: as the mean about the highest peak,
+or of the whole likelihood where no peak stands out.
 """
 
 from __future__ import annotations
@@ -16,47 +16,47 @@ DIRECTIONS = 32  # bins over 180 degrees; bin k is the direction 180 k / 32 degr
 PER_OCTAVE = 4  # bins of length an octave
 SHORTEST_PX = 2.0  # length of bin 1
 BINS = 20  # of length in one octave: anything shorter, 2 to 38 px, anything longer
-STILL_PX = 0.4  # length that stands for bin 0, anything shorter: most of it is no smear at all
-LABEL_SPREAD = 0.6  # standard deviation, in bins, of what the likelihood was fitted to
+STILL_PX = 0.4  # length of bin 0, of anything shorter: most of these are no smear at all
+LABEL_SPREAD = 0.6  # standard deviation, in bins, of the Gaussian that blurred the truth
 PEAK_BINS = 2  # bins on each side of the peak whose mean is the smear
-# Probability about the peak from which on its mean is the smear; below, the mean of the whole errs less
-# (tools/results/training_log.md, 20 test photographs).
+# Probability about the peak from which the mean about it is the smear; below, the mean of the whole has the
+# smaller error (tools/results/training_log.md, 20 test photographs).
 SURE_PEAK = 0.6
-ANY_PX = 16.0  # root mean square of lengths of 2 to 38 px, as frequent in every octave: of an unseen smear
-MIN_READ_SIGMA_RAD, MIN_READ_SIGMA_PX = float(np.deg2rad(0.3)), 0.15  # that the bins resolve
+ANY_PX = 16.0  # of an unseen smear: root mean square of lengths of 2 to 38 px, uniform in their logarithm
+MIN_READ_SIGMA_RAD, MIN_READ_SIGMA_PX = float(np.deg2rad(0.3)), 0.15  # bins resolve no less
 # Kinds of blur that a cell may show, in the order of the network's logits.
 KINDS = ("sharp", "out of focus", "smeared", "out of focus and smeared", "cannot tell")
 SHARP, OUT_OF_FOCUS, SMEARED, BOTH, CANNOT_TELL = range(len(KINDS))
-# Radius of bin 1, of four an octave; before it stands one bin for anything smaller, last one for anything
-# larger. A radius is that of the disc which spreads as widely as lens and camera do.
+# Radius of bin 1; bins are four an octave, bin 0 is for anything smaller, the last one for anything larger. A
+# radius is that of the disc which spreads as widely as lens and camera do.
 SMALLEST_RADIUS_PX = 0.7
-IN_FOCUS_PX = 0.5  # radius that stands for bin 0
+IN_FOCUS_PX = 0.5  # radius of bin 0
 
 
 def lengths_px(bins: int, first_px: float = SHORTEST_PX, below_px: float = STILL_PX) -> Floats:
-    """Return the lengths of the bins, (bins,), pixels: of bin 1, and what stands for anything shorter."""
+    """Return the lengths (bins,), pixels: ``below_px`` of bin 0, then four an octave from ``first_px``."""
     lengths = first_px * 2.0 ** ((np.arange(bins) - 1) / PER_OCTAVE)
     lengths[0] = below_px
     return lengths.astype(np.float32)
 
 
 def radii_px(bins: int) -> Floats:
-    """Return the radii of the bins, (bins,), pixels."""
+    """Return the radii (bins,), pixels, of the bins."""
     return lengths_px(bins, SMALLEST_RADIUS_PX, IN_FOCUS_PX)
 
 
 def normalised(log_likelihood: Floats) -> Floats:
-    """Return probabilities of directions by lengths (..., 32, bins) of logarithms up to a constant."""
+    """Return probabilities (..., 32, bins) of directions and lengths, given logarithms up to a constant."""
     likelihood = np.exp(log_likelihood - log_likelihood.max((-2, -1), keepdims=True))
     return np.asarray(likelihood / likelihood.sum((-2, -1), keepdims=True), likelihood.dtype)
 
 
 def read_smears(log_likelihood: Floats) -> Floats:
-    """Return the smears of log likelihoods (h, w, 32, bins), up to a constant: (h, w, 4), float32.
+    """Return the smears (h, w, 4), float32, of log likelihoods (h, w, 32, bins), up to a constant.
 
-    Double angle |d| (cos 2phi, sin 2phi), standard deviations of the end-point error |d - d*|, pixels, and
-    of the direction, radians: root mean squares over the whole likelihood, less what the fit's own blur
-    adds.
+    Double angle |d| (cos 2phi, sin 2phi), pixels; standard deviation of the end-point error |d - d*|, pixels;
+    standard deviation of the direction, radians. These are root mean squares over the whole likelihood, less
+    the variance of the Gaussian that blurred the truth.
     """
     likelihood = normalised(log_likelihood)
     direction, length = _smears(likelihood)
@@ -77,7 +77,10 @@ def read_smears(log_likelihood: Floats) -> Floats:
 
 
 def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
-    """Return shares of directions and lengths, the last and longer, (h, w, 32 + lengths) of (h, w, 32, B)."""
+    """Return the probabilities of 32 directions and of ``lengths`` lengths, (h, w, 32 + lengths).
+
+    Of log likelihoods (h, w, 32, bins); the last length includes all longer ones.
+    """
     likelihood = normalised(log_likelihood)
     each = likelihood.sum(-2)
     missing = [(0, 0)] * (each.ndim - 1) + [(0, max(lengths - each.shape[-1], 0))]
@@ -87,7 +90,7 @@ def shares_of(log_likelihood: Floats, lengths: int) -> Floats:
 
 
 def with_unseen(cells: Floats, unseen: Floats) -> Floats:
-    """Return smears (h, w, 4) with deviations of mixtures: ``unseen`` (h, w) of it may be any smear."""
+    """Return smears (h, w, 4) whose deviations include any smear, with probability ``unseen`` (h, w)."""
     x, y, sigma_px, sigma_rad = np.moveaxis(cells, -1, 0)
     any_px = x**2 + y**2 + ANY_PX**2
     sigmas = [
@@ -98,22 +101,22 @@ def with_unseen(cells: Floats, unseen: Floats) -> Floats:
 
 
 def _smears(likelihood: Floats) -> tuple[Floats, Floats]:
-    """Return direction, radians, and length, pixels, (h, w)."""
+    """Return directions, radians, and lengths, pixels, (h, w) each, of likelihoods (h, w, 32, bins)."""
     direction, length, mass = _peak(likelihood)
     bins = lengths_px(likelihood.shape[-1])
     doubled = 2 * np.pi / DIRECTIONS * np.arange(DIRECTIONS, dtype=np.float32)
     weight = likelihood @ bins  # (h, w, 32): the mean double angle is of displacements, not of directions
     x, y = weight @ np.cos(doubled), weight @ np.sin(doubled)
     mean = np.arctan2(y, x) / 2
-    # of both, for the mean length is too long where nothing moves, the mean displacement too short where
-    # directions are open (24 development scenes, Kodak: tools/results/training_log.md)
+    # geometric mean of both: the mean length is too long where nothing moves, the mean displacement too short
+    # where directions are uncertain (24 development scenes, Kodak: tools/results/training_log.md)
     mean_length = np.sqrt(weight.sum(-1) * np.hypot(x, y))
     sure = mass >= SURE_PEAK
     return np.where(sure, direction, mean), np.where(sure, length, mean_length)
 
 
 def _peak(likelihood: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return direction (radians), length (px) of the mean about the highest peak, and its mass, (h, w)."""
+    """Return direction (radians) and length (px) of the mean about the highest peak, and its probability."""
     bins = likelihood.shape[-1]
     wide = sum(np.roll(likelihood, shift, -2) for shift in (-1, 0, 1))
     wide = np.pad(wide, [(0, 0)] * 3 + [(1, 1)])
@@ -140,5 +143,5 @@ def softmax(logits: Floats) -> Floats:
 
 
 def read_radii(logits: Floats) -> Floats:
-    """Return the radii out of focus (h, w), pixels, of logits (h, w, bins): means of their logarithms."""
+    """Return the radii out of focus (h, w), pixels, of logits (h, w, bins): geometric means."""
     return np.asarray(np.exp(softmax(logits) @ np.log(radii_px(logits.shape[-1]))), np.float32)

@@ -1,4 +1,4 @@
-"""Ambiguous matches: the two ends of every smear, without their order, from cells of a grid or elsewhere."""
+"""Ambiguous matches: the two ends of every smear without their order, of a grid's cells or any two views."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from blur2view.arrays import Array, require
 from blur2view.smears.grid import SmearGrid, smear_ends
 from blur2view.smears.noise import INDEPENDENT, NoiseModel, across_px
 
-MIN_MATCH_PX = 1.5  # shorter smears have no direction worth the name
-TINY_SIGMA_PX = 1e-3  # what smaller standard deviations count as, so that none is 0
+MIN_MATCH_PX = 1.5  # length; the direction of shorter smears is noise
+TINY_SIGMA_PX = 1e-3  # standard deviation of a smear, at least, so that none is 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SmearMatches:
-    """Smears as matches whose order is unknown; ValueError if shapes or values are not as here."""
+    """Smears as matches whose order is unknown; ValueError for other shapes or values than stated here."""
 
-    ends: Array  # (N, 2, 2), pixels; which of the two ends is the start means nothing
+    ends: Array  # (N, 2, 2), pixels; which of the two ends comes first is arbitrary
     sigma_px: Array  # (N,): standard deviations of the end-point errors |d - d*|; positive
-    image_size: tuple[int, int] | None = None  # width, height: the estimator may assume an ordinary camera
-    # (N,): standard deviations of the errors across the smears, by default as large in every direction
+    image_size: tuple[int, int] | None = None  # width, height; from it the estimator assumes a camera
+    # (N,): standard deviations of the errors across the smears; by default errors are isotropic
     across_px: Array = None  # type: ignore[assignment]  # set below
-    shared: NoiseModel = INDEPENDENT  # how deviations are meant, and what errors have in common
+    shared: NoiseModel = INDEPENDENT  # how large errors are, and what they have in common
 
     def __post_init__(self) -> None:
         ends, sigma = np.array(self.ends, np.float64), np.array(self.sigma_px, np.float64)
@@ -49,7 +49,7 @@ class SmearMatches:
         sigma_px: float | Array = 1.0,
         image_size: tuple[int, int] | None = None,
     ) -> SmearMatches:
-        """Return the matches of pixels (N, 2); ``sigma_px`` is twice that of one coordinate of one point."""
+        """Return the matches of points (N, 2), pixels; ``sigma_px`` is twice a coordinate's deviation."""
         points1, points2 = np.asarray(points1, float), np.asarray(points2, float)
         if points1.shape != points2.shape or points1.ndim != 2 or points1.shape[1] != 2:
             raise ValueError(f"expected two arrays of shape (N, 2), got {points1.shape} and {points2.shape}")
@@ -81,7 +81,7 @@ class SmearMatches:
 
     @property
     def sampson_px(self) -> Array:
-        """Standard deviations (N,) of the Sampson distances, pixels, as stated."""
+        """Standard deviations (N,) of the Sampson distances, pixels."""
         return self.shared.sampson_px(self.length_px, self.across_px)
 
 
@@ -90,10 +90,10 @@ class SelectOptions:
     """Which cells become matches.
 
     ``beta`` is the share of the cells to keep, the most certain ones (the paper: 0.35, 0.45 for driving;
-    here every cell is weighed by its own uncertainty, so most of them help: of 34 RedKitchen frames and 35
-    rendered scenes the mean rho was 0.053 and 0.041 with half of them, 0.051 and 0.041 with nine tenths,
-    0.050 and 0.042 with all). Of large photographs every second or third cell of a row and a column is taken,
-    so that there are at most ``max_matches``.
+    here every cell is weighed by its own uncertainty, so most of them help: the mean rho of 34 RedKitchen
+    frames and 35 rendered scenes was 0.053 and 0.041 with half of the cells, 0.051 and 0.041 with nine
+    tenths, 0.050 and 0.042 with all). In large photographs every n-th cell of a row and a column is taken, so
+    that there are at most ``max_matches``.
     """
 
     beta: float = 0.9
@@ -120,8 +120,8 @@ def select_matches(grid: SmearGrid, options: SelectOptions | None = None) -> Sme
     length = smears.length_px.astype(np.float64)
     sigma = np.maximum(smears.sigma_px.astype(np.float64), TINY_SIGMA_PX)
     order = np.argsort(sigma, kind="stable")
-    most = min(int(np.ceil(options.beta * len(length))), options.max_matches)
-    kept = np.sort(order[(length >= MIN_MATCH_PX)[order]][:most])
+    count = min(int(np.ceil(options.beta * len(length))), options.max_matches)
+    kept = np.sort(order[(length >= MIN_MATCH_PX)[order]][:count])
     noise = INDEPENDENT
     if grid.window_px is not None:
         noise = NoiseModel.of_cells(step * grid.stride, grid.window_px)

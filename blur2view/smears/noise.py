@@ -1,15 +1,17 @@
 """How wrong smears are: along and across themselves, with their neighbours, and all over the picture.
 
-This is the only place that turns stated standard deviations, which `likelihood` reads off the network and
-`networks.cepstral_peak` refines, or a user gives, into those that estimators use. Of the network that ships
-(`tools.datasets.testset --kinds`: rotations, planes and general motions, seeds from 20000; 68 %
-and 50 % points of the errors of smears of 8 px and more):
+`NoiseModel` turns the standard deviations that are stated, by the network (`likelihood`, refined by
+`networks.cepstral_peak`) or by a user, into those of the estimator of the camera's motion. Of its constants
+`two_view.fundamental.DirectionLikelihood` uses `added_sampson` by itself; what tells moving objects apart
+(`movers.moving`) adds errors of its own. Measured of the network that ships (`tools.datasets.testset
+--kinds`: rotations, planes and general motions, seeds from 20000; smears of 8 px and more):
 
-- stated deviations are root mean squares over all of a likelihood's peaks and what cannot be seen; the errors
-  are 0.6 and 0.35 of them, along the smear and across it, and the rest is outliers. They follow the length
-  more than what is stated: 6 and 4 % of it along, 4 and 2.5 % across;
-- errors of windows of 96 px every 32 px are correlated: 0.7, 0.5, 0.35, 0.3 and 0.15 at 1, 2, 3, 4
-  and 6 cells, which makes one cell in 46 independent, where overlap alone would make it one in 9;
+- stated deviations are root mean squares over all peaks of a likelihood and what cannot be seen; 68 and 50 %
+  of the errors, along the smear and across it, are below 0.6 and 0.35 of them, and outliers are the rest.
+  Errors follow the length more than what is stated: 68 and 50 % are below 6 and 4 % of it along the smear,
+  below 4 and 2.5 % across;
+- errors of windows of 96 px every 32 px are correlated: 0.7, 0.5, 0.35, 0.3 and 0.15 at a distance of 1, 2,
+  3, 4 and 6 cells, which makes one cell in 46 independent, where overlap alone would make it one in 9;
 - the mean error of a picture is 4 % of the lengths and 1 degree of the directions.
 """
 
@@ -22,41 +24,44 @@ import numpy as np
 from blur2view.arrays import Array
 
 MIN_PX = 0.1  # standard deviation of a smear, at least
-ADDED_SHARE = 0.01  # the same as a share of its length, across the smear; along it twice as much
-CLAIMED = 0.65  # of the stated standard deviations, the 68 % points of what is no outlier: for regions
+ADDED_SHARE = 0.01  # error across, as a share of the length, that is added in quadrature; along twice as much
+CLAIMED = 0.65  # 68 % point of errors that are no outliers, over stated standard deviations: for covariances
 WINDOW_PX = 96  # side of the window that a cell is read from, pixels
 # How many times fewer cells are independent than their overlap says: the correlation reaches beyond it.
 CORRELATED_CELLS = 46.0 / 9.0
-SAMPSON_SHARE = 0.5**0.5  # of the error across a smear, that of the Sampson distance of its two ends
+SAMPSON_SHARE = 0.5**0.5  # error of the Sampson distance of a smear's two ends over that across the smear
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """How stated deviations are meant, and what errors of smears of one picture have in common.
+    """How large the errors of smears are, and what those of one picture have in common.
 
-    By default every smear errs for itself, as matches from elsewhere do.
+    By default smears err independently, as matches of other programs do.
     """
 
-    effective_share: float = 1.0  # of the smears that err independently, by the overlap of their windows
-    correlation: float = 1.0  # how many times fewer they are if all of the correlation counts
+    effective_share: float = 1.0  # share of the smears that err independently, by the overlap of windows
+    correlation: float = 1.0  # by which that share is divided where all of the correlation counts
     # standard deviations of errors that vary slowly over the picture: of lengths, as a share, and directions
     length: float = 0.0
     direction_rad: float = 0.0
-    added_sampson: float = 0.01  # share of its length to which no smear's Sampson distance is believed better
-    # Of the stated standard deviations, the scale of Student's distribution of the errors which are no
-    # outliers; 0.85 of four degrees of freedom is the nearest to a normal one.
+    # Error of the Sampson distance, as a share of the length, added in quadrature to the stated one.
+    added_sampson: float = 0.01
+    # Scale of Student's distribution of errors that are no outliers, over stated standard deviations; at four
+    # degrees of freedom 0.85 is nearest to a normal distribution.
     inlier: float = 0.85
-    # Share of its length to which no smear's error across is believed better, and twice that to which none
-    # along is: paths are bent and cells cover more than a point.
+    # Error across, as a share of the length, added in quadrature to the stated one (twice it along): paths
+    # are bent and cells cover more than a point.
     added_across: float = ADDED_SHARE
-    outlier_odds: float = 0.5  # for parallax to compete with: few of a network, whose errors have heavy tails
+    # Odds of an outlier where parallax is judged; few of a network's are, as its inliers have heavy tails.
+    outlier_odds: float = 0.5
 
     @classmethod
     def of_cells(cls, spacing_px: float, window_px: float = WINDOW_PX) -> NoiseModel:
-        """Return the model of a network's cells, read from windows, one every ``spacing_px`` pixels.
+        """Return the model of a network's cells every ``spacing_px``, read from windows of ``window_px``.
 
-        Of 25 rendered planes and rotations and 24 general motions (seeds from 20000 and 80000) parallax gains
-        more than 7 in none and in 12; at odds of a half, as of independent errors, in none and in 8.
+        The odds of an outlier were chosen on 25 rendered planes and rotations and 24 general motions (seeds
+        from 20000 and 80000): parallax gains a log-likelihood of more than 7 in none and in 12 of them, with
+        the default of 0.5 in none and in 8.
         """
         return cls(
             effective_share=min(1.0, (spacing_px / window_px) ** 2),
@@ -71,18 +76,18 @@ class NoiseModel:
 
     @property
     def fully_correlated(self) -> NoiseModel:
-        """The same with every correlation counted, and 68 % points: for what is claimed, not for fits."""
+        """The same with all correlation counted and 68 % points as scale: for covariances, not for fits."""
         share = self.effective_share / self.correlation
         return replace(self, effective_share=share, correlation=1.0, inlier=CLAIMED, added_across=ADDED_SHARE)
 
     def inlier_sigmas_px(self, length_px: Array, sigma_px: Array, across: Array) -> Array:
-        """Return standard deviations (2, N) along and across smears of inliers' errors, pixels."""
+        """Return the standard deviations (2, N) of inliers' errors along and across smears, pixels."""
         along = np.sqrt(np.maximum(sigma_px**2 - across**2, 0.0))
-        least = self.added_across * np.stack([2 * length_px, length_px])
-        return np.maximum(np.hypot(self.inlier * np.stack([along, across]), least), MIN_PX)
+        added = self.added_across * np.stack([2 * length_px, length_px])
+        return np.maximum(np.hypot(self.inlier * np.stack([along, across]), added), MIN_PX)
 
     def sampson_px(self, length_px: Array, across: Array) -> Array:
-        """Return standard deviations (N,) of the Sampson distances of smears, pixels, as stated."""
+        """Return the standard deviations (N,) of the Sampson distances of smears, pixels."""
         return np.maximum(np.hypot(SAMPSON_SHARE * across, self.added_sampson * length_px), MIN_PX)
 
 
@@ -90,5 +95,5 @@ INDEPENDENT = NoiseModel()
 
 
 def across_px(length_px: Array, sigma_rad: Array) -> Array:
-    """Return deviations (N,) of errors across smears, pixels, of lengths (N,) and directions (N,)."""
+    """Return the standard deviations (N,) of errors across smears, pixels: at least MIN_PX."""
     return np.maximum(length_px * sigma_rad, MIN_PX)
