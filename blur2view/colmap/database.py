@@ -53,7 +53,9 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
     path = Path(path)
     check_target(path)
     try:
-        write_files({path: _views_alone(photographs)})
+        content = _views_alone(photographs)
+        check_target(path)  # one may have come meanwhile
+        write_files({path: content})
     except (sqlite3.Error, OSError, RuntimeError) as error:  # RuntimeError: of pycolmap
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise DatabaseError(f"{path}: cannot be written ({why}); choose another --db") from None

@@ -17,7 +17,7 @@ from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration
-from tests.support.colmap_projects import check_database, run_sql, some_views
+from tests.support.colmap_projects import check_database, make_project, run_sql, some_views, user_rows
 
 SIZE, COUNT = (640, 480), 30
 CAMERA = Camera.from_focal(525.0, SIZE)
@@ -153,3 +153,11 @@ def test_numbers_are_those_of_pycolmap(tmp_path: Path) -> None:
     for ids in ((3, 17), (1, MAX_IMAGES - 1)):
         assert pycolmap.pair_id_to_image_pair(pair_id(*ids)) == ids
         assert pair_id(*ids[::-1]) == pair_id(*ids)
+
+
+def test_database_that_came_meanwhile_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "new.db"
+    monkeypatch.setattr("blur2view.colmap.database._views_alone", lambda _: str(make_project(path)).encode())
+    with pytest.raises(DatabaseError, match="exists"):
+        write_database(path, [some_views()])
+    assert user_rows(path)["images"]
