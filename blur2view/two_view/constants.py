@@ -10,12 +10,13 @@ photographs. "Bound": any number nearby would do.
 BEHIND = 0.2  # probability that noise puts a point behind a camera that is before it: bound
 # Focal length over the longer side of the image. Any value from 0.4 to 0.6 does as well on 35 rendered scenes
 # (focal lengths of 0.6 to 1.6) and RK (0.82); 0.85 and 1.2 raise the mean rho of both by a sixth and by more
-# than half. A short lens separates rotation and translation by curved fields, a long one hardly, and then
-# errors do; rolling shutters bend fields the same way. Not even the true focal length in its place does
-# better (mean rho 0.069, 0.057 and 0.105 on 60 and 40 rendered scenes and RK, with this 0.067, 0.052 and
-# 0.074), so that EXIF's is not asked.
+# than half. At a short focal length the fields of rotations are curved, which tells them from translations;
+# at a long one hardly, so that errors decide, and rolling shutters bend fields likewise. Not even the true
+# focal length in its place does better (mean rho 0.069, 0.057 and 0.105 on 60 and 40 rendered scenes and RK, with
+# this 0.067, 0.052 and 0.074).
 ASSUMED_FOCAL = 0.55
-# Prior of the rotation, in smear length over focal length; roll moves points less.
+# Prior standard deviations of the rotation about x, y and z, in the median smear's length over the focal
+# length; one about z moves points less.
 ROTATION_SPREAD = 1.0, 1.0, 3.0
 # Prior standard deviations of the log focal length over the assumed one and of the principal point in focal
 # lengths; then the same without an image size, with which 104 scenes of the sweep have an AUC@10 of 0.825, as
@@ -25,28 +26,28 @@ LENS_SIGMA, UNSIZED_LENS_SIGMA = (0.3, 0.03), (0.9, 0.09)
 # The likelihood of F.
 CUTOFF = 3.0  # residual, in standard deviations, at which a smear is as likely an outlier as an inlier
 OUTLIER_ODDS = 0.5  # of a smear; an outlier's residual is uniform between -+ its length / sqrt(2)
-LENGTH_ERROR = 0.1  # of the length, the deviation along a smear beyond that across it, against lines
-ROUGH_COUNT = 350  # smears, at least, that rough fits and the scale of the noise are taken from: bound
-MIN_INDEPENDENT = 100.0  # smears whose residuals measure the noise; network smears have at most about 100
-# Share of independent smears at which depth's odds of the orders count half: errors that neighbours share
-# mislead about depth as they do about F (rendered, one smear in thirty independent: median rho 0.049 with
-# full odds, 0.039 so).
+LENGTH_ERROR = 0.1  # share of the length, added in quadrature to the error along a smear, for depth
+ROUGH_COUNT = 350  # smears, at least, from which rough fits and the scale of the noise are taken: bound
+MIN_INDEPENDENT = 100.0  # independent smears that measure the noise; a network gives at most about 100
+# Share of independent smears at which the logarithm of the orders' odds by depth counts half: errors that
+# neighbours share mislead about depth as they do about F (rendered, one smear in thirty independent: median
+# rho 0.049 with full odds, 0.039 with these).
 DEPTH_TRUST = 0.25
 
 # The likelihood of displacement fields.
 FREEDOM = 4.0  # degrees of freedom of Student's distribution of the residuals
-PARALLAX_WIDTHS = 1.5, 4.0, 12.0, 40.0  # of parallax along the lines, in standard deviations
-WIDER = 3.0  # scale of errors that are worse than stated: they are no parallax
+PARALLAX_WIDTHS = 1.5, 4.0, 12.0, 40.0  # of displacements by parallax, in standard deviations of a smear
+WIDER = 3.0  # by which errors that are worse than stated are larger: they are no parallax
 MIXTURE_ROUNDS = 50  # of expectation-maximisation: bound
-NO_ERROR = 1e-9  # standard deviation that holds an error all over the picture at zero
+NO_ERROR = 1e-9  # standard deviation that holds a slowly varying error at zero
 FIELD_STEPS, FIELD_TOLERANCE = 12, 1e-3  # Levenberg-Marquardt steps, and the relative decrease that ends them
 PLANE_STEPS = 8  # of reweighting, for a start
 FIELD_STARTERS = 3, 3, 2  # starts that take a step, a second, a third
-# Prior deviation of the change of a rotation per unit of height over that of the rotation itself.
+# Prior standard deviation of a rotation's change per focal length of height, over that of the rotation.
 ROLLING_SPREAD = 0.5
 
 # Search and fits of F.
-WIDE, SEARCH_STEPS = 3.0, 3  # sigmas of the first of two fits inside the loop; their steps: bound
+WIDE, SEARCH_STEPS = 3.0, 3  # factor of sigmas in the first of two fits inside the loop; their steps: bound
 SEARCH_TOLERANCE = 1e-2  # relative decrease of the cost that ends them: bound
 # Translations tried with every sample of three. Of 48 scenes of `test_estimate`'s dominant planes
 # three have an epipole more than 2 degrees off; with 60 directions five.
@@ -60,7 +61,7 @@ MIN_STEP = 0.02
 STARTERS = 5, 5, 5, 2
 TOLERANCE = 1e-5  # relative decrease of the cost that ends a fit
 SCALE_STEPS = 8  # of expectation-maximisation, for the scale of the noise: bound
-MIN_VARIANCE = 1e-6  # of residuals, in assumed ones: those of exact smears are zero
+MIN_VARIANCE = 1e-6  # of residuals, over that stated: those of exact smears are zero
 PAIRS = 100  # pairs of smears tried for a start of the two-parameter F: bound
 
 # Refusals and inliers: `two_view.estimate`.
@@ -69,9 +70,9 @@ MIN_LENGTH_PX = 1.0  # median smear
 MIN_WIDTH = 0.01  # spread of the midpoints across over along the line that fits them
 BLOCKS, MIN_COVERAGE = 12, 0.08  # square blocks along the longer side; share of them that hold matches
 SHORT_QUANTILE, SHORT_INLIERS = 0.35, 0.5  # of the lengths; share of smears that are no outliers, at least
-INLIER_SHARE = 0.1  # of its length, the Sampson distance at which a smear is no inlier: rho, our main measure
-INLIER_SIGMAS = 2.0  # of its own standard deviations, within which it is one
-MIN_AGREEMENT = 0.2  # share of smears that fit F beyond chance: SYNTH's last row, and noise fields
+INLIER_SHARE = 0.1  # Sampson distance over length, from which smears are outliers: rho, our main measure
+INLIER_SIGMAS = 2.0  # standard deviations of its Sampson distance, within which any smear is an inlier
+MIN_AGREEMENT = 0.2  # share of smears that fit F beyond chance; by SYNTH's last row and fields of noise
 
 # Which model: `two_view.choice`.
 SAMPLE = 1000  # smears that models are compared on, at most: with 400, 3 of 14 general SYNTH are open, not 1
