@@ -12,8 +12,8 @@ BEHIND = 0.2  # probability that noise puts a point behind a camera that is befo
 # (focal lengths of 0.6 to 1.6) and RK (0.82); 0.85 and 1.2 raise the mean rho of both by a sixth and by more
 # than half. At a short focal length the fields of rotations are curved, which tells them from translations;
 # at a long one hardly, so that errors decide, and rolling shutters bend fields likewise. Not even the true
-# focal length in its place does better (mean rho 0.069, 0.057 and 0.105 on 60 and 40 rendered scenes and RK, with
-# this 0.067, 0.052 and 0.074).
+# focal length in its place does better (mean rho 0.069, 0.057 and 0.105 on 60 and 40 rendered scenes and RK,
+# with this 0.067, 0.052 and 0.074).
 ASSUMED_FOCAL = 0.55
 # Prior standard deviations of the rotation about x, y and z, in the median smear's length over the focal
 # length; one about z moves points less.
