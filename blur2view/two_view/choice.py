@@ -162,8 +162,8 @@ def named(candidates: list[Candidate], probabilities: list[float], agreement: fl
     on_plane = float((np.hypot(*plane.residual) < c.ON_PLANE).mean())
     enough = plane.likelihood.smears.fully_correlated.has_many_independent and on_plane >= c.MIN_ON_PLANE
     # where it takes a rolling shutter to explain the smears, parallax may be there as well
-    rolled = sum(p for p, candidate in pairs if candidate.rolls)
-    absent = enough and parallax < c.ABSENT_BELOW * (1 - rolled)
+    unrolled = sum(p for p, candidate in pairs if not candidate.rolls)
+    absent = enough and parallax < c.ABSENT_BELOW * unrolled
     if agreement < c.MIN_AGREEMENT and not absent:
         return Choice(config=Configuration.UNDEFINED, sentence=f"no consensus ({table})", models=rows)
     model = max((MotionModel.ROTATION, MotionModel.PLANE), key=lambda model: odds[model])
