@@ -148,6 +148,8 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
 
 def refuse_filled(folder: Path) -> None:
     """Raise OutputError for a folder that holds something: a program would read it with the pictures."""
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is no folder; name another with --extract")
     if folder.exists() and (other := min(os.listdir(folder), default="")):
         raise OutputError(f"{folder}: holds {other}; name an empty folder with --extract")
 

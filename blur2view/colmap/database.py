@@ -47,10 +47,12 @@ def write_database(path: str | os.PathLike[str], photographs: Sequence[ExposureV
     """Write a database that holds nothing but these views; it appears whole or not at all.
 
     Without F and H nothing is matched. A database of nothing but views is replaced. DatabaseError if any
-    other file is there, two photographs have one name, or it cannot be written; ValueError if a name is no
+    other file is there, or it cannot be written; ValueError if two photographs have one name, or a name is no
     UTF-8.
     """
-    path = Path(path)
+    path, names = Path(path), [views.name for views in photographs]
+    if len(set(names)) < len(names) or not all(map(project.storable, names)):
+        raise ValueError(f"photographs must have different names, all of them UTF-8, got {names}")
     check_target(path)
     try:
         content = _views_alone(photographs)

@@ -84,6 +84,8 @@ def read_content(path: Path) -> bytes:
         return read_regular(path)
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; check the path") from None
+    except IsADirectoryError:
+        raise ImageError(f"{path}: is a folder; name a photograph in it") from None
     except OSError as error:
         reason = error.strerror
         raise ImageError(f"{path}: cannot be read ({reason}); check the path and its permissions") from None

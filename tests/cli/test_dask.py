@@ -58,7 +58,7 @@ def test_killed_worker_costs_time_only_and_bytes_are_those_of_one_process(
     before = len(list((tmp_path / "out").glob("*.json")))
     printed, complaints = running.communicate()
     assert running.returncode == 0 and complaints == "" and before < 30
-    assert printed.splitlines()[-1].startswith("30 photographs: 30 done in ")
+    assert printed.splitlines()[-1].startswith("30 photographs: 30 done (")
     assert contents(tmp_path / "out") == contents(tmp_path / "here")
 
 

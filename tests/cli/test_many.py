@@ -15,7 +15,7 @@ def test_folder_prints_one_line_each_and_a_total(run: Call, folder: Path, tmp_pa
     assert printed == 1 and len(printed.lines) == 1
     lines = printed.out.splitlines()
     assert [Path(line.partition(":")[0]).name for line in lines[:5]] == [f"{n:03d}.png" for n in range(5)]
-    assert lines[5].startswith("6 photographs: 5 done, 1 failed in ") and len(lines) == 6
+    assert lines[5].startswith("6 photographs: 5 done, 1 failed (") and len(lines) == 6
     assert run(folder, "-q").out == ""
 
 

@@ -62,7 +62,7 @@ def test_photographs_that_fail_have_a_row_are_counted_and_not_listed(
     assert "broken.png" not in keep.read_text()
     assert done == 1 and "broken.png" in done.line
     last = done.out.splitlines()[-1]
-    assert last.startswith("3 photographs: 1 sharp, 1 unusable, 1 failed in ")
+    assert last.startswith("3 photographs: 1 sharp, 1 unusable, 1 failed (")
 
 
 def test_no_name_in_a_table_is_a_formula(frames: Path, call: Call, here: Path) -> None:

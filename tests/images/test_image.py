@@ -138,7 +138,7 @@ def bitmap(side: int) -> bytes:
             encoded(Image.fromarray(np.full((20, 20), 70_000, np.int32)), "TIFF"),
             "got int32 (20, 20); save it",
         ),
-        ("folder", "Is a directory"),
+        ("folder", "is a folder; name a photograph in it"),
         (None, "no such file"),
     ],
 )
