@@ -78,7 +78,7 @@ def test_a_scheduler_that_dies_is_one_line_and_the_call_goes_on_without_it(
         and "the same call with --resume does the rest" in complaints
     )
     done = run(*words, "--resume")
-    assert done == 0 and " done before in " in done.out
+    assert done == 0 and " done before (" in done.out
 
 
 def test_nobody_at_the_address_is_one_line(
