@@ -112,7 +112,7 @@ def estimate_contents(file: EstimatedFile, record: Photograph) -> list[bytes]:
     matches, geometry = estimate.matches, estimate.geometry
     np.savez(
         arrays,
-        **stored_smears(estimate.grid),  # type: ignore[arg-type]
+        **stored_smears(estimate.grid),  # type: ignore[arg-type]  # mypy fears for allow_pickle
         ends=matches.ends,
         match_sigma_px=matches.sampson_px,
         inlier_mask=geometry.inlier_mask,

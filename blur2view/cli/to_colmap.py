@@ -88,7 +88,7 @@ class ToColmapOptions(Command):
             raise ValueError("--link goes without --dask, whose workers see no database")
 
     @cached_property
-    def in_time(self) -> InTime:  # type: ignore[override]
+    def in_time(self) -> InTime:  # type: ignore[override]  # a field of other commands
         """The order in time, which is all of time that has an option."""
         return InTime(sequence=self.sequence)
 

@@ -30,8 +30,6 @@ FIRST = "name", "error", "use", "verdict", "blur"
 """Columns of a table that come first."""
 FLAT = "str", "int", "float", "bool"
 """Types of what a table holds."""
-COMPARED = MotionModel.PARALLAX, MotionModel.ROTATION, MotionModel.PLANE
-"""Models whose probabilities are fields of the record."""
 BLUR_KEYS = "nothing_seen", "smear_px", "smear_sigma_px", "direction_deg", "defocus_px", "defocus_sigma_px"
 MODEL_KEYS = "model", "parameters", "log_likelihood", "probability"
 COVARIANCE_KEYS = "matrix", "tangents", "rotation_sigma_deg", "translation_sigma_deg"
@@ -92,13 +90,6 @@ class Photograph:
         "",
     )
     models: list[Any] | None = explained("Likeliest first: model, parameters, log_likelihood, probability.")
-    model: str = explained(
-        "The likeliest of no motion, rotation, plane and parallax; empty if none were compared.", ""
-    )
-    model_probability: float | None = explained("Probability of the likeliest model, with any shutter.")
-    parallax_probability: float | None = explained("Probability that depths differ; null if not compared.")
-    rotation_probability: float | None = explained("Probability that the camera turned alone.")
-    plane_probability: float | None = explained("Probability that all lies in one plane.")
     independent_smears: float = explained(
         "How many independent smears would weigh as much as those used.", 0.0
     )
@@ -124,8 +115,6 @@ class Photograph:
         """matrix (5x5: rotation vector in radians, translation's direction along two tangents), tangents,
         rotation_sigma_deg, translation_sigma_deg (43 for an unknown direction)."""
     )
-    rotation_deg: float | None = explained("Angle of the rotation during the exposure, degrees.")
-    rate_unit: str = explained("rad/s, or without an exposure time rad; empty without a pose.", "")
     wx: float | None = explained(
         "Rotation vector of cam2_from_cam1 over the exposure time, about x (right), in rate_unit."
     )
@@ -175,6 +164,50 @@ class Photograph:
             return None
         return math.hypot(self.smear_px, ALONG_SMEAR * (self.defocus_px or 0.0))
 
+    @property
+    def model(self) -> str:
+        """The likeliest of no motion, rotation, plane and parallax; empty if none were compared."""
+        return str(self.models[0]["model"]) if self.models else ""
+
+    @property
+    def model_probability(self) -> float | None:
+        """Probability of the likeliest model, with any shutter."""
+        return self.probability(self.model)
+
+    @property
+    def parallax_probability(self) -> float | None:
+        """Probability that depths differ; null if not compared."""
+        return self.probability(MotionModel.PARALLAX)
+
+    @property
+    def rotation_probability(self) -> float | None:
+        """Probability that the camera turned alone."""
+        return self.probability(MotionModel.ROTATION)
+
+    @property
+    def plane_probability(self) -> float | None:
+        """Probability that all lies in one plane."""
+        return self.probability(MotionModel.PLANE)
+
+    @property
+    def rotation_deg(self) -> float | None:
+        """Angle of the rotation during the exposure, degrees."""
+        if self.wx is None or self.wy is None or self.wz is None:
+            return None
+        return math.degrees(math.hypot(self.wx, self.wy, self.wz) * (self.exposure_s or 1.0))
+
+    @property
+    def rate_unit(self) -> str:
+        """Unit of wx, wy and wz: rad/s, or without an exposure time rad; empty without a pose."""
+        unit = "rad/s" if self.exposure_s else "rad"
+        return "" if self.wx is None else unit
+
+    def probability(self, model: str) -> float | None:
+        """Return the probability of a model, 0 if it was not compared; None if none were."""
+        if not self.models:
+            return None
+        return sum((float(row["probability"]) for row in self.models if row["model"] == model), 0.0)
+
     def moved(self) -> bool:
         """Return whether the camera moved, so that a geometry was looked for."""
         return self.blur in (BlurKind.CAMERA_MOVED, BlurKind.OUT_OF_FOCUS_AND_MOVED)
@@ -211,14 +244,8 @@ class Photograph:
             "time_known": estimate.time.known,
             "time_confidence": estimate.time.confidence,
         }
-        if odds := {row.model: row.probability for row in geometry.models}:
-            values |= {"model": geometry.model, "model_probability": odds[geometry.model]}
-            values |= {f"{model}_probability": odds.get(model, 0.0) for model in COMPARED}
-        exposure_s = stated.get("exposure_s")
-        if (rates := geometry.angular_velocity(exposure_s or 1.0)) is not None:
+        if (rates := geometry.angular_velocity(stated.get("exposure_s") or 1.0)) is not None:
             values |= zip(RATE_KEYS, [*rates.mean, *rates.sigma], strict=True)
-            values["rotation_deg"] = math.degrees(math.hypot(*rates.mean) * (exposure_s or 1.0))
-            values["rate_unit"] = "rad/s" if exposure_s else "rad"
         if mask is not None:
             regions = [_part(region, "area_px", "box", "centroid", "probability") for region in mask.regions]
             values["mask"] = {"reason": mask.reason, "shares": mask.shares, "regions": regions}
