@@ -43,7 +43,9 @@ ARRAYS_ONLY = {"arrays", "smears", "two_view"}  # geometry states itself as pyco
 DISTRIBUTION = {"cv2": "opencv-contrib-python-headless", "PIL": "pillow", "skimage": "scikit-image"}
 DISTRIBUTION |= {"pillow_heif": "pillow-heif"}
 EXTRAS = {"pillow_heif": "heic", "rawpy": "raw", "distributed": "dask"}  # imported by one function each
-PACKAGE_MAY_USE = NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl"} | set(EXTRAS)
+PACKAGE_MAY_USE = (
+    NUMERIC | {"onnxruntime", "pycolmap", "PIL", "skimage", "threadpoolctl", "tqdm"} | set(EXTRAS)
+)
 MODULE = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in SOURCES}
 
 

@@ -50,7 +50,7 @@ class PlaceOptions:
         """Return the exit code, after writing the model."""
         from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
 
-        with waiting("placing views"):
+        with waiting("placing views", hidden=self.printing.quiet):
             names, model = frame_names(self.photographs), find_model(self.model)
             refuse_other_model(self.output)
             found = place_views(self.database, model, names, self.fraction)

@@ -56,7 +56,7 @@ class RecoverOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
-        with waiting("recovering frames") as show:
+        with waiting("recovering frames", hidden=self.printing.quiet) as show:
             from blur2view.colmap.recovery import recover_frames  # and SciPy with it, which no help needs
 
             names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
@@ -78,7 +78,7 @@ class RecoverOptions:
         if self.tracks is not None:
             from blur2view.colmap.blurred_tracks import track_frames
 
-            with waiting("matching blurred patches") as show:
+            with waiting("matching blurred patches", hidden=self.printing.quiet) as show:
                 track_frames(found, self.tracks, tracks, show)
         if not self.printing.quiet:
             for line in refused_lines(refused, "recovered", self.printing):

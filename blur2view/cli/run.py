@@ -19,7 +19,7 @@ from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues, read_exif
 from blur2view.cli.jobs import Done, Job, Outcome, in_cluster, in_processes, neighbours_of
 from blur2view.cli.options import Command, Estimating
-from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, show_status
+from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, say, waiting
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
 from blur2view.exposure.sequence import Features, Matches, features_of, in_time, match_features
 from blur2view.files import check_file, file_digest, real_paths, writable_folder, write_file
@@ -125,22 +125,20 @@ class Run:
         after a line that says how to go on, if it is interrupted or nothing can be done any more, as on a
         full disk. ModelError or OutputError of what cannot be used.
         """
-        self._check(targets, checked)
-        start = time.monotonic()
+        start, count = time.monotonic(), len(self.jobs)
         try:
-            with closing(self._results(work)) as results:
-                for job, outcome in results:
-                    self.outcomes.append((job, outcome))
-                    show_status()
-                    self._print(outcome, lines=lines and not self.options.folder.json)
-                    if len(self.jobs) > 1:
-                        show_status(f"{len(self.outcomes)} of {plural(len(self.jobs), 'photograph')}")
+            with waiting("photographs", hidden=self.options.printing.quiet) as show:
+                self._check(targets, checked)
+                with closing(self._results(work)) as results:
+                    for job, outcome in results:
+                        self.outcomes.append((job, outcome))
+                        self._print(outcome, lines=lines and not self.options.folder.json)
+                        show(len(self.outcomes), count)
         except KeyboardInterrupt:
             self._end_early(INTERRUPTED, "interrupted")
         except (RunError, OutputError) as error:
             complain(error)
             self._end_early(FAILED, "stopped")
-        show_status()
         self.seconds = time.monotonic() - start
         if self.options.folder.json:
             records = [outcome.photograph.plain() for outcome in self.done]
@@ -197,7 +195,7 @@ class Run:
             complain(Blur2ViewError(outcome.error))
         elif lines and not printing.quiet and (whole or not outcome.skipped):
             summary = outcome.summary.split("\n")
-            print("\n".join(map(printable, summary if whole else summary[:1])), flush=True)
+            say("\n".join(map(printable, summary if whole else summary[:1])))
 
     def _end_early(self, code: int, line: str) -> None:
         """Note the exit code of a run that ends early, and say what does the rest."""

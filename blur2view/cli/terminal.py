@@ -1,9 +1,12 @@
 """What is printed: summaries on stdout, one line per failure and progress on stderr."""
 
+import io
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
 from blur2view.errors import Blur2ViewError
 
@@ -18,6 +21,13 @@ EXIT_CODES = """
 130: interrupted by Ctrl-C; files of photographs that are done are kept
 141: what read the output wants no more of it, as head does; the rest is not done
 """
+FIRST_S, REDRAW_S, LINE_S = 0.5, 0.25, 60.0  # until a bar is drawn, and again; until a line, in a file
+SMOOTHING = 0.1  # of the rate, in which photographs that were done before soon count no more
+PARTS = "{desc}: {n_fmt} of {total_fmt}, {rate_noinv_fmt}, {remaining} left"
+BAR = PARTS.replace(": ", ": {percentage:3.0f}%|{bar}| ", 1)
+WHOLE = "{desc} ... {elapsed}"  # of a step that counts no parts
+DRAWING = threading.RLock()  # one thread at a time writes to the terminal
+BARS: list[Any] = []  # the bar of tqdm that a terminal shows, if there is one
 
 
 def printable(text: str) -> str:
@@ -25,12 +35,6 @@ def printable(text: str) -> str:
     return "".join(
         mark if mark.isprintable() else mark.encode("unicode_escape").decode("ascii") for mark in text
     )
-
-
-def complain(error: Blur2ViewError) -> None:
-    """Print one line on stderr, in place of the status that a person sees."""
-    show_status()
-    print(f"blur2view: {printable(str(error))}", file=sys.stderr, flush=True)
 
 
 def plural(count: int, noun: str) -> str:
@@ -44,17 +48,88 @@ def verdict_line(name: str, record: "Photograph") -> str:
     return f"{line} [{record.config}]" if record.moved() else line
 
 
-def show_status(text: str = "") -> None:
-    """Show a text as the last line of a terminal, in place of the one before; print nothing elsewhere."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{printable(text)}", end="", file=sys.stderr, flush=True)
+def say(text: str) -> None:
+    """Print lines on stdout, above the bar that a person sees."""
+    with above_bar():
+        print(text, flush=True)
+
+
+def complain(error: Blur2ViewError) -> None:
+    """Print one line on stderr, above the bar that a person sees."""
+    with above_bar():
+        print(f"blur2view: {printable(str(error))}", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def waiting(text: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a text until the block ends; yield a function that shows how many of all steps are done."""
-    show_status(f"{text} ...")
+def above_bar() -> Iterator[None]:
+    """Hide the bar, if there is one, while lines are printed."""
+    with DRAWING:
+        for bar in BARS:
+            bar.clear()
+        yield
+        for bar in BARS:
+            bar.refresh()
+
+
+@contextmanager
+def waiting(text: str, *, hidden: bool = False) -> Iterator[Callable[[int, int], None]]:
+    """Show a step until the block ends; yield a function that notes how many of how many parts are done.
+
+    On a terminal it is a bar with rate and time left, elsewhere a line a minute. Steps may follow each other.
+    Nothing is shown of a step that is shorter than `FIRST_S`, or ``hidden``.
+    """
+    step = Step(printable(text))
+    thread = threading.Thread(target=step.draw, daemon=True)  # so that time moves on while a part takes long
+    shown = not hidden and sys.stderr is not None
+    if shown:
+        thread.start()
     try:
-        yield lambda done, count: show_status(f"{text}: {done} of {count} ...")
+        yield step.note
     finally:
-        show_status()
+        step.ended.set()
+        if shown:
+            thread.join()
+
+
+class Step:
+    """A step of a command, which tqdm draws until it has ended."""
+
+    def __init__(self, text: str) -> None:
+        self.text, self.done, self.count = text, 0, 0
+        self.began, self.ended = time.time(), threading.Event()
+
+    def note(self, done: int, count: int) -> None:
+        """Note how many of how many parts are done."""
+        self.done, self.count = done, count
+
+    def draw(self) -> None:
+        """Draw the step until it has ended; nothing of it stays on a terminal."""
+        terminal = sys.stderr.isatty()
+        pause_s, parts = (REDRAW_S, BAR) if terminal else (LINE_S, PARTS)
+        if self.ended.wait(FIRST_S if terminal else pause_s):
+            return
+        bar = self._bar(terminal)
+        with suppress(OSError):  # of stderr that is closed
+            while not self.ended.is_set():
+                with DRAWING:
+                    bar.total, bar.bar_format = self.count or None, parts if self.count else WHOLE
+                    bar.update(self.done - bar.n)  # which computes the rate
+                    bar.refresh()
+                    if not terminal:
+                        print(f"blur2view: {bar}", file=sys.stderr, flush=True)
+                self.ended.wait(pause_s)
+            with DRAWING:
+                bar.close()
+        BARS.clear()
+
+    def _bar(self, terminal: bool) -> Any:
+        """Return the bar of the step from its beginning on."""
+        from tqdm import tqdm  # 0.05 s, and rich 0.09; only what takes long pays for it
+
+        tqdm.set_lock(DRAWING)
+        tqdm.monitor_interval = 0  # no second thread that draws
+        where = {"dynamic_ncols": True} if terminal else {"file": io.StringIO()}
+        bar = tqdm(desc=self.text, unit="", leave=False, delay=1e-9, smoothing=SMOOTHING, **where)
+        bar.start_t = bar.last_print_t = self.began
+        BARS.extend([bar] if terminal else [])
+        return bar

@@ -106,7 +106,7 @@ class ToColmapOptions(Command):
         if run.early_exit_code or not done:
             return run.exit_code
         views = [of_photograph for _, _, of_photograph in done]
-        with waiting(f"writing {plural(len(done), 'photograph')} to {db}"):
+        with waiting(f"writing {plural(len(done), 'photograph')} to {db}", hidden=self.printing.quiet):
             if self.link:
                 backup = write_links(db, views, backup=self.backup)
             else:

@@ -11,7 +11,7 @@ from blur2view import __version__
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import exposure_s, one_of, option, radius, required
 from blur2view.cli.segment import ENDINGS
-from blur2view.cli.terminal import plural, printable
+from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths
@@ -88,7 +88,8 @@ class ToTransformsOptions:
         images = self.photographs or noted(self.model, PICTURES) or beside / PHOTOGRAPHS
         if not gsplat:
             check_file(self.output)
-        model = read_model(self.model)
+        with waiting(f"reading {self.model}", hidden=self.printing.quiet):
+            model = read_model(self.model)
         listed = transforms.exposed_images(model, self.model, self.max_smear or float("inf"))
         photographs = [photograph for photograph in listed if (images / photograph.image.name).is_file()]
         if not photographs:
@@ -99,7 +100,8 @@ class ToTransformsOptions:
         there = {image.name for image in model.images.values() if image.has_pose}
         lost = smear_lengths(noted(self.model, DATABASE) or self.model).keys() - there
         write = _write_folder if gsplat else _write_file
-        line = write(self, model, photographs, images)
+        with waiting(f"writing {self.output}", hidden=self.printing.quiet):
+            line = write(self, model, photographs, images)
         if absent := len(listed) - len(photographs):
             line += f"; left out {plural(absent, 'photograph')} of the model not in {printable(str(images))}"
         if lost:

@@ -1,7 +1,6 @@
 """Folders, videos and lists: what is printed of many photographs, and what fails."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,15 +16,6 @@ def test_folder_prints_one_line_each_and_a_total(run: Call, folder: Path, tmp_pa
     assert [Path(line.partition(":")[0]).name for line in lines[:5]] == [f"{n:03d}.png" for n in range(5)]
     assert lines[5].startswith("6 photographs: 5 done, 1 failed (") and len(lines) == 6
     assert run(folder, "-q").out == ""
-
-
-def test_a_person_sees_how_many_are_done(
-    run: Call, still: Path, moving: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    done = run(still, moving)
-    assert done == 0 and "2 of 2 photographs" in done.err and done.err.endswith("\r\x1b[K")
-    assert done.out.startswith(f"{still}: Sharp\n")
 
 
 def test_subfolders_are_kept_in_the_output_and_results_are_no_photographs(run: Call, folder: Path) -> None:

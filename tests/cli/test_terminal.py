@@ -1,0 +1,66 @@
+"""Progress: what a person sees of a long step, and what a file holds of it."""
+
+import re
+import sys
+import time
+
+import pytest
+
+from blur2view.cli import terminal
+from blur2view.cli.terminal import complain, say, waiting
+from blur2view.errors import Blur2ViewError
+
+
+@pytest.fixture
+def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw what takes longer than a hundredth of a second."""
+    for pause in ("FIRST_S", "REDRAW_S", "LINE_S"):
+        monkeypatch.setattr(terminal, pause, 0.01)
+
+
+def until_drawn(capsys: pytest.CaptureFixture[str], pattern: str) -> str:
+    """Wait until stderr holds a pattern; return it."""
+    end, drawn = time.monotonic() + 10, ""
+    while not re.search(pattern, drawn) and time.monotonic() < end:
+        time.sleep(0.01)
+        drawn += capsys.readouterr().err
+    return drawn
+
+
+@pytest.mark.usefixtures("quickly")
+def test_a_person_sees_rate_and_time_left_and_lines_above(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    with waiting("frames") as show:
+        assert "\rframes ... 00:0" in until_drawn(capsys, "frames")
+        show(1, 4)
+        assert re.search(
+            r"frames:  25%\|.*\| 1 of 4, .*/s, .* left", until_drawn(capsys, "1 of 4, .*/s, .* left")
+        )
+        say("a line")
+        complain(Blur2ViewError("a failure"))
+        printed = capsys.readouterr()
+        assert printed.out == "a line\n" and re.search("\r *\rblur2view: a failure\n\r", printed.err)
+    with waiting("the next step"):
+        until_drawn(capsys, "the next step")
+    assert re.search("\r *\r$", capsys.readouterr().err)  # nothing stays
+
+
+@pytest.mark.usefixtures("quickly")
+def test_a_file_gets_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    with waiting("frames") as show:
+        show(3, 4)
+        drawn = until_drawn(capsys, "left\n")
+    assert re.fullmatch(r"(blur2view: frames: 3 of 4, +\S+/s, 00:00 left\n)+", drawn)
+
+
+def test_what_is_short_or_hidden_shows_nothing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with waiting("frames") as show:
+        show(1, 4)
+    monkeypatch.setattr(terminal, "LINE_S", 0.001)
+    with waiting("frames", hidden=True):
+        time.sleep(0.05)
+    assert capsys.readouterr().err == ""
