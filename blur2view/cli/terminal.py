@@ -1,6 +1,7 @@
 """What is printed: summaries on stdout, one line per failure and progress on stderr."""
 
 import io
+import os
 import sys
 import threading
 import time
@@ -91,6 +92,13 @@ def waiting(text: str, *, hidden: bool = False) -> Iterator[Callable[[int, int],
             thread.join()
 
 
+def columns() -> int:
+    """Return the width of the terminal; one that does not know it, as some of CI, has 80 columns."""
+    with suppress(OSError, ValueError):
+        return os.get_terminal_size(sys.stderr.fileno()).columns or 80
+    return 80
+
+
 class Step:
     """A step of a command, which tqdm draws until it has ended."""
 
@@ -113,7 +121,9 @@ class Step:
             while not self.ended.is_set():
                 with DRAWING:
                     bar.total, bar.bar_format = self.count or None, parts if self.count else WHOLE
-                    bar.update(self.done - bar.n)  # which computes the rate
+                    bar.ncols = columns()
+                    if self.done > bar.n:
+                        bar.update(self.done - bar.n)  # which computes the rate
                     bar.refresh()
                     if not terminal:
                         print(f"blur2view: {bar}", file=sys.stderr, flush=True)
@@ -128,8 +138,16 @@ class Step:
 
         tqdm.set_lock(DRAWING)
         tqdm.monitor_interval = 0  # no second thread that draws
-        where = {"dynamic_ncols": True} if terminal else {"file": io.StringIO()}
-        bar = tqdm(desc=self.text, unit="", leave=False, delay=1e-9, smoothing=SMOOTHING, **where)
+        file = sys.stderr if terminal else io.StringIO()
+        bar = tqdm(
+            desc=self.text,
+            unit="",
+            file=file,
+            leave=False,
+            nrows=20,  # of a terminal that knows none tqdm hides the bar
+            delay=1e-9,  # nothing is drawn here
+            smoothing=SMOOTHING,
+        )
         bar.start_t = bar.last_print_t = self.began
         BARS.extend([bar] if terminal else [])
         return bar
