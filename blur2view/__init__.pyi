@@ -8,6 +8,9 @@ from blur2view.colmap.mapping import mapper_options as mapper_options
 from blur2view.colmap.placement import Placement as Placement
 from blur2view.colmap.placement import place_views as place_views
 from blur2view.colmap.project import camera_of_database as camera_of_database
+from blur2view.colmap.recovery import RecoveredFrame as RecoveredFrame
+from blur2view.colmap.recovery import Recovery as Recovery
+from blur2view.colmap.recovery import recover_frames as recover_frames
 from blur2view.errors import Blur2ViewError as Blur2ViewError
 from blur2view.errors import CameraError as CameraError
 from blur2view.errors import DatabaseError as DatabaseError

@@ -33,7 +33,7 @@ class PlaceOptions:
     model: Path = required("""MODEL: folder of COLMAP's model of the frames, or of a mapper's models, of which
         the largest is taken""")
     photographs: Path = required("""FRAMES: folder of the frames, all of one video: COLMAP's --image_path.
-        Where their numbers leave some out, no two are taken for neighbours""")
+        The numbers in their names are their times""")
     output: Path = required("-o, --output DIR: where the model goes")
     fraction: Annotated[float | None, share] = rare_option("""--fraction F: exposure time over frame interval,
         at most 1, if it is known (default: measured from the smears)""")

@@ -14,9 +14,10 @@ from blur2view.errors import DatabaseError, OutputError
 
 TRACKS = "tracks.db"
 WRITTEN = """
-DIR: the model with the recovered frames, their views NAME#open and NAME#close, and what they observe in the
-    tracks of its points; COLMAP's binary format and project.ini. What an earlier call wrote is replaced; a
-    model of another program is not
+DIR: the model with the recovered frames, which observe its points; COLMAP's binary format and project.ini.
+    What an earlier call wrote is replaced; a model of another program is not
+views: a recovered frame's poses at shutter-open and shutter-close, NAME#open and NAME#close. No file shows
+    them: to-transforms reads them, undistorters and loaders of COLMAP's models stumble over them
 """
 EVERY_FRAME_BLURRED = """
 1: features, matching = blur2view.blurred_options(), for pycolmap.extract_features(DB, FRAMES,
@@ -41,14 +42,16 @@ class RecoverOptions:
 
     model: Path = required("""MODEL: folder of COLMAP's model of some frames, or of a mapper's models, of
         which the largest is taken""")
-    photographs: Path = required("""FRAMES: folder of all frames, of one video: COLMAP's --image_path. Where
-        their numbers leave some out, no two are taken for neighbours""")
+    photographs: Path = required("""FRAMES: folder of all frames, of one video: COLMAP's --image_path. The
+        numbers in their names are their times""")
     output: Path = required("-o, --output DIR: where the model goes")
     tracks: Path | None = option("""--tracks DB: also write DIR/tracks.db, for videos without a sharp frame: a
         copy of the model's project with keypoints and verified matches of blurred patches, more exact than
         those of SIFT, to map anew (some seconds for a frame)""")
     refine: bool = flag("""--refine: adjust the recovered poses and the model's points together (bundle
         adjustment); other poses stay""")
+    views: bool = flag("""--views: also add both views of each recovered frame (default: if MODEL has views
+        of its frames)""")
     printing: Printing = Printing()
 
     examples = ("blur2view recover with_views frames -o all_frames", "blur2view to-transforms all_frames")
@@ -66,7 +69,9 @@ class RecoverOptions:
                     raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
                 with open_read_only(self.tracks) as project:  # before hours of work
                     check_schema(project)
-            found = recover_frames(model, self.photographs, names, refine=self.refine, show=show)
+            found = recover_frames(
+                model, self.photographs, names, views=self.views or None, refine=self.refine, show=show
+            )
             recovered, refused = found.recovered, found.refused
             if refused and not recovered and self.tracks is None:
                 name, why = next(iter(refused.items()))
@@ -79,7 +84,7 @@ class RecoverOptions:
             from blur2view.colmap.blurred_tracks import track_frames
 
             with waiting("matching blurred patches", hidden=self.printing.quiet) as show:
-                track_frames(found, self.tracks, tracks, show)
+                track_frames(found.sequence, self.tracks, tracks, show)
         if not self.printing.quiet:
             for line in refused_lines(refused, "recovered", self.printing):
                 print(line)
@@ -88,6 +93,6 @@ class RecoverOptions:
                 print(f"{printable(name)} recovered by {points}, {frame.residual_px:.1f} px apart")
             more = "and more" if self.tracks is None else f"and more, and {TRACKS}"
             counts = f"{len(recovered)} recovered, {len(refused)} refused"
-            registered = f"of {plural(len(names), 'frame')} {len(found.images)} registered"
+            registered = f"of {plural(len(names), 'frame')} {len(found.registered)} registered"
             print(f"{printable(str(self.output))}: {printable(str(model))} {more}: {registered}, {counts}")
         return 0

@@ -83,7 +83,7 @@ class BlurredPose(NamedTuple):
     motion: Array  # (9,)
     smear_motion: Array  # (6,) the rigid motion by the smears alone
     numbers: NDArray[np.int_]  # (M,) indices of the points that were found, each once
-    places: Array  # (M, 2) their pixels
+    pixels: Array  # (M, 2) where they were found
     residual_px: float  # median distance of the pixels from the projections
     tried: int  # how many points lie in the picture
 

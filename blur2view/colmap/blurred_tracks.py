@@ -92,7 +92,7 @@ def _matches(sequence: FrameSequence, name: str, before: str, keypoints: Keypoin
         found = find_pose(sequence.view(name), [other], world, [seen], expected.motion)
     if found is None:
         return np.zeros((0, 2), np.uint32)
-    indices = _indices(keypoints, name, found.places, MERGE_PX)
+    indices = _indices(keypoints, name, found.pixels, MERGE_PX)
     _, first = np.unique(indices, return_index=True)
     return np.column_stack([found.numbers, indices]).astype(np.uint32)[np.sort(first)]
 

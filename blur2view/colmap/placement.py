@@ -18,7 +18,7 @@ from blur2view.camera import from_colmap, normalised_points
 from blur2view.colmap.models import add_image, observed, photographs_of, read_model
 from blur2view.colmap.project import image_names, open_read_only, read_keypoints, read_matches
 from blur2view.errors import DatabaseError
-from blur2view.exposure.sequence import frame_times, place_of
+from blur2view.exposure.sequence import frame_times, split_number
 from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, changed, exposures
 from blur2view.exposure.views import CLOSE, OPEN
 
@@ -51,18 +51,35 @@ def place_views(
     names: Sequence[str] | None = None,
     fraction: float | None = None,
 ) -> Placement:
-    """Return a folder's model with the views that ``to-colmap --link`` wrote beside its photographs.
+    """Return COLMAP's model of a video with the views that ``to-colmap --link`` wrote beside its frames.
 
-    ``names`` are the photographs of one video in order, parted where numbers say that some were left out
-    (`frame_times`); by default those of the model. ``fraction`` is exposure time over frame interval, by
-    default measured from the smears. DatabaseError if database or model cannot be read, or no view can be
-    placed; ValueError if the fraction is not positive.
+    Nothing is written: `Placement.model` is pycolmap's. The frames stay where they are.
+
+    Parameters
+    ----------
+    database
+        The project with the views.
+    model
+        Folder of COLMAP's model of the frames.
+    names
+        The frames of one video in order, as COLMAP calls them; by default those of the model. The numbers in
+        names that differ in nothing else are times (`frame_times`).
+    fraction
+        Exposure time over frame interval, the median step of these times; by default measured from the
+        smears.
+
+    Raises
+    ------
+    DatabaseError
+        If database or model cannot be read, or no view can be placed.
+    ValueError
+        If the fraction is not positive.
     """
     if fraction is not None and not 0 < fraction < np.inf:
         raise ValueError(f"fraction must be positive and finite, got {fraction}")
     reconstruction = read_model(Path(model))
     registered = photographs_of(reconstruction)
-    names = sorted(registered, key=place_of) if names is None else names
+    names = sorted(registered, key=split_number) if names is None else names
     times = dict(zip(names, frame_times(names), strict=True))
     linked, refused = _read_linked(Path(database), reconstruction, registered, times)
     if not linked:
@@ -83,7 +100,7 @@ def place_views(
 
 
 def _read_linked(
-    database: Path, model: Any, registered: Mapping[str, Any], times: Mapping[str, int]
+    database: Path, model: Any, registered: Mapping[str, Any], times: Mapping[str, float]
 ) -> tuple[list[_Linked], dict[str, str]]:
     """Return the photographs that can be placed, in order, and why others with both views cannot."""
     found, refused = dict[str, _Linked](), dict[str, str]()

@@ -7,11 +7,11 @@ too few points are found, is refused with the reason. Measured by ``python -m to
 """
 
 import os
-from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from blur2view.networks.smear_network import SmearNetwork, SmearReader
 WORK_SIDE = 960  # pixels: larger photographs are reduced to this side
 PICTURES_KEPT = 16  # pictures in memory
 NEIGHBOURS = 4  # registered frames, the nearest, whose patches are matched
-NEAR_FRAMES = 12  # frames from a frame to those that predict it
+NEAR_FRAMES = 12  # frame intervals from a frame to those that predict it
 MIN_POINTS = 30  # that are found in a frame
 MIN_FOUND = 0.1  # share of the points in the picture that are found
 MAX_RESIDUAL_PX = 3.0  # of the points found, median, in the working size
@@ -46,15 +46,32 @@ BEND_ERROR = 0.04  # the same, relative to the bend
 MIN_ERROR_RAD = 4e-4  # of a rotation, in which cameras and points err together
 
 
-class RecoveredFrame(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecoveredFrame:
     """A frame that the model lacked, with its pose."""
 
     pose: Array  # (3, 4) cam_from_world at mid exposure
     covariance: Array  # (6, 6) of a small rotation (radians) and translation of points in the camera
     motion: Array  # (9,) during the exposure, as in `blurred_pose`, in the frames' sense of time
     points: NDArray[np.int_]  # (M,) ids of the model's points that were found
-    places: Array  # (M, 2) their pixels in the frame's own size
+    pixels: Array  # (M, 2) where they were found, in the frame's own size
     residual_px: float  # median distance of the pixels from the points' projections
+
+    def pose_at(self, time: float) -> Array:
+        """Return cam_from_world (3, 4) at a time of the exposure: -1/2 at shutter-open, 1/2 at close."""
+        return pose_at(time, self.pose, self.motion)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recovery:
+    """COLMAP's model of a video, and what became of the frames that it lacked."""
+
+    model: Any
+    """pycolmap.Reconstruction with the recovered frames, and their views where these were asked for."""
+    registered: tuple[str, ...]  # frames that the model had, in order of time
+    recovered: Mapping[str, RecoveredFrame]  # by name, in order of time
+    refused: Mapping[str, str]  # why every other frame is not believed or cannot be read
+    sequence: "FrameSequence"  # with which `track_frames` goes on
 
 
 class FrameSequence:
@@ -72,7 +89,7 @@ class FrameSequence:
     def recover(self, show: Callable[[int, int], None]) -> None:
         """Recover frames or refuse them, those next to registered ones first; ``poses`` grow."""
         missing = [name for name in self.times if name not in self.images]
-        gaps = {name: min(self._frames_between(name, known) for known in self.images) for name in missing}
+        gaps = {name: min(self._apart(name, known) for known in self.images) for name in missing}
         for done, name in enumerate(sorted(missing, key=lambda name: gaps[name])):
             show(done, len(missing))
             try:
@@ -85,9 +102,9 @@ class FrameSequence:
 
     def near(self, name: str) -> list[str]:
         """Return the registered frames, the nearest in time first: itself, if it is one."""
-        return sorted(self.images, key=lambda known: (self._frames_between(name, known), self.times[known]))
+        return sorted(self.images, key=lambda known: (self._apart(name, known), self.times[known]))
 
-    def _frames_between(self, name: str, other: str) -> int:
+    def _apart(self, name: str, other: str) -> float:
         return abs(self.times[name] - self.times[other])
 
     def expected(self, name: str) -> Expected | None:
@@ -117,7 +134,7 @@ class FrameSequence:
         """Return a frame with its pose; ImageError with the reason if there is none."""
         expected, near = self.expected(name), self.near(name)[:NEIGHBOURS]
         if expected is None:
-            raise ImageError(f"fewer than two registered frames are within {NEAR_FRAMES} frames")
+            raise ImageError(TOO_FAR)
         view = self.view(name, expected.pose)
         neighbours = [self.view(neighbour) for neighbour in near]
         seen = [self.points_of(neighbour) for neighbour in near]
@@ -128,8 +145,14 @@ class FrameSequence:
             raise ImageError(TOO_FEW if found is None else reason)
         pose, covariance = weighted_mean(found, expected)
         scale = view.grid.size[0] / view.camera.width
-        places, residual = (found.places + 0.5) * scale - 0.5, found.residual_px * scale
-        return RecoveredFrame(pose, covariance, found.motion, ids[found.numbers], places, residual)
+        return RecoveredFrame(
+            pose=pose,
+            covariance=covariance,
+            motion=found.motion,
+            points=ids[found.numbers],
+            pixels=(found.pixels + 0.5) * scale - 0.5,
+            residual_px=found.residual_px * scale,
+        )
 
     def points_of(self, name: str) -> set[int]:
         """Return the ids of the points that a registered frame sees, or the nearest one to a frame."""
@@ -145,32 +168,68 @@ def recover_frames(
     frames: str | os.PathLike[str],
     names: Sequence[str],
     *,
+    views: bool | None = None,
     refine: bool = False,
     network: SmearReader | None = None,
     show: Callable[[int, int], None] = lambda done, count: None,
-) -> FrameSequence:
-    """Return a video's frames, with the model of a folder to which those that it lacks are added.
+) -> Recovery:
+    """Register the frames of a video that COLMAP's model lacks; frames of the model keep their poses.
 
-    ``frames`` is their folder; ``names`` are all of them in order, as COLMAP calls them. No two are taken for
-    neighbours where their numbers leave some out. Recovered frames observe points of the model; their views
-    are NAME#open and NAME#close. With ``refine`` recovered poses and points are adjusted together.
-    ``show`` gets how many frames are done, of how many. DatabaseError if the model has fewer than two frames.
+    Recovered frames observe points of the model. Nothing is written: `Recovery.model` is pycolmap's.
+
+    Parameters
+    ----------
+    model
+        Folder of COLMAP's model, with two frames or more.
+    frames
+        Folder of the frames, all of one video.
+    names
+        All frames in order, as COLMAP calls them: their paths in ``frames``. The numbers in names that
+        differ in nothing else are times (`frame_times`).
+    views
+        Whether a recovered frame's poses at shutter-open and shutter-close become images NAME#open and
+        NAME#close, for which there are no files; by default if the model has such images.
+    refine
+        Whether recovered poses and the model's points are adjusted together.
+    network
+        Reads smears; by default a new `SmearNetwork`.
+    show
+        Gets how many frames are done, of how many.
+
+    Raises
+    ------
+    DatabaseError
+        If the model cannot be read, or has fewer than two of the frames.
     """
     sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
     if len(sequence.images) < 2:
         count = f"has {len(sequence.images)} of the {len(names)} frames in {frames}"
         raise DatabaseError(f"{model}: {count}; name the folder that COLMAP read them from")
     sequence.recover(show)
+    return recovery_of(sequence, views=views, refine=refine)
+
+
+def recovery_of(sequence: FrameSequence, *, views: bool | None = None, refine: bool = False) -> Recovery:
+    """Return a sequence's model to which its recovered frames are added, as `recover_frames` says."""
+    if views is None:
+        views = any(image.name.endswith((OPEN, CLOSE)) for image in sequence.model.images.values())
     for name in sequence.recovered:
         _add_frame(sequence, name)
     if refine and sequence.recovered:
         adjust(sequence.model, sequence.recovered)
-    for name in sequence.recovered:
+    for name in sequence.recovered if views else ():
         _add_views(sequence, name)
-    return sequence
+    return Recovery(
+        model=sequence.model,
+        registered=tuple(name for name in sequence.times if name in sequence.images),
+        recovered=sequence.recovered,
+        refused=sequence.refused,
+        sequence=sequence,
+    )
 
 
 TOO_FEW = "too few points of its neighbours are found in it"
+TOO_FAR = f"fewer than two registered frames lie within {NEAR_FRAMES} frame intervals, by their numbers"
 
 
 def refusal(found: BlurredPose, expected: Expected) -> str:
@@ -212,9 +271,9 @@ def _add_frame(sequence: FrameSequence, name: str) -> None:
     import pycolmap
 
     frame, beside = sequence.recovered[name], sequence.images[sequence.near(name)[0]]
-    image = add_image(sequence.model, name, frame.pose, to_colmap(frame.places), beside)
-    for place, number in enumerate(frame.points):
-        sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, place))
+    image = add_image(sequence.model, name, frame.pose, to_colmap(frame.pixels), beside)
+    for keypoint, number in enumerate(frame.points):
+        sequence.model.add_observation(int(number), pycolmap.TrackElement(image.image_id, keypoint))
 
 
 def _add_views(sequence: FrameSequence, name: str) -> None:
@@ -224,7 +283,7 @@ def _add_views(sequence: FrameSequence, name: str) -> None:
     for end, t in ((OPEN, -0.5), (CLOSE, 0.5)):
         pose = pose_at(t, image.cam_from_world().matrix(), frame.motion)
         pixels = projected(model.cameras[image.camera_id], world @ pose[:, :3].T + pose[:, 3])
-        keypoints = to_colmap(np.where(np.isfinite(pixels), pixels, frame.places))
+        keypoints = to_colmap(np.where(np.isfinite(pixels), pixels, frame.pixels))
         add_image(model, name + end, pose, keypoints, image)
 
 

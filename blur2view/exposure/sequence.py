@@ -50,7 +50,7 @@ MAX_EXPOSURES_APART = 25.0  # exposures from frame to frame (RedKitchen: 1 to 6)
 ROTATION_WEIGHT = 0.3  # of the rotation's cosine beside the smears'; 0: 83 % of the rotations right, 1: 95 %
 CHEIRALITY_WEIGHT = 0.1  # of the share of points in front of both cameras: decides where orders are equal
 ESSENTIAL_PX = 1.0  # maximum error of the essential matrix between neighbours
-GAP_FRAMES = 100  # time step, in frames, where frames are missing: too long for any conclusion
+GAP_FRAMES = 100  # time step, in frame intervals, between recordings: too long for any conclusion
 Features = tuple[Array, NDArray[np.float32]]  # points (N, 2), descriptors (N, 128)
 Matches = tuple[Array, Array]  # pixels (M, 2) in two photographs
 NO_POINTS = np.zeros((0, 2))
@@ -181,23 +181,25 @@ def in_time(estimated: Estimate, matches: Mapping[int, Matches]) -> Estimate:
     return replace(estimated, geometry=views.geometry, time=views.time)
 
 
-def frame_times(names: Sequence[str]) -> list[int]:
-    """Return the times of frames in order, in frames, with gaps of `GAP_FRAMES` where some were left out.
+def frame_times(names: Sequence[str]) -> list[float]:
+    """Return the times of frames in order, in frame intervals: the median step of the numbers in their names.
 
-    That is where the numbers in the names step otherwise than most do, and between folders. Names that differ
-    in more than their number have no gaps.
+    Numbers under one stem are times, in any step. Names that differ in more than their number follow one
+    another in even steps. Between folders, and where numbers fall, lie `GAP_FRAMES` intervals.
     """
-    steps: list[int] = []
+    steps: list[float] = []
     for _, folder in groupby(names, dirname):
-        numbered = [place_of(name) for name in folder]
+        numbered = [split_number(name) for name in folder]
         own = [second - first for (_, first), (_, second) in pairwise(numbered)]
-        usual = max(sorted(set(own)), key=own.count, default=0)
-        differ = len({text for text, _ in numbered}) > 1
-        steps += [GAP_FRAMES, *(1 if differ or step == usual else GAP_FRAMES for step in own)]
+        rising = sorted(step for step in own if step > 0)
+        interval = rising[(len(rising) - 1) // 2] if rising else 1
+        if len({text for text, _ in numbered}) > 1:
+            own = [interval] * len(own)
+        steps += [GAP_FRAMES, *(step / interval if step > 0 else GAP_FRAMES for step in own)]
     return list(accumulate(steps))
 
 
-def place_of(name: str) -> tuple[str, int]:
+def split_number(name: str) -> tuple[str, int]:
     """Split a file's name at its last number: the text around it, and the number (0 if there is none)."""
     parts = re.fullmatch(r"(.*?)(\d+)([^\d/]*(?:\.[A-Za-z]\w*)?)", name, re.DOTALL)  # .jp2 counts nothing
     if parts is None:

@@ -21,16 +21,18 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_frame_is_counted_and_written(
     video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    done = call_program(capsys, "recover", video / "model", video / "frames", "-o", tmp_path / "all", "-v")
+    words = ["recover", video / "model", video / "frames", "-o", tmp_path / "all"]
+    done = call_program(capsys, *words, "-v")
     assert done == 0
     printed = done.out.splitlines()
     assert printed[-1].startswith(f"{tmp_path / 'all'}: ")
     assert printed[-1].endswith(": of 7 frames 6 registered, 1 recovered, 0 refused")
     assert printed[0].startswith(f"{PLANE.names[3]} recovered by ")
     names = {image.name for image in pycolmap.Reconstruction(tmp_path / "all").images.values()}
+    assert names == {*PLANE.names}
+    assert call_program(capsys, *words, "--views") == 0
+    names = {image.name for image in pycolmap.Reconstruction(tmp_path / "all").images.values()}
     assert names == {*PLANE.names, f"{PLANE.names[3]}#open", f"{PLANE.names[3]}#close"}
-    again = call_program(capsys, "recover", video / "model", video / "frames", "-o", tmp_path / "all")
-    assert again == 0
     onward = call_program(capsys, "to-transforms", tmp_path / "all", "-o", tmp_path / "t.json")
     assert onward == 0
 

@@ -11,13 +11,7 @@ from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blurred_pose import BlurredPose
 from blur2view.colmap.blurred_tracks import track_frames
 from blur2view.colmap.models import photographs_of
-from blur2view.colmap.recovery import (
-    INDEPENDENT_SHARE,
-    NEAR_FRAMES,
-    FrameSequence,
-    recover_frames,
-    weighted_mean,
-)
+from blur2view.colmap.recovery import INDEPENDENT_SHARE, NEAR_FRAMES, Recovery, recover_frames, weighted_mean
 from blur2view.exposure.trajectory import CameraPath, Expected, change_of, changed
 from tests.support.blurred_plane import SIZE, BlurredPlane, ExactSmears
 
@@ -38,18 +32,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def recover(folder: Path, network: ExactSmears, refine: bool = False) -> FrameSequence:
+def recover(folder: Path, network: ExactSmears, refine: bool = False) -> Recovery:
     return recover_frames(
         folder / "model",
         folder / "frames",
         PLANE.names,
+        views=True,
         refine=refine,
         network=network,  # type: ignore[arg-type]
     )
 
 
 @pytest.fixture(scope="module")
-def recovery(folder: Path, network: ExactSmears) -> FrameSequence:
+def recovery(folder: Path, network: ExactSmears) -> Recovery:
     return recover(folder, network)
 
 
@@ -60,7 +55,7 @@ def apart(pose: Array, truth: Array) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("k", MISSING)
-def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: FrameSequence, k: int) -> None:
+def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: Recovery, k: int) -> None:
     times = np.array(REGISTERED, float)
     expected = CameraPath(times, np.stack([PLANE.pose(time) for time in times]), NEAR_FRAMES).expected(k)
     found = recovery.recovered[PLANE.names[k]]
@@ -75,7 +70,7 @@ def test_recovered_pose_is_a_tenth_as_wrong_as_the_spline(recovery: FrameSequenc
 
 
 @pytest.mark.parametrize("k", MISSING)
-def test_views_are_both_ends_of_the_exposure_in_order(recovery: FrameSequence, k: int) -> None:
+def test_views_are_both_ends_of_the_exposure_in_order(recovery: Recovery, k: int) -> None:
     poses = {image.name: image.cam_from_world().matrix() for image in recovery.model.images.values()}
     for end, t in (("#open", -0.5), ("#close", 0.5)):
         true = PLANE.pose(k + t * PLANE.share)
@@ -83,16 +78,14 @@ def test_views_are_both_ends_of_the_exposure_in_order(recovery: FrameSequence, k
 
 
 @pytest.mark.parametrize("k", MISSING)
-def test_a_point_seen_by_neighbours_is_where_the_surest_of_them_put_it(
-    recovery: FrameSequence, k: int
-) -> None:
+def test_a_point_seen_by_neighbours_is_where_the_surest_of_them_put_it(recovery: Recovery, k: int) -> None:
     found, points = recovery.recovered[PLANE.names[k]], recovery.model.points3D
     world = np.array([points[int(number)].xyz for number in found.points])
-    missed = np.linalg.norm(found.places - PLANE.seen(PLANE.pose(k), world), axis=1)
+    missed = np.linalg.norm(found.pixels - PLANE.seen(PLANE.pose(k), world), axis=1)
     assert missed.max() < 0.8  # of means without weights 0.9, by covariances instead of precisions 1.2
 
 
-def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: FrameSequence) -> None:
+def test_frames_of_the_user_stay_and_tracks_grow(folder: Path, recovery: Recovery) -> None:
     before, after = pycolmap.Reconstruction(folder / "model"), recovery.model
     for number, image in before.images.items():
         assert after.images[number].name == image.name
@@ -114,9 +107,9 @@ def test_large_frames_are_worked_on_smaller(
     whole = recover(folder, network)
     found = whole.recovered[PLANE.names[MISSING[0]]]
     assert apart(found.pose, PLANE.pose(MISSING[0]))[0] < 0.3
-    assert PLANE.inside(found.places).all() and np.ptp(found.places, axis=0).min() > 120
+    assert PLANE.inside(found.pixels).all() and np.ptp(found.pixels, axis=0).min() > 120
     world = np.array([whole.model.points3D[int(number)].xyz for number in found.points])
-    missed = found.places - PLANE.seen(found.pose, world)
+    missed = found.pixels - PLANE.seen(found.pose, world)
     np.testing.assert_allclose(np.median(missed, axis=0), 0, atol=0.08)  # half a pixel of neither size
 
 
@@ -134,7 +127,7 @@ def test_mean_of_two_equally_sure_poses_lies_half_way() -> None:
 
 
 def test_same_call_gives_same_bytes(
-    folder: Path, recovery: FrameSequence, network: ExactSmears, tmp_path: Path
+    folder: Path, recovery: Recovery, network: ExactSmears, tmp_path: Path
 ) -> None:
     written = []
     for name, found in (("first", recovery), ("second", recover(folder, network))):
@@ -176,7 +169,7 @@ def test_frame_that_does_not_fit_is_refused_with_the_reason(
 
 
 def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
-    folder: Path, recovery: FrameSequence, tmp_path: Path
+    folder: Path, recovery: Recovery, tmp_path: Path
 ) -> None:
     project, tracked = tmp_path / "project.db", tmp_path / "tracks.db"
     own = np.array([[10.0, 20.0, 1.5, 0.1]], np.float32)
@@ -186,7 +179,7 @@ def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
             image = database.write_image(pycolmap.Image(name=name, camera_id=number))
             database.write_keypoints(image, own)
     before = project.read_bytes()
-    track_frames(recovery, project, tracked)
+    track_frames(recovery.sequence, project, tracked)
     assert project.read_bytes() == before
     with pycolmap.Database.open(tracked) as database:
         numbers = {image.name: image.image_id for image in database.read_all_images()}

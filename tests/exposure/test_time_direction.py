@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
 
 import cv2
 import numpy as np
@@ -122,20 +121,21 @@ def test_no_neighbours_no_matches_and_no_inliers_leave_the_direction_open() -> N
         np.testing.assert_array_equal(found.points_open, given.points_open)
 
 
-def test_frames_that_are_left_out_leave_a_gap() -> None:
-    every_tenth = [f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)]
-    cameras = [f"{side}/{k}.jpg" for side in "lr" for k in (1, 2, 4, 5, 6)]
-    for names, parts in (
-        (every_tenth, [3, 2, 2]),
-        (cameras, [2, 3, 2, 3]),
-        (["b.jpg", "a.jpg", "f_1.jpg"], [3]),
-    ):
-        times = frame_times(names)
-        assert [
-            len(list(part)) for _, part in groupby(times, lambda time: (time + 50) // GAP_FRAMES)
-        ] == parts
-        assert all(later - time in (1, GAP_FRAMES) for time, later in pairwise(times))
-    assert frame_times([]) == []
+@pytest.mark.parametrize(
+    ("names", "steps"),
+    [
+        ([f"a/f_{k:03d}.jpg" for k in (0, 10, 20, 40, 50, 55, 65)], [1, 1, 2, 1, 0.5, 1]),
+        ([f"frame_{k:05d}.png" for k in (3, 6, 16, 21)], [0.6, 2, 1]),
+        ([f"{side}/{k}.jpg" for side in "lr" for k in (1, 2, 4)], [1, 2, GAP_FRAMES, 1, 2]),
+        (["b.jpg", "a.jpg", "f_1.jpg"], [1, 1]),
+        (["f_9998.jpg", "f_9999.jpg", "f_0000.jpg", "f_0001.jpg"], [1, GAP_FRAMES, 1]),
+        (["1403636579763555584.png", "1403636579813555456.png"], [1]),
+        ([], []),
+    ],
+    ids=["left out", "irregular", "folders", "names", "fallen", "nanoseconds", "none"],
+)
+def test_numbers_under_one_stem_are_times(names: list[str], steps: list[float]) -> None:
+    np.testing.assert_allclose(np.diff(frame_times(names)), steps)
 
 
 def texture(size: tuple[int, int], seed: int = 0) -> np.ndarray:
