@@ -70,8 +70,8 @@ def read_stream(stream: BinaryIO, limit: int = MAX_BYTES) -> bytes:
     return content
 
 
-def open_picture(content: bytes) -> "ImageFile":
-    """Open a photograph's content by Pillow, whose errors of damaged content have any type.
+def open_picture(content: bytes | BinaryIO) -> "ImageFile":
+    """Open a photograph's content or file by Pillow, whose errors of damaged content have any type.
 
     Nothing else opens photographs: formats that start a program are left out. UnidentifiedImageError of a
     picture of another format.
@@ -80,7 +80,8 @@ def open_picture(content: bytes) -> "ImageFile":
 
     known = [name for name in FORMATS if name != "AVIF" or find_spec("PIL.AvifImagePlugin")]  # Pillow 11.3
     extras = [name for name in FORMATS_BY_EXTRAS if name in Image.OPEN]
-    return Image.open(io.BytesIO(content), formats=[*known, *extras])
+    file = io.BytesIO(content) if isinstance(content, bytes) else content
+    return Image.open(file, formats=[*known, *extras])
 
 
 def file_digest(path: Path) -> str:

@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Annotated, Any
@@ -16,12 +17,14 @@ from blur2view.colmap import transforms
 from blur2view.colmap.models import DATABASE, PICTURES, noted, read_model, refuse_other_model, write_model
 from blur2view.colmap.project import smear_lengths
 from blur2view.errors import OutputError
-from blur2view.files import check_file, write_beside
-from blur2view.movers.mask import MaskFormat, as_stored, stored_labels
+from blur2view.files import check_file, open_picture, open_regular, writable_folder, write_beside
+from blur2view.images.image import RAW_SUFFIXES
+from blur2view.movers.mask import DAMAGED, MaskFormat, as_stored, stored_labels
 from blur2view.results.overlay import png
 
 MODEL, PHOTOGRAPHS = Path("sparse", "0"), Path("images")  # below the folder that gsplat is given
 MASKS = "masks"  # beside transforms.json
+LONG_SMEAR_PX = 3.0  # from which on photographs are counted as blurred, as in the example of --max-smear
 Photographs = Sequence[transforms.Exposed]
 KEYS = """
 instant-ngp: transforms.json alone, whose cameras are put into its box
@@ -88,6 +91,7 @@ class ToTransformsOptions:
         images = self.photographs or noted(self.model, PICTURES) or beside / PHOTOGRAPHS
         if not gsplat:
             check_file(self.output)
+            writable_folder(beside)
         with waiting(f"reading {self.model}", hidden=self.printing.quiet):
             model = read_model(self.model)
         listed = transforms.exposed_images(model, self.model, self.max_smear or float("inf"))
@@ -111,72 +115,118 @@ class ToTransformsOptions:
         return 0
 
 
+def _sizes(model: Any, photographs: Photographs, images: Path) -> dict[str, tuple[int, int]]:
+    """Return (width, height) of photographs by name, as files store them; of no picture its camera's.
+
+    OutputError if one shows only a part of what its camera sees.
+    """
+    sizes = dict[str, tuple[int, int]]()
+    for image, *_ in photographs:
+        path, camera = images / image.name, model.cameras[image.camera_id]
+        size = (camera.width, camera.height)
+        if path.suffix.lower() not in RAW_SUFFIXES:  # in which Pillow sees a thumbnail
+            with suppress(*DAMAGED), open_regular(path) as file, open_picture(file) as picture:
+                size = picture.size
+        try:
+            transforms.scaled(camera, size)
+        except ValueError as error:
+            remedy = "name the folder of the model's photographs, in any size, with --images"
+            raise OutputError(f"{path}: {error} of its camera; {remedy}") from None
+        sizes[image.name] = size
+    return sizes
+
+
 def _write_file(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write the file with its masks and points; return the words that say so."""
-    target = options.output
+    target, masks, sizes = options.output, options.masks, _sizes(model, photographs, images)
     content = transforms.content_of(
         model,
         options.model,
         photographs,
         dialect=options.dialect,
         images=os.path.relpath(images, target.parent),
+        sizes=sizes,
         exposure_s=options.exposure,
     )
-    files = {} if options.masks is None else _masks(options, options.masks, model, photographs, images)
-    if options.masks is not None and options.dialect != transforms.INSTANT_NGP:
-        for frame, path in zip(content["frames"], files, strict=True):
-            frame["mask_path"] = path.relative_to(target.parent).as_posix()
-    line = plural(len(photographs), "frame")
-    if options.masks is not None:
-        line += " and their masks"
+    line, files = plural(len(photographs), "frame"), dict[Path, bytes]()
+    if masks is not None:
+        paths = _mask_paths(options, [*sizes], images)
+        files = {
+            path: _mask(options, masks, images / name, name, sizes[name]) for path, name in paths.items()
+        }
+        line += f" and their masks, {printable(str(_mask_path(options, 'NAME', images)))}"
+        if options.dialect != transforms.INSTANT_NGP:
+            for frame, path in zip(content["frames"], files, strict=True):
+                frame["mask_path"] = path.relative_to(target.parent).as_posix()
     if transforms.PLY_KEY in content:
+        check_file(target.parent / transforms.PLY)
         files[target.parent / transforms.PLY] = transforms.point_cloud(model)
         line += f" and their points, {transforms.PLY}"
-    for path in files:
-        check_file(path)
     content = {"generator": f"blur2view {__version__}", **content}
     files[target] = (json.dumps(content, indent=2, allow_nan=False) + "\n").encode()
     write_beside(files)
     still = sum(not photograph.views for photograph in photographs)
     if still:
         line += f", {still} of them without views, as if sharp (blur2view place gives them)"
+    cameras = (model.cameras[photograph.image.camera_id] for photograph in photographs)
+    if [*sizes.values()] != [(camera.width, camera.height) for camera in cameras]:
+        line += ", cameras scaled to the size of the photographs"
     return line
 
 
-def _masks(
-    options: ToTransformsOptions, folder: Path, model: Any, photographs: Photographs, images: Path
-) -> dict[Path, bytes]:
-    """Return the masks of photographs, in their order, by the paths at which the trainer reads them."""
-    program, files = MaskFormat(options.dialect), dict[Path, bytes]()
-    for image, *_ in photographs:
-        name = PurePath(image.name)
-        called = name.with_suffix(""), name  # by segment, the latter where two have one stem
-        masks = [path for stem in called if (path := folder / f"{stem}{ENDINGS[0]}").is_file()]
-        if not masks:
-            remedy = "make it with blur2view segment and name its folder, that of -o"
-            raise OutputError(f"{folder}: has no mask of {name}; {remedy}")
-        labels, camera = as_stored(stored_labels(masks[0]), images / name), model.cameras[image.camera_id]
-        if labels.shape != (camera.height, camera.width):
-            raise OutputError(
-                f"{masks[0]}: is of {labels.shape[1]}x{labels.shape[0]} pixels, its photograph of "
-                f"{camera.width}x{camera.height}; segment the photographs of the model"
-            )
-        below = images if program is MaskFormat.INSTANT_NGP else options.output.parent / MASKS
-        path = below / program.path(name)
-        if path in files:
+def _mask_path(options: ToTransformsOptions, name: str, images: Path) -> Path:
+    """Return where the trainer looks for the mask of a photograph."""
+    beside = options.dialect == transforms.INSTANT_NGP
+    below = images if beside else options.output.parent / MASKS
+    return below / MaskFormat(options.dialect).path(PurePath(name))
+
+
+def _mask_paths(options: ToTransformsOptions, names: Sequence[str], images: Path) -> dict[Path, str]:
+    """Return the names of photographs by the paths of their masks, all of which can be written."""
+    paths = dict[Path, str]()
+    for name in names:
+        path = _mask_path(options, name, images)
+        if path in paths:
             raise OutputError(f"{path}: would be the mask of two photographs; rename one")
-        files[path] = png(program.picture(labels))
-    return files
+        check_file(path)
+        paths[path] = name
+    for folder in {path.parent for path in paths}:
+        writable_folder(folder)
+    return paths
+
+
+def _mask(
+    options: ToTransformsOptions, folder: Path, photograph: Path, name: str, size: tuple[int, int]
+) -> bytes:
+    """Return the mask (PNG) of a photograph (width, height) from the folder of a segmentation."""
+    called = PurePath(name).with_suffix(""), PurePath(name)  # by segment, the latter where two have one stem
+    masks = [path for stem in called if (path := folder / f"{stem}{ENDINGS[0]}").is_file()]
+    if not masks:
+        remedy = "make it with blur2view segment and name its folder, that of -o"
+        raise OutputError(f"{folder}: has no mask of {name}; {remedy}")
+    labels = as_stored(stored_labels(masks[0]), photograph)
+    if labels.shape != size[::-1]:
+        shape = f"{labels.shape[1]}x{labels.shape[0]} pixels, its photograph of {size[0]}x{size[1]}"
+        raise OutputError(f"{masks[0]}: is of {shape}; segment the photographs in {photograph.parent}")
+    return png(MaskFormat(options.dialect).picture(labels))
 
 
 def _write_folder(options: ToTransformsOptions, model: Any, photographs: Photographs, images: Path) -> str:
     """Write gsplat's folder, their model and a link to the photographs; return the words that say so."""
     folder, link = options.output / MODEL, options.output / PHOTOGRAPHS
-    transforms.keep_photographs(model, options.model, {photograph.image.name for photograph in photographs})
     refuse_other_model(folder)
     if os.path.lexists(link) and os.path.realpath(link) != os.path.realpath(images):
         raise OutputError(f"{link}: is not the folder {images}, where the photographs are; move it away")
-    write_model(model, folder, images)
+    names = _sizes(model, photographs, images).keys()  # gsplat scales the cameras by itself
+    kept = transforms.keep_photographs(model, names)
+    write_model(kept, folder, images)
     if not os.path.lexists(link):
         link.symlink_to(os.path.abspath(images), target_is_directory=True)
-    return f"{plural(len(photographs), 'photograph')} as sharp at mid exposure"
+    line = f"{plural(len(kept.images), 'photograph')} as sharp at mid exposure"
+    smears = [photograph.smear_px or 0.0 for photograph in photographs]
+    blurred = sum(smear_px > LONG_SMEAR_PX for smear_px in smears)
+    if blurred and options.max_smear is None:
+        has = "has a smear" if blurred == 1 else "have smears"
+        longer = f"{blurred} of them {has} of more than {LONG_SMEAR_PX:g} px, up to {max(smears):.0f} px"
+        line += f"; {longer} (--max-smear {LONG_SMEAR_PX:g} leaves out what is longer)"
+    return line

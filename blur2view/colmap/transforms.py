@@ -21,9 +21,12 @@ for its file below ``DIR/images``, so that views, which no file has, end it.
 """
 
 import os
-from collections.abc import Collection, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +46,7 @@ FISHEYE = ("SIMPLE_FISHEYE", "FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE
 RENAMED = {"f": ("fl_x", "fl_y"), "fx": ("fl_x",), "fy": ("fl_y",), "k": ("k1",)}
 GLOBAL_SHUTTER = [0, 0, 0, 1]
 BOX, NERF_SCALE, MEAN_DISTANCE = 16, 0.33, 4.0  # colmap2nerf.py, nerf_loader.h, colmap2nerf.py
+FRAME_KEYS, IMAGE_KEYS = ("frame_id", "rig_id", "rig_from_world"), ("name", "camera_id", "image_id")
 PLY_KEY, PLY = "ply_file_path", "sparse_pc.ply"  # where ns-process-data writes the points
 
 
@@ -99,15 +103,21 @@ def content_of(
     *,
     dialect: str = INSTANT_NGP,
     images: str = "images",
+    sizes: Mapping[str, tuple[int, int]] = MappingProxyType({}),
     exposure_s: float = 1.0,
 ) -> dict[str, Any]:
     """Return the content of ``transforms.json``, of plain JSON types; the module says what they mean.
 
-    ``images`` is the folder of the photographs as seen from that of the file; the exposure time, seconds, is
-    of nerfstudio's dialect. DatabaseError if these files cannot hold a camera of the model in ``folder``.
+    ``images`` is the folder of the photographs as seen from that of the file; ``sizes`` are those (width,
+    height) of photographs by name, to which cameras are scaled, by default the cameras' own; the exposure
+    time, seconds, is of nerfstudio's dialect. DatabaseError if these files cannot hold a camera of the model
+    in ``folder``.
     """
-    used = {photograph.image.camera_id for photograph in photographs}
-    cameras = {number: intrinsics(folder, model.cameras[number]) for number in used}
+    camera_of = {image.name: (image.camera_id, sizes.get(image.name)) for image, _, _ in photographs}
+    cameras = {
+        (number, size): intrinsics(folder, scaled(model.cameras[number], size))
+        for number, size in set(camera_of.values())
+    }
     kinds = sorted({keys["camera_model"] for keys in cameras.values()})
     if len(kinds) > 1:
         raise DatabaseError(f"{folder}: has plain and fisheye cameras; undistort the photographs first")
@@ -120,11 +130,25 @@ def content_of(
         motions = [_velocities(photograph, exposure_s) for photograph in photographs]
     frames = []
     for (image, _, _), motion in zip(photographs, motions, strict=True):
-        own = {} if len(cameras) == 1 else cameras[image.camera_id]
+        own = {} if len(cameras) == 1 else cameras[camera_of[image.name]]
         path = os.path.join(images, image.name).replace(os.sep, "/")
         pose = {"transform_matrix": _world_from_camera(image).tolist()}
         frames.append({"file_path": path, **own, **pose, **motion})
     return {**shared, **whole, "frames": frames}
+
+
+def scaled(camera: Any, size: tuple[int, int] | None) -> Any:
+    """Return a pycolmap.Camera for photographs of another size, or itself.
+
+    ValueError if the size is that of a part of the picture: width or height is off by more than a pixel.
+    """
+    if size is None or size == (camera.width, camera.height):
+        return camera
+    if abs(size[0] * camera.height - size[1] * camera.width) > camera.width + camera.height:
+        raise ValueError(f"its {size[0]}x{size[1]} pixels do not show all {camera.width}x{camera.height}")
+    other = copy(camera)
+    other.rescale(*size)
+    return other
 
 
 def intrinsics(folder: Path, camera: Any) -> dict[str, Any]:
@@ -192,12 +216,43 @@ def point_cloud(model: Any) -> bytes:
     return head + f"comment {SIGNED_BY}\nelement".encode() + body
 
 
-def keep_photographs(model: Any, folder: Path, names: Collection[str]) -> None:
-    """Remove all other images and their points; DatabaseError if images name points that are not there."""
-    try:
-        for image in [image for image in model.images.values() if image.name not in names]:
-            if image.has_pose:  # not removed with another of its frame
-                model.deregister_frame(image.frame_id)
-    except IndexError:
-        raise DatabaseError(f"{folder}: its model lacks points that it names; let COLMAP write it") from None
-    model.tear_down()
+def keep_photographs(model: Any, names: Collection[str]) -> Any:
+    """Return a pycolmap.Reconstruction of some images, and of the points that two or more of them show.
+
+    Ids stay. Of a rig an image goes, and not its frame, which holds all others of that instant.
+    """
+    import pycolmap
+
+    kept, frames = pycolmap.Reconstruction(), defaultdict[int, list[Any]](list)
+    for camera in model.cameras.values():
+        kept.add_camera(camera)
+    for rig in model.rigs.values():
+        kept.add_rig(rig)
+    for image in model.images.values():
+        if image.name in names and image.has_pose:
+            frames[image.frame_id].append(image)
+    for images in frames.values():
+        _copy_frame(images, kept)
+    for number, point in model.points3D.items():
+        shown = [element for element in point.track.elements if element.image_id in kept.images]
+        if len(shown) > 1:
+            same = {name: getattr(point, name) for name in ("xyz", "color", "error")}
+            kept.add_point3D_with_id(number, pycolmap.Point3D(track=pycolmap.Track(shown), **same))
+    return kept
+
+
+def _copy_frame(images: Sequence[Any], model: Any) -> None:
+    """Add images of one frame to a pycolmap.Reconstruction, with keypoints that show no points yet."""
+    import pycolmap
+
+    whole = images[0].frame
+    frame = pycolmap.Frame(**{name: getattr(whole, name) for name in FRAME_KEYS})
+    for image in images:
+        frame.add_data_id(image.data_id)
+    model.add_frame(frame)
+    for image in images:
+        keypoints = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        same = pycolmap.Image(keypoints=keypoints, **{name: getattr(image, name) for name in IMAGE_KEYS})
+        same.frame_id = frame.frame_id
+        model.add_image(same)
+    model.register_frame(frame.frame_id)

@@ -161,7 +161,7 @@ def stored_labels(path: Path) -> Grey:
     """Return the labels (H, W) of a file ``*.mask.png``; OutputError if it is not one."""
     try:
         with Image.open(path, formats=["PNG"]) as picture:
-            grey = np.asarray(picture)
+            grey = np.asarray(picture.convert("L"))  # optimisers make it of 1 bit, or a palette
     except DAMAGED:
         grey = np.zeros(0, np.uint8)
     if grey.ndim != 2 or not np.isin(grey, GREY).all():

@@ -9,8 +9,10 @@ import pycolmap
 import pytest
 from PIL import Image
 
+from blur2view.colmap.models import add_image, read_model
+from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.results.overlay import png
-from tests.colmap.test_transforms import NAMES, POINTS, WALK
+from tests.colmap.test_transforms import NAMES, POINTS, SMEAR_PX, WALK
 from tests.support.calls import Call, call_program
 
 GREYS = np.zeros((64, 96), np.uint8)
@@ -41,9 +43,8 @@ def scene(tmp_path: Path) -> Path:
 def test_instant_ngp_finds_a_mask_beside_each_photograph(scene: Path, call: Call) -> None:
     words = (scene / "model", "--images", scene / "images", "--masks-from", scene / "out")
     for _ in range(2):  # and replaces its own
-        assert call(*words, "-o", scene / "ngp" / "transforms.json").out.endswith(
-            "3 frames and their masks\n"
-        )
+        done = call(*words, "-o", scene / "ngp" / "transforms.json")
+        assert done.out.endswith(f"3 frames and their masks, {scene / 'images' / 'dynamic_mask_NAME.png'}\n")
     document = json.loads((scene / "ngp" / "transforms.json").read_text())
     for frame in document["frames"]:
         path = scene / "ngp" / frame["file_path"]
@@ -72,7 +73,7 @@ def test_nerfstudio_finds_a_mask_of_every_frame(scene: Path, call: Call) -> None
 def test_gsplat_gets_the_model_of_photographs_that_are_there(scene: Path, call: Call) -> None:
     words = (scene / "model", "--images", scene / "images", "--dialect", "gsplat")
     for _ in range(2):
-        assert call(*words, "-o", scene / "splat").out.endswith("3 photographs as sharp at mid exposure\n")
+        assert "3 photographs as sharp at mid exposure" in call(*words, "-o", scene / "splat").out
     read = pycolmap.Reconstruction(scene / "splat" / "sparse" / "0")
     given = pycolmap.Reconstruction(scene / "model")
     assert sorted(image.name for image in read.images.values()) == NAMES
@@ -90,6 +91,68 @@ def test_gsplat_gets_the_model_of_photographs_that_are_there(scene: Path, call: 
         assert complaint in call(*words, *wrong).line
     assert call(*words, "-o", scene / "b", "--masks-from", scene / "out") == 2  # it reads none
     assert not (scene / "b").exists()
+
+
+def test_gsplat_hears_which_photographs_are_smeared(scene: Path, call: Call) -> None:
+    words = (scene / "model", "--images", scene / "images", "--dialect", "gsplat", "-o", scene / "splat")
+    said = f"; 3 of them have smears of more than 3 px, up to {max(SMEAR_PX):.0f} px (--max-smear 3 leaves"
+    assert said in call(*words).out
+    assert "smears" not in call(*words, "--max-smear", 99).out
+
+
+def test_gsplat_gets_the_images_of_a_rig_whose_other_photographs_are_not_there(
+    scene: Path, call: Call
+) -> None:
+    options = pycolmap.SyntheticDatasetOptions(
+        num_rigs=1, num_cameras_per_rig=2, num_frames_per_rig=3, num_points3D=9
+    )
+    pycolmap.set_random_seed(0)
+    rig = pycolmap.synthesize_dataset(options)
+    of_left = [image for image in rig.images.values() if image.camera_id == 1]
+    beside = of_left[0]
+    for end in (OPEN, CLOSE):
+        add_image(rig, beside.name + end, beside.cam_from_world().matrix(), np.ones((9, 2)), beside)
+    (scene / "rig").mkdir()
+    rig.write(scene / "rig")
+    for image in of_left:
+        (scene / "images" / image.name).touch()
+    words = (scene / "rig", "--images", scene / "images", "--dialect", "gsplat", "-o", scene / "splat")
+    assert "wrote 3 photographs as sharp" in call(*words).out
+    read = read_model(scene / "splat" / "sparse" / "0")
+    assert sorted(image.name for image in read.images.values()) == sorted(image.name for image in of_left)
+    for image in read.images.values():
+        same = rig.images[image.image_id]
+        assert (image.name, image.frame_id) == (same.name, same.frame_id)
+        np.testing.assert_allclose(image.cam_from_world().matrix(), same.cam_from_world().matrix())
+        assert image.num_points3D == 9 == len(read.points3D)
+
+
+def test_cameras_are_those_of_the_photographs_size_and_of_a_part_there_is_none(
+    scene: Path, call: Call
+) -> None:
+    words = (scene / "model", "--images", scene / "half", "-o", scene / "half.json")
+    (scene / "half").mkdir()
+    for name in NAMES:
+        Image.new("RGB", (48, 32)).save(scene / "half" / name)
+    assert ", cameras scaled to the size of the photographs" in call(*words).out
+    half = json.loads((scene / "half.json").read_text())
+    assert call(*words[:2], scene / "images", *words[3:]) == 0
+    whole = json.loads((scene / "half.json").read_text())
+    for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"):
+        assert half[key] == whole[key] / 2
+    Image.new("RGB", (48, 48)).save(scene / "half" / NAMES[1])
+    refused = call(*words)
+    assert refused == 1 and "48x48 pixels do not show all 96x64 of its camera; name" in refused.line
+
+
+def test_an_optimised_mask_is_a_mask(scene: Path, call: Call) -> None:
+    mask = scene / "out" / f"{Path(NAMES[0]).stem}.mask.png"
+    moves = GREYS == 255
+    Image.fromarray(np.where(moves, 255, 0).astype(np.uint8)).convert("1").save(mask)
+    words = (scene / "model", "--images", scene / "images", "--masks-from", scene / "out")
+    assert call(*words, "-o", scene / "ngp.json") == 0
+    written = np.asarray(Image.open(scene / "images" / f"dynamic_mask_{Path(NAMES[0]).stem}.png"))
+    np.testing.assert_array_equal(written != 0, moves)
 
 
 def test_long_smears_are_left_out_and_photographs_that_are_not_there_counted(scene: Path, call: Call) -> None:
