@@ -44,7 +44,7 @@ from blur2view.pipeline import segment as segment
 from blur2view.results.overlay import draw_overlay as draw_overlay
 from blur2view.smears.blur import Blur as Blur
 from blur2view.smears.blur import BlurKind as BlurKind
-from blur2view.smears.blur import blur_of as blur_of
+from blur2view.smears.camera_motion import blur_of as blur_of
 from blur2view.smears.grid import SmearField as SmearField
 from blur2view.smears.grid import SmearGrid as SmearGrid
 from blur2view.smears.grid import load_smears as load_smears

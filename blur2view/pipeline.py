@@ -1,7 +1,7 @@
 """The whole path in one call: photograph -> smears and blur -> ambiguous matches -> two-view geometry."""
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,8 @@ from blur2view.movers.mask import MotionMask, mask_of
 from blur2view.movers.moving import THRESHOLD, Moving, moving_in
 from blur2view.networks.model_file import Execution, one_thread
 from blur2view.networks.smear_network import Detail, SmearNetwork, SmearReader
-from blur2view.smears.blur import Blur, blur_of, in_doubt, is_close, smeared_share
+from blur2view.smears.blur import Blur, nothing_seen
+from blur2view.smears.camera_motion import Evidence, Needed
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.matches import SelectOptions, SmearMatches, select_matches
 from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, without_motion
@@ -26,9 +27,6 @@ from blur2view.two_view.estimate import EstimatorOptions, estimate_two_view, wit
 if TYPE_CHECKING:
     from PIL import Image
 
-MIN_CAMERA_SHARE = 0.6
-"""Length of the camera's smooth motion over that of the smears, below which the smears may be errors of a
-camera at rest: 0.15 to 0.57 in pictures of cameras at rest, 0.65 to 1 in frames of moving ones."""
 CAMERAS = "made by Camera.from_focal(focal_px, (width, height)) or .from_opencv(K, dist, (width, height))"
 
 
@@ -112,18 +110,17 @@ def estimate(
     if network is None or isinstance(network, str | os.PathLike):
         network = SmearNetwork(network)
     require("network", network, SmearReader, "with predict, model_id and execution, or a path")
-    grid, blur, moving = _seen(photograph_of(image), network, Detail(detail))
-    matches = select_matches(grid, select)
+    evidence, moving = _seen(photograph_of(image), network, Detail(detail))
+    matches, blur = select_matches(evidence.grid, select), evidence.blur
     if blur.kind.of_camera:
-        agree = moving is None or moving.camera_px >= MIN_CAMERA_SHARE * (blur.smear_px or 0.0)
-        moved = agree and grid.kinds is not None  # else the geometry says whether the camera did
-        rng = np.random.default_rng(rng or 0)
+        rng, moved = np.random.default_rng(rng or 0), evidence.surely_moved
         geometry = estimate_two_view(matches, options, rng, camera, shutter, moved=moved)
+        blur = replace(evidence, stood_still=geometry.stood_still).blur
     else:
         geometry = without_motion(matches, blur)
     return Estimate(
-        grid=grid,
-        blur=blur.at_rest() if geometry.stood_still else blur,
+        grid=evidence.grid,
+        blur=blur,
         matches=matches,
         geometry=geometry,
         model_id=network.model_id,
@@ -175,20 +172,18 @@ def segment(
     return mask_of(estimate.moving or moving_in(image, grid, rng, estimate.execution), image, threshold)
 
 
-def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[SmearGrid, Blur, Moving | None]:
-    """Return a photograph's smears, what blurred it, and what moves by itself, where the cells leave it open.
+def _seen(image: AnyArray, network: SmearReader, detail: Detail) -> tuple[Evidence, Moving | None]:
+    """Return what a photograph shows of its blur, as much as is needed to name it, and what moves in it.
 
-    Where fewer windows are read the cells alone decide whether the camera moved, else the U-Net does; if the
-    cells are close to the limit all windows are read.
+    Where fewer windows are read and leave the name open, all are, so that it is the one of
+    ``Detail.GEOMETRY``.
     """
-    grid = network.predict(image, detail=detail)
-    if detail is Detail.RANKING and is_close(grid):
-        grid, detail = network.predict(image, detail=Detail.GEOMETRY), Detail.GEOMETRY
-    if not in_doubt(grid):
-        return grid, blur_of(grid, image), None
-    if detail is Detail.RANKING and smeared_share(grid) > 0.5:
-        return grid, blur_of(grid, image, camera_moved=1.0), None
-    moving = moving_in(image, grid, np.random.default_rng(0), network.execution)
-    share = mask_of(moving, image).shares["moving"]
-    camera_moved = moving.camera_moved if detail is Detail.GEOMETRY else 0.0
-    return grid, blur_of(grid, image, moving.share_of(grid), camera_moved, share), moving
+    grid, every = network.predict(image, detail=detail), detail is Detail.GEOMETRY
+    evidence = Evidence(grid=grid, every_window=every, nothing_seen=nothing_seen(image, grid))
+    if evidence.needed is Needed.WINDOWS:
+        evidence = replace(evidence, grid=network.predict(image), every_window=True)
+    if evidence.needed is not Needed.MOVERS:
+        return evidence, None
+    moving = moving_in(image, evidence.grid, np.random.default_rng(0), network.execution)
+    movers = moving.evidence(evidence.grid, mask_of(moving, image).shares["moving"])
+    return replace(evidence, movers=movers), moving

@@ -21,6 +21,7 @@ from blur2view.images.pixels import brightened, gain_of, rgb_of
 from blur2view.networks.model_file import MOVERS, UNET, Execution, shipped
 from blur2view.networks.smear_network import LARGE_PX, LENGTHS, SmearNetwork
 from blur2view.networks.spectra import STEP
+from blur2view.smears.camera_motion import Movers
 from blur2view.smears.grid import SmearGrid, to_double_angle, upsample_grid
 from blur2view.smears.likelihood import DIRECTIONS, IN_FOCUS_PX, KINDS
 
@@ -97,10 +98,11 @@ class Moving:
         moves[part[seen & (height > TOP_HEIGHT) & (sigmoid(self.log_odds) >= threshold)]] = True
         return np.asarray(moves[part])
 
-    def share_of(self, grid: SmearGrid) -> Array:
-        """Return the shares (h, w) of the cells of a grid that lie in parts that move."""
+    def evidence(self, grid: SmearGrid, share: float) -> Movers:
+        """Return what this says of the blur of a photograph, of which a ``share`` moves by itself."""
         rows, columns = (-(-side * grid.stride // self.place_px) for side in grid.cells.shape[:2])
-        return at_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
+        cells = at_cells(self.parts()[:rows, :columns].astype(np.float32), grid.cells.shape)
+        return Movers(cells=cells, share=share, camera_moved=self.camera_moved, camera_px=self.camera_px)
 
 
 def moving_in(

@@ -19,7 +19,8 @@ from blur2view.geometry.epipolar import sampson
 from blur2view.geometry.pose import RigidTransform, rotation_matrix
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate
-from blur2view.smears.blur import Blur, BlurKind, blur_of
+from blur2view.smears.blur import Blur, BlurKind
+from blur2view.smears.camera_motion import blur_of
 from blur2view.smears.matches import SelectOptions, select_matches
 from tests.support.grids import grid_of
 from tests.support.scenes import IMAGE_SIZE, Scene, disturb, make_scene

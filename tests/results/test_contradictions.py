@@ -54,7 +54,7 @@ def test_no_two_fields_of_the_samples_contradict(name: str) -> None:
 def test_estimate_and_segment_state_one_share_and_a_camera_changes_no_kind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("blur2view.pipeline.in_doubt", lambda grid: True)
+    monkeypatch.setattr("blur2view.smears.camera_motion.in_doubt", lambda grid: True)
     image = blur2view.read_image(MODELS / "sample_mover.jpg")
     estimate = blur2view.estimate(image)
     mask = blur2view.segment(estimate, image)

@@ -8,7 +8,7 @@ from blur2view.geometry.epipolar import fundamental_from_pose
 from blur2view.geometry.two_view_geometry import Configuration, TwoViewGeometry
 from blur2view.pipeline import Estimate
 from blur2view.results.overlay import draw_overlay
-from blur2view.smears.blur import blur_of
+from blur2view.smears.camera_motion import blur_of
 from blur2view.smears.matches import SmearMatches
 from tests.support.grids import grid_of
 

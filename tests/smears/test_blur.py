@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from blur2view.smears.blur import blur_of, in_doubt, is_close
+from blur2view.smears.blur import nothing_seen
+from blur2view.smears.camera_motion import Evidence, Needed, blur_of, in_doubt, is_close
 from blur2view.smears.grid import SmearGrid
 from blur2view.smears.likelihood import KINDS, radii_px, read_radii, softmax
 from tests.support.grids import grid_of
@@ -73,6 +74,23 @@ def test_a_photograph_that_shows_nothing_says_why(value: float, words: str) -> N
     assert shown.nothing_seen.startswith(words) and shown.reason.startswith(words)
 
 
+def test_a_lens_cap_is_too_dark_though_its_noise_looks_sharp() -> None:
+    noise = np.random.default_rng(0).normal(2.2, 1.9, (384, 512, 3))
+    cap = np.clip(np.round(noise), 0, 255).astype(np.uint8)
+    assert np.quantile(cap, 0.98) == 6
+    seen = Evidence(grid=grid(within(0, 0)), nothing_seen=nothing_seen(cap, grid(within(0, 0))))
+    assert seen.needed is Needed.NOTHING and seen.blur.kind == "cannot tell"
+    assert blur_of(grid(within(0, 0)), cap).nothing_seen == "too dark"
+
+
+def test_stars_text_on_white_paper_and_dark_pictures_of_16_bits_may_be_seen() -> None:
+    sharp, stars = grid(within(0, 0)), np.zeros((384, 512), np.uint8)
+    stars[::16, ::16] = 200
+    assert not nothing_seen(stars, sharp) and not nothing_seen(255 - stars, sharp)
+    deep = np.random.default_rng(0).integers(0, 2000, (384, 512, 3), np.uint16)
+    assert not nothing_seen(deep, sharp) and nothing_seen((deep // 256).astype(np.uint8), sharp)
+
+
 def test_smears_have_one_direction_whatever_their_signs_and_smooth_cells_no_say() -> None:
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (40, 60, 1))
     for angle in (1.0, 90.0, 179.0):
@@ -111,6 +129,12 @@ def test_a_kind_is_close_where_a_little_more_would_show_another() -> None:
     assert soft.blur is not None
     soft.blur[..., 0] = 2.5
     assert is_close(soft)
+
+
+def test_a_look_asks_for_all_windows_and_these_for_networks_where_cells_differ() -> None:
+    for every, expected in ((False, Needed.WINDOWS), (True, Needed.MOVERS)):
+        assert Evidence(grid=grid(within(2, 0)), every_window=every).needed is expected
+        assert Evidence(grid=grid(within(0, 0)), every_window=every).needed is Needed.NOTHING
 
 
 def test_the_cells_leave_open_whether_the_camera_moved_where_only_some_of_them_are_smeared() -> None:
