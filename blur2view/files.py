@@ -4,10 +4,12 @@ import errno
 import hashlib
 import io
 import os
+import platform
 import stat
 import tempfile
-from collections.abc import Collection, Iterable, Mapping
-from contextlib import suppress
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -31,9 +33,11 @@ SIGNATURES = (
     b'name="generator" content="blur2view ',
     f"comment {SIGNED_BY}\n".encode(),
     f"id,{SIGNED_BY}\n".encode(),
-    b"name,error,use,verdict,blur,",
 )
-"""What files hold that blur2view wrote: JSON (two), NPZ, PNG, HTML, PLY, Gyroflow's log, tables."""
+"""What files hold that blur2view wrote: JSON (two), NPZ, PNG, HTML, PLY, Gyroflow's log."""
+NOTES = ".blur2view.sha256"  # of a folder: digests of what was written there and has no signature
+HALF = ".blur2view.tmp"  # how names of half-written files end
+LOCK_S, PAUSE_S = 10.0, 0.02  # bound of waiting for another call that writes in a folder, and between looks
 SIGNATURE_BYTES = 1 << 20  # bound; bytes at the start of a file that are searched for a signature
 
 
@@ -53,7 +57,7 @@ def open_regular(path: str | os.PathLike[str]) -> io.BufferedReader:
         if status.st_size or not file.read(1):
             return file
         file.close()
-    raise OSError(errno.EINVAL, "is no regular file")
+    raise OSError(errno.EINVAL, "is not a regular file")
 
 
 def read_regular(path: str | os.PathLike[str], limit: int = MAX_BYTES) -> bytes:
@@ -98,21 +102,69 @@ def real_paths(paths: Iterable[Path]) -> set[str]:
 def check_file(target: Path, inputs: Collection[str] = (), *, option: str = "-o") -> None:
     """Refuse, before any work, to write a file that would replace what blur2view did not write.
 
-    OutputError, which proposes the ``option``, if it is one of the ``inputs`` (real paths), no regular file,
-    or has no signature.
+    OutputError, which proposes the ``option``, if it is one of the ``inputs`` (real paths), not a regular
+    file, differs from what was noted (`note`), or was not noted and has no signature.
     """
     remedy = f"name another with {option}"
     if (real := os.path.realpath(target)) in inputs:
         raise OutputError(f"{target}: would replace an input of this call; {remedy}")
     if os.path.lexists(real) and not os.path.isfile(real):  # or it is a link to itself
-        raise OutputError(f"{target}: is no regular file; {remedy}")
-    if target.exists() and not is_ours(target):
-        unsigned = "is there and does not say that blur2view wrote it"
-        raise OutputError(f"{target}: {unsigned}; move it away, or {remedy}")
+        raise OutputError(f"{target}: is not a regular file; {remedy}")
+    if not target.exists() or (same := is_noted(target)):
+        return
+    if same is False:
+        raise OutputError(f"{target}: has changed since blur2view wrote it; move it away, or {remedy}")
+    if not is_ours(target):
+        raise OutputError(
+            f"{target}: already exists and was not written by blur2view; move it away, or {remedy}"
+        )
+
+
+def note(digests: Mapping[Path, str]) -> None:
+    """Note the SHA-256 of files before they are written, so that `is_noted` knows what a user changed since.
+
+    It is for what has no room for a signature, and for what users edit: call it while the folder is `locked`,
+    or let ``write_file(..., noted=True)`` do so. The notes of a folder are its `NOTES`, a line for each file
+    as sha256sum prints it. What was noted of a file that is still there stays beside the new digest, as the
+    call may be killed before it writes. OSError if they cannot be written.
+    """
+    folders = {Path(os.path.realpath(path)).parent for path in digests}
+    for folder in sorted(folders):
+        lines = {name: sorted(noted) for name, noted in _notes(folder).items()}
+        for path, digest in digests.items():
+            real = Path(os.path.realpath(path))
+            if real.parent == folder:
+                there = [file_digest(real)] if is_noted(real) else []
+                lines[real.name] = list(dict.fromkeys([*there, digest]))
+        rows = [f"{digest}  {_ascii(name)}\n" for name in sorted(lines) for digest in lines[name]]
+        _replace({folder / NOTES: "".join(rows).encode()})
+
+
+def is_noted(path: Path) -> bool | None:
+    """Return whether a file is as blur2view noted it; None if nothing was noted of it."""
+    real = Path(os.path.realpath(path))
+    noted = _notes(real.parent).get(real.name)
+    return None if noted is None else file_digest(real) in noted
+
+
+def _notes(folder: Path) -> dict[str, set[str]]:
+    """Return the digests that are noted of files in a folder, by their names."""
+    found = dict[str, set[str]]()
+    with suppress(OSError):
+        for row in read_regular(folder / NOTES).decode("ascii", "replace").splitlines():
+            digest, _, name = row.partition("  ")
+            with suppress(UnicodeDecodeError):
+                found.setdefault(name.encode().decode("unicode_escape"), set()).add(digest)
+    return found
+
+
+def _ascii(name: str) -> str:
+    """Return a file's name with escapes for all that is not ASCII."""
+    return name.encode("unicode_escape").decode()
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether a file is signed by blur2view; a list of names has no room for a signature."""
+    """Return whether a file is signed by blur2view; tables and lists of names are not, but noted."""
     with suppress(OSError), open_regular(path) as file:
         start = file.read(SIGNATURE_BYTES)
         return any(signature in start for signature in SIGNATURES)
@@ -122,57 +174,111 @@ def is_ours(path: Path) -> bool:
 def writable_folder(folder: Path) -> Path:
     """Return a folder, or the nearest one above it that is there, after trying to write in it.
 
-    OutputError if nothing can be written there.
+    What killed calls left half written in the folder is removed. OutputError if nothing can be written there.
     """
     there = next(above for above in (folder, *folder.absolute().parents) if os.path.lexists(above))
     try:
         with tempfile.TemporaryFile(dir=there):  # of a name that no other process uses
-            return there
+            pass
     except OSError as error:
         raise unwritable(folder, error) from None
+    for path in folder.glob(f".*.{_host()}-*{HALF}"):
+        number = path.name.removesuffix(HALF).rpartition("-")[2]
+        if not _runs(int(number) if number.isdecimal() else 0):
+            path.unlink(missing_ok=True)
+    return there
 
 
-def write_files(files: Mapping[Path, bytes]) -> None:
+def write_files(files: Mapping[Path, bytes], *, noted: bool = False) -> None:
     """Write files beside their paths, wait until the disk has them, then rename them; OSError if it fails.
 
     A reader never sees half a file, and the old files stay if a new one cannot be written. The last file
-    marks that all are complete: an old one is removed before the first rename. Folders are created. A link
-    stays: the file that it leads to is written, in a folder that exists.
+    comes last; others of the same call are not yet there, or older, if it does not match them. Another call
+    that writes in its folder waits. Folders are created. A link stays: the file that it leads to is written,
+    in a folder that exists. What is ``noted`` is refused once it has changed (`check_file`).
     """
-    places = {Path(os.path.realpath(path)): content for path, content in files.items()}
+    for path in files:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    with locked(Path(os.path.realpath(list(files)[-1])).parent):
+        if noted:
+            note({path: hashlib.sha256(content).hexdigest() for path, content in files.items()})
+        _replace({Path(os.path.realpath(path)): content for path, content in files.items()})
+
+
+def _replace(files: Mapping[Path, bytes]) -> None:
+    """Write files beside their paths, wait until the disk has them, then rename them."""
     try:
-        for path in files:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        for path, content in places.items():
+        for path, content in files.items():
             with open(half_written(path), "wb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-        if len(places) > 1:
-            list(places)[-1].unlink(missing_ok=True)
-        for path in places:
+        for path in files:
             half_written(path).replace(path)
     finally:
-        for path in places:
+        for path in files:
             with suppress(OSError):
                 half_written(path).unlink()
 
 
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other calls of blur2view from writing in a folder until the block ends.
+
+    The system ends the lock of a killed call. One that takes too long, or a system without such locks, is not
+    waited for: then the later of two writers wins, file by file.
+    """
+    descriptor = None
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        descriptor = os.open(folder, os.O_RDONLY)
+        for _ in range(round(LOCK_S / PAUSE_S)):
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(PAUSE_S)
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
 def half_written(path: Path) -> Path:
-    """Return where a file is written before it is renamed; a killed call's is overwritten by the next."""
+    """Return where this process writes a file before a rename; `writable_folder` removes what is left."""
     name = hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]  # a long name with an ending is too long
-    return path.with_name(f".{name}.{SIGNED_BY}.tmp")
+    return path.with_name(f".{name}.{_host()}-{os.getpid()}{HALF}")
 
 
-def write_file(target: Path, content: bytes) -> None:
+def _host() -> str:
+    """Return a name of this machine: processes of others have numbers of their own."""
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _runs(process: int) -> bool:
+    """Return whether a process of this machine runs, as far as one can know."""
+    if process <= 0 or os.name == "nt":  # where a signal of 0 would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def write_file(target: Path, content: bytes, *, noted: bool = False) -> None:
     """Write one file as `write_files` does; OutputError where it cannot be written."""
-    write_beside({target: content})
+    write_beside({target: content}, noted=noted)
 
 
-def write_beside(files: Mapping[Path, bytes]) -> None:
+def write_beside(files: Mapping[Path, bytes], *, noted: bool = False) -> None:
     """Write files as `write_files` does; OutputError, which names the last one's folder, if it fails."""
     try:
-        write_files(files)
+        write_files(files, noted=noted)
     except OSError as error:
         raise unwritable(list(files)[-1].parent, error) from error
 
@@ -181,7 +287,7 @@ def unwritable(folder: Path, error: OSError) -> OutputError:
     """Return the error of a folder in which a file cannot be written."""
     folder = folder if folder.name else Path(os.path.abspath(folder))  # . says little
     if isinstance(error, FileExistsError | NotADirectoryError):
-        return OutputError(f"{folder}: is no folder, as results need one; name another")
+        return OutputError(f"{folder}: is not a folder; choose another output folder")
     reason = error.strerror or type(error).__name__
     return OutputError(
         f"{folder}: results cannot be written there ({reason}); make room, or name another folder"

@@ -2,13 +2,26 @@
 
 import errno
 import os
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from blur2view.colmap.database import write_database
 from blur2view.errors import OutputError
-from blur2view.files import check_file, half_written, open_regular, read_regular, unwritable, write_file
+from blur2view.files import (
+    check_file,
+    half_written,
+    locked,
+    note,
+    open_regular,
+    read_regular,
+    unwritable,
+    writable_folder,
+    write_file,
+)
 from tests.colmap.test_link import link
 from tests.support.colmap_projects import make_project, some_views
 
@@ -32,15 +45,59 @@ def test_what_may_never_end_is_not_opened(tmp_path: Path, name: str) -> None:
         open_regular(tmp_path / name)
 
 
-def test_the_next_call_replaces_what_a_killed_one_left_half_written(tmp_path: Path) -> None:
+def test_the_next_call_removes_what_a_killed_one_left_half_written_and_no_other(tmp_path: Path) -> None:
+    killed = subprocess.Popen([sys.executable, "-c", ""])
+    killed.wait()
+    running = half_written(tmp_path / "a.json")
+    running.write_text("half")
+    left = running.with_name(running.name.replace(f"-{os.getpid()}.", f"-{killed.pid}."))
+    left.write_text("half")
+    writable_folder(tmp_path)
+    assert running.exists() and not left.exists()
+    running.unlink()
     project = tmp_path / "project.db"
     make_project(project)
-    for path in (project, tmp_path / "new.db", tmp_path / "a.json"):
-        half_written(path).write_text("half")
     write_database(tmp_path / "new.db", [some_views("a.jpg", 30)])
     link(project, "a_000.jpg", backup=True)
     write_file(tmp_path / "a.json", b"whole")
     assert (tmp_path / "a.json").read_bytes() == b"whole" and not list(tmp_path.glob(".*"))
+
+
+def test_what_has_changed_since_it_was_noted_is_refused(tmp_path: Path) -> None:
+    for name in ("table.csv", "a\nb \udcff.csv"):
+        table = tmp_path / name
+        for content in (b"name\n", b"name,use\n"):
+            check_file(table)
+            write_file(table, content, noted=True)
+        table.write_bytes(b"name,use,label\n")
+        with pytest.raises(OutputError, match="has changed since blur2view wrote it; move it away, or name"):
+            check_file(table)
+
+
+def test_a_call_killed_between_note_and_file_may_be_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_file(table := tmp_path / "table.csv", b"old", noted=True)
+    with locked(tmp_path):
+        note({table: "0" * 64})  # and killed before the file is written
+    check_file(table)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no locks of folders")
+def test_one_call_at_a_time_writes_in_a_folder_and_the_lock_of_a_killed_one_ends(tmp_path: Path) -> None:
+    program = "import sys, time, pathlib; from blur2view.files import locked\n"
+    program += "with locked(pathlib.Path(sys.argv[1])): print(flush=True); time.sleep(60)"
+    holder = subprocess.Popen([sys.executable, "-c", program, tmp_path], stdout=subprocess.PIPE)
+    assert holder.stdout is not None and holder.stdout.readline()
+    writer = threading.Thread(target=write_file, args=(tmp_path / "a", b"whole"))
+    writer.start()
+    writer.join(0.1)
+    assert writer.is_alive() and not (tmp_path / "a").exists()
+    holder.kill()
+    holder.wait()
+    holder.stdout.close()
+    writer.join()
+    assert (tmp_path / "a").read_bytes() == b"whole"
 
 
 def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:
@@ -50,7 +107,7 @@ def test_a_folder_that_takes_no_files_is_named_in_full(here: Path) -> None:
 
 def test_a_link_to_itself_is_not_replaced_and_one_into_no_folder_makes_none(tmp_path: Path) -> None:
     (loop := tmp_path / "link").symlink_to("link")
-    with pytest.raises(OutputError, match="link: is no regular file; name another with --csv"):
+    with pytest.raises(OutputError, match="link: is not a regular file; name another with --csv"):
         check_file(loop, option="--csv")
     (astray := tmp_path / "astray").symlink_to("nowhere/x")
     with pytest.raises(OutputError, match="results cannot be written there"):

@@ -261,14 +261,23 @@ def _written(job: Job, outcome: Outcome) -> Outcome:
     """Return an outcome whose files are written, or a failure; OutputError on a full disk."""
     if not outcome.contents:
         return outcome
-    record = (outcome.photograph.to_json() + "\n").encode()
+    photograph = replace(outcome.photograph, files_sha256=digest_of_files(outcome.contents))
+    record = (photograph.to_json() + "\n").encode()
     try:
         write_beside(dict(zip(job.files, [*outcome.contents, record], strict=True)))
     except OutputError as error:
         if isinstance(error.__cause__, OSError) and error.__cause__.errno in DISK_FULL:
             raise
         return _failed(job.name, OutputError(f"{job.name}: {error}"))
-    return replace(outcome, contents=())
+    return replace(outcome, photograph=photograph, contents=())
+
+
+def digest_of_files(contents: Iterable[bytes]) -> str:
+    """Return one SHA-256 of the sizes and contents of files, in the order of writing."""
+    digest = hashlib.sha256()
+    for content in contents:
+        digest.update(b"%d " % len(content) + content)
+    return digest.hexdigest()
 
 
 def _alone(work: Work, job: Job) -> Outcome:

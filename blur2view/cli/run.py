@@ -17,12 +17,12 @@ import numpy as np
 from blur2view import __version__
 from blur2view.arrays import AnyArray
 from blur2view.camera import Camera, ExifValues, read_exif
-from blur2view.cli.jobs import Done, Job, Outcome, in_cluster, in_processes, neighbours_of
+from blur2view.cli.jobs import Done, Job, Outcome, digest_of_files, in_cluster, in_processes, neighbours_of
 from blur2view.cli.options import Command, Estimating
 from blur2view.cli.terminal import DONE, FAILED, INTERRUPTED, complain, plural, printable, say, waiting
 from blur2view.errors import Blur2ViewError, CameraError, ImageError, OutputError, RunError
 from blur2view.exposure.sequence import Features, Matches, features_of, in_time, match_features
-from blur2view.files import check_file, file_digest, real_paths, writable_folder, write_file
+from blur2view.files import check_file, file_digest, read_regular, real_paths, writable_folder, write_file
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.images.image import read_image, read_pixels
 from blur2view.images.inputs import Source, timestamp_of
@@ -179,10 +179,11 @@ class Run:
         try:
             record = Photograph.from_json(job.files[-1].read_bytes())
             record.to_json()  # with all that is derived
+            whole = record.files_sha256 == digest_of_files(map(read_regular, job.files[:-1]))
         except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError):
             return None  # none, or cut off, or changed
         same = (record.input_sha256, record.options_sha256) == (job.input_sha256, job.options_sha256)
-        if not same or not all(path.is_file() for path in job.files):
+        if not same or not whole:
             return None
         summary = f"{printable(str(job.source))}: done before"
         return Outcome(photograph=replace(record, name=job.name), summary=summary, skipped=True)
@@ -213,7 +214,7 @@ class Run:
         rows = [outcome.photograph for job, outcome in self.outcomes if job.refusal is None]
         if table is not None and rows:
             try:
-                write_file(table, table_text(rows))
+                write_file(table, table_text(rows), noted=True)
                 self.table = table
             except OutputError as error:
                 complain(error)

@@ -146,6 +146,7 @@ class Photograph:
     model_ids: list[str] | None = explained("Names of the weights of the networks that were used.")
     input_sha256: str = explained("SHA-256 of the photograph's file, or of its video's.", "")
     options_sha256: str = explained("SHA-256 of all else that the result depends on: see --resume.", "")
+    files_sha256: str = explained("SHA-256 of the files that were written beside this document.", "")
 
     @property
     def verdict(self) -> str:

@@ -18,7 +18,7 @@ from blur2view.results.overlay import Picture, line_layer, mask_layer, png, show
 from blur2view.results.photograph import Photograph, entries
 
 JPEG = (cv2.IMWRITE_JPEG_QUALITY, 90)  # a 1280x720 street has 160 kB
-ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256")
+ELSEWHERE = ("name", "verdict", "models", "model_ids", "input_sha256", "options_sha256", "files_sha256")
 LAYERS = {
     "smears": ("smears", "Smears: coloured by direction those that fit the geometry, grey others."),
     "lines": ("epipolar lines", "White lines are epipolar lines, rings epipoles."),

@@ -12,7 +12,7 @@ import pytest
 from blur2view import files
 from blur2view.cli import run as command
 from blur2view.errors import OutputError
-from blur2view.files import half_written, write_files
+from blur2view.files import write_files
 from blur2view.images.image import read_pixels
 from tests.support.calls import Call
 from tests.support.many_photographs import contents, finish, start, write_photographs
@@ -31,10 +31,10 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
 ) -> None:
     room = iter(range(3))
 
-    def full(files: Any) -> None:
+    def full(files: Any, **how: Any) -> None:
         if next(room, None) is None:
             raise OSError(28, "No space left on device")
-        write_files(files)
+        write_files(files, **how)
 
     with monkeypatch.context() as patched:
         patched.setattr(files, "write_files", full)
@@ -49,7 +49,7 @@ def test_full_disk_in_mid_run_stops_it_with_one_line_and_is_gone_on_from(
 def test_a_table_that_cannot_be_written_costs_no_other_result(
     call: Call, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(target: Path, content: bytes) -> None:
+    def full(target: Path, content: bytes, **_: object) -> None:
         raise OutputError(f"{target}: no room")
 
     monkeypatch.setattr(command, "write_file", full)
@@ -92,7 +92,6 @@ def test_killed_run_goes_on_to_what_an_undisturbed_one_gives(
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     before = len(list((tmp_path / "out").glob("*.json")))
-    half_written(tmp_path / "out" / "023.json").touch()  # as a process leaves it that is killed
     code, printed, _ = finish("estimate", *words, "--jobs", 2, "-o", tmp_path / "out", "--resume")
     assert code == 0 and 3 <= before < 24
     assert f"{24 - before} done, {before} done before" in printed

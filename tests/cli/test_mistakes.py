@@ -23,8 +23,8 @@ MISTAKES = [
     ("estimate a.png --exposure 1/50", "which need --focal or --camera"),
     ("estimate empty", "holds no photograph; add --recursive for its subfolders"),
     ("estimate @missing.txt", "name a file that holds one name on each line"),
-    ("estimate a.png -o notes.txt", "notes.txt: is no folder"),
-    ("report a.png -o mine.html", "mine.html: is there and does not say that blur2view wrote it"),
+    ("estimate a.png -o notes.txt", "notes.txt: is not a folder"),
+    ("report a.png -o mine.html", "mine.html: already exists and was not written by blur2view"),
     ("estimate a.png --focal 300 --readout 0.03", "add --exposure S"),
     ("to-colmap a.png", "name --db"),
     ("to-colmap a.png --db project.db --link", "project.db: "),
@@ -32,9 +32,9 @@ MISTAKES = [
     ("estimate ''", "an argument is empty; is it a variable that is not set?"),
     ("estimate a.png -o o2 --csv o2/a.json", "two results would be one file"),
     ("triage @names.txt --keep names.txt", "would replace an input"),
-    ("triage a.png --keep endless", "endless: is no regular file"),
-    ("estimate a.png -o new --csv notes.txt", "notes.txt: is there and does not say that blur2view wrote it"),
-    ("triage a.png --csv /dev/full", "/dev/full: is no regular file"),
+    ("triage a.png --keep endless", "endless: is not a regular file"),
+    ("estimate a.png -o new --csv notes.txt", "notes.txt: already exists and was not written by blur2view"),
+    ("triage a.png --csv /dev/full", "/dev/full: is not a regular file"),
     ("estimate a.png --dask tls://127.0.0.1:9", "expected tcp://HOST:PORT"),
 ]
 WRONG_VALUES = [

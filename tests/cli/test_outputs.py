@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.calls import Call, table
 from tests.support.colour_code import colour_code, write_picture
-from tests.support.many_photographs import command, contents, environment
+from tests.support.many_photographs import command, contents, environment, start
 
 
 def test_only_results_of_blur2view_are_replaced(run: Call, moving: Path, still: Path, tmp_path: Path) -> None:
@@ -22,7 +22,7 @@ def test_only_results_of_blur2view_are_replaced(run: Call, moving: Path, still: 
         ours = (out / name).read_bytes()
         (out / name).write_text(theirs)
         done = run(moving, still, "-o", out)
-        assert done == 1 and f"{out / name}: is there and does not say that blur2view wrote it" in done.line
+        assert done == 1 and f"{out / name}: already exists and was not written by blur2view" in done.line
         assert (out / name).read_text() == theirs and (out / "still.json").exists()
         (out / name).write_bytes(ours)
 
@@ -32,6 +32,25 @@ def test_a_link_stays_one_and_what_it_leads_to_is_written(call: Call, frames: Pa
     for _ in range(2):
         assert call("triage", frames, "--csv", link) == 0
         assert link.is_symlink() and len(table(tmp_path / "far.csv")) == 2
+
+
+def test_labels_that_a_user_added_to_a_table_are_not_replaced(call: Call, still: Path, here: Path) -> None:
+    words = ("triage", still, "--csv", "t.csv")
+    assert call(*words) == call(*words) == 0
+    labelled = Path("t.csv").read_text().replace("name,", "label,name,")
+    Path("t.csv").write_text(labelled)
+    done = call(*words)
+    assert done == 1 and "t.csv: has changed since blur2view wrote it" in done.line
+    assert Path("t.csv").read_text() == labelled
+
+
+def test_two_calls_on_one_folder_lose_nothing(frames: Path, tmp_path: Path, tiny_model: Path) -> None:
+    words = ["estimate", frames, "--model", tiny_model, "--jobs", 1, "-o", tmp_path / "out"]
+    running = [start(*words) for _ in range(2)]
+    assert [process.wait() for process in running] == [0, 0]
+    for process in running:
+        process.communicate()
+    assert len(contents(tmp_path / "out")) == 6
 
 
 def test_an_input_is_never_replaced(call: Call, frames: Path, here: Path) -> None:
@@ -56,10 +75,11 @@ def test_every_command_writes_the_same_rows(call: Call, moving: Path, still: Pat
     assert float(whole[0]["rotation_deg"]) >= 0
 
 
-def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
+def test_killed_while_overwriting_is_done_again(
     run: Call, moving: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert run(moving, "-o", tmp_path / "out") == 0
+    before = contents(tmp_path / "out")
     rename = Path.replace
 
     def killed(self: Path, target: Path) -> Path:
@@ -67,9 +87,12 @@ def test_killed_while_overwriting_leaves_no_document_beside_new_arrays(
             raise KeyboardInterrupt
         return rename(self, target)
 
-    monkeypatch.setattr(Path, "replace", killed)
-    assert run(moving, "-o", tmp_path / "out") == 130
-    assert sorted(contents(tmp_path / "out")) == ["moving.png", "moving.smear.npz"]
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "replace", killed)
+        assert run(moving, "-o", tmp_path / "out", "--focal", 300) == 130
+    assert contents(tmp_path / "out").keys() == before.keys()  # none is lost
+    done = run(moving, "-o", tmp_path / "out", "--resume")
+    assert done == 0 and "done before" not in done.out and contents(tmp_path / "out") == before
 
 
 def test_photographs_of_one_stem_keep_their_subfolders_or_suffixes(

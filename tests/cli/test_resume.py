@@ -35,6 +35,11 @@ def test_resume_does_only_what_is_new_changed_or_incomplete(
     (out / "003b.json").write_text(json.dumps(changed, indent=2))
     assert run(folder, "-o", out, "--resume") == 0 and contents(out) == after
 
+    whole = after["004.smear.npz"]
+    for cut in (whole[:-9], whole[:-9] + b"otherwise"):
+        (out / "004.smear.npz").write_bytes(cut)
+        assert run(folder, "-o", out, "--resume") == 0 and contents(out) == after
+
     (out / "004.json").write_text("mine")
     assert run(folder, "-o", out, "--resume") == 1 and (out / "004.json").read_text() == "mine"
 

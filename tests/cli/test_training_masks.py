@@ -52,7 +52,7 @@ def test_instant_ngp_finds_a_mask_beside_each_photograph(scene: Path, call: Call
         np.testing.assert_array_equal(mask != 0, GREYS == 255)
     (scene / "images" / f"dynamic_mask_{Path(NAMES[0]).stem}.png").write_bytes(b"mine")
     refused = call(*words, "-o", scene / "other.json")
-    assert refused == 1 and "does not say that blur2view wrote it" in refused.line
+    assert refused == 1 and "was not written by blur2view" in refused.line
     assert not (scene / "other.json").exists()
 
 

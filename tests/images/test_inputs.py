@@ -83,7 +83,7 @@ def test_what_is_named_twice_is_there_once(folder: Path, monkeypatch: pytest.Mon
 def test_list_that_may_never_end_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for endless in ("/dev/zero", tmp_path / "pipe"):
-        with pytest.raises(ImageError, match=r"cannot be read \(is no regular file\).*pipe them to -"):
+        with pytest.raises(ImageError, match=r"cannot be read \(is not a regular file\).*pipe them to -"):
             listed(f"@{endless}")
 
 
