@@ -2,9 +2,8 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -17,6 +16,7 @@ from blur2view.cli.parser import flag, length, option, radius
 from blur2view.cli.run import Run, estimate_file
 from blur2view.errors import OutputError
 from blur2view.files import write_file
+from blur2view.images.inputs import Source
 from blur2view.images.video import read_frame
 from blur2view.networks.smear_network import Detail
 from blur2view.results.photograph import Photograph, explanations
@@ -36,11 +36,13 @@ unclear: nothing shows texture, or it is too dark: perhaps sharp
 LIST = """
 --keep: names, one on a line, relative to the folder that was given or that all photographs share: what COLMAP
     takes as --image_list_path with that folder as --image_path. Written into that folder, it is also a list
-    for blur2view, as @frames/keep.txt, from anywhere. No list that is there is replaced
+    for blur2view, as @frames/keep.txt, from anywhere. A list of an earlier call is replaced,
+    unless it has changed since
 --extract: files for COLMAP, ns-process-data and blur2view: frame 120 of a video (from 0) is frame_00120.png,
     with the pixels that were looked at, below the video's name if there are several; photographs are copied.
-    The folder must be empty or new
---every-best: of every N neighbours in a video or folder one is kept
+    The folder must be empty or new, or hold what an earlier call of this kind wrote; of that what is no
+    longer kept is removed
+--every-best: of every N neighbours in a video or folder, in the order that names them, one is kept
 """
 
 
@@ -91,8 +93,10 @@ class TriageOptions(Command):
         A run that ends early writes the table of what is done.
         """
         run = Run(self)
+        if self.keep is not None:
+            run.jobs = [_listable(job) for job in run.jobs]
         if self.extract is not None:
-            refuse_filled(self.extract)
+            refuse_filled(self.extract, extracted(self.extract, run.jobs).values())
         run.do(look_at, total=False, checked=self.extract, keep=self.keep)
         if run.done and not run.early_exit_code:
             self._write(run)
@@ -103,9 +107,11 @@ class TriageOptions(Command):
         kept = self._kept({job: outcome.photograph for job, outcome in run.outcomes if not outcome.error})
         if self.keep is not None:
             text = "".join(f"{job.name}\n" for job in kept)
-            write_file(self.keep, text.encode("utf-8", "surrogateescape"))
+            write_file(self.keep, text.encode("utf-8", "surrogateescape"), noted=True)
         if self.extract is not None:
-            extract(self.extract, kept)
+            targets = extracted(self.extract, run.jobs)
+            done = [job.source for job, outcome in run.outcomes if not outcome.error]
+            extract({source: targets[source] for source in done}, {job.source for job in kept})
         if self.printing.quiet:
             return
         uses = Counter(str(outcome.photograph.use) for _, outcome in run.outcomes)
@@ -127,10 +133,12 @@ class TriageOptions(Command):
         if self.best is not None:
             chosen = set(sorted(read, key=width)[: self.best])
         elif self.every_best is not None:
-            folders = [list(jobs) for _, jobs in groupby(read, lambda job: job.source.folder)]
+            folders = dict[Path, list[Job]]()
+            for job in read:
+                folders.setdefault(job.source.folder, []).append(job)
             chosen = {
                 min(jobs[first : first + self.every_best], key=width)
-                for jobs in folders
+                for jobs in folders.values()
                 for first in range(0, len(jobs), self.every_best)
             }
         else:
@@ -146,26 +154,64 @@ def look_at(options: TriageOptions, job: Job) -> Outcome:
     return Outcome(photograph=record, summary=f"{job.source}: {record.verdict} [{record.use}]")
 
 
-def refuse_filled(folder: Path) -> None:
-    """Raise OutputError for a folder that holds something: a program would read it with the pictures."""
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{folder}: is no folder; name another with --extract")
-    if folder.exists() and (other := min(os.listdir(folder), default="")):
-        raise OutputError(f"{folder}: holds {other}; name an empty folder with --extract")
+def _listable(job: Job) -> Job:
+    """Return a job, which is refused if a list cannot hold its name."""
+    if not {"\n", "\r"} & set(job.name):
+        return job
+    why = f"{job.source}: its name holds a line break, which a list cannot hold; rename it, or omit --keep"
+    return replace(job, refusal=job.refusal or OutputError(why))
 
 
-def extract(folder: Path, jobs: Sequence[Job]) -> None:
-    """Write photographs as they are, under their names, and frames of videos as PNG.
+def extracted(folder: Path, jobs: Sequence[Job]) -> dict[Source, Path]:
+    """Return the file in a folder that each photograph or frame gets.
 
-    Frame 120 of a video is ``frame_00120.png``, below the video's name if there are several. OutputError if a
-    file cannot be written, ImageError if a photograph cannot be read.
+    A photograph has its name; frame 120 of a video is ``frame_00120.png``, below the video's name if there
+    are several, or if a photograph is called so.
     """
-    several = len({job.source.path for job in jobs if job.source.frame is not None}) > 1
-    for job in jobs:
-        source, name = job.source, Path(job.name)
-        if source.frame is None:
-            write_file(folder / name, source.read())
-        else:
-            below = folder / name.parent if several else folder
-            content = bytes(cv2.imencode(".png", read_frame(source.path, source.frame))[1])
-            write_file(below / f"frame_{source.frame:0{FRAME_DIGITS}d}.png", content)
+    usable = [job for job in jobs if not job.source.refusal]
+    names = {job.source: Path(job.name) for job in usable}
+    frames = {s: Path(f"frame_{s.frame:0{FRAME_DIGITS}d}.png") for s in names if s.frame is not None}
+    several = len({source.path for source in frames}) > 1
+    if several or not set(frames.values()).isdisjoint(names.values()):
+        frames = {source: names[source].parent / name for source, name in frames.items()}
+    return {source: folder / name for source, name in (names | frames).items()}
+
+
+def refuse_filled(folder: Path, targets: Collection[Path]) -> None:
+    """Raise OutputError for a folder that holds more than an earlier call of this kind writes there.
+
+    A program would read it with the pictures.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"{folder}: is not a folder; name another with --extract")
+    ours = set(targets)
+    there = (path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir())
+    if other := next((path for path in there if path not in ours), None):
+        raise OutputError(f"{folder}: holds {other.relative_to(folder)}; name an empty folder with --extract")
+
+
+def extract(targets: Mapping[Source, Path], kept: Collection[Source]) -> None:
+    """Write photographs as they are, and frames of videos as PNG; remove those that are not kept any more.
+
+    OutputError if a file cannot be written, or one that is there is not what would be written, ImageError if
+    a photograph cannot be read.
+    """
+    there = [source for source, path in targets.items() if os.path.lexists(path)]
+    for source in there:
+        path = targets[source]
+        if path.is_symlink() or path.read_bytes() != _extract(source):
+            remedy = "move it away, or name an empty folder with --extract"
+            raise OutputError(f"{path}: is not what this call would write; {remedy}")
+    for source in there:
+        if source not in kept:
+            targets[source].unlink()
+    for source, path in targets.items():
+        if source in kept and source not in there:
+            write_file(path, _extract(source))
+
+
+def _extract(source: Source) -> bytes:
+    """Return the file of a photograph, of a frame one with its pixels."""
+    if source.frame is None:
+        return source.read()
+    return bytes(cv2.imencode(".png", read_frame(source.path, source.frame))[1])

@@ -196,14 +196,14 @@ def _without_lists(words: Sequence[str], stdin: BinaryIO | None) -> Iterator[str
             yield word
             continue
         path = None if word == STANDARD_INPUT else Path(word[1:])
-        for name in _names(path, stdin):
-            beside = name if path is None else str(path.parent / name)
-            there = os.path.lexists(beside) or frame_named(beside) is not None
-            yield beside if there and not os.path.lexists(name) else name
+        yield from _names(path, stdin)
 
 
 def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
-    """Return the names in a list, or in standard input, one on a line, without blank lines and comments."""
+    """Return what a list, or standard input, names, one on a line, without blank lines and comments.
+
+    A name that begins with # or ends in a space is one if there is such a file.
+    """
     source = "standard input" if path is None else str(path)
     try:
         content = read_stream(stdin or BytesIO()) if path is None else read_regular(path)
@@ -213,11 +213,22 @@ def _names(path: Path | None, stdin: BinaryIO | None) -> list[str]:
         reason = getattr(error, "strerror", None) or str(error)
         remedy = "name a file that holds one name on each line, or pipe them to -"
         raise ImageError(f"{source}: the list cannot be read ({reason}); {remedy}") from None
-    lines = map(str.strip, os.fsdecode(content.removeprefix(codecs.BOM_UTF8)).splitlines())
-    names = [line for line in lines if line and not line.startswith(COMMENT)]
+    names = []
+    for line in os.fsdecode(content.removeprefix(codecs.BOM_UTF8)).split("\n"):
+        name = line.removesuffix("\r")
+        found = _found(name, path) or _found(name.strip(), path)
+        if found or name.strip() and not name.strip().startswith(COMMENT):
+            names.append(found or name.strip())
     if not names:
         raise ImageError(f"{source}: names no photograph; write one on each line")
     return names
+
+
+def _found(name: str, path: Path | None) -> str | None:
+    """Return where a name in a list is found: from here, or else from the list's folder; or None."""
+    places = [name] if path is None else [name, str(path.parent / name)]
+    there = (place for place in places if os.path.lexists(place) or frame_named(place) is not None)
+    return next(there, None) if name else None
 
 
 def timestamp_of(name: str | os.PathLike[str]) -> float | None:

@@ -36,7 +36,6 @@ def test_table_and_list_of_a_folder(frames: Path, call: Call, tmp_path: Path) ->
         (["--blurred"], "left/moving.png\nstill.png\n"),
         (["--max-smear", 100], "chaos.png\nleft/moving.png\nstill.png\n"),
     ):
-        keep.unlink()
         assert call("triage", *words, "--keep", keep, *more) == 0 and keep.read_text() == names
 
 
@@ -98,7 +97,9 @@ def test_frames_of_a_video_are_extracted_under_their_numbers_and_classified_alik
     assert [one | place for one in video] == [one | place for one in frames]
 
 
-def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(call: Call, tmp_path: Path) -> None:
+def test_extracted_are_the_best_of_every_few_and_nothing_of_others_is_replaced(
+    call: Call, tmp_path: Path
+) -> None:
     clip, folder, keep = write_clip(tmp_path / "clip.mp4", 8), tmp_path / "deep" / "kept", tmp_path / "k.txt"
     words = (clip, "--every-best", 4, "--extract", folder)
     assert call("triage", *words, "--keep", keep) == 0
@@ -107,6 +108,41 @@ def test_extracted_are_the_best_of_every_few_and_nothing_is_replaced(call: Call,
     first, second = (int(name[6:11]) for name in names)
     assert 0 <= first < 4 <= second < 8
     before = contents(folder)
-    done = call("triage", *words)
-    assert done.line == f"blur2view: {folder}: holds {names[0]}; name an empty folder with --extract"
-    assert contents(folder) == before
+    assert call("triage", *words, "--keep", keep) == 0 and contents(folder) == before
+    assert call("triage", clip, "--best", 1, "--extract", folder) == 0 and len(contents(folder)) == 1
+    for name, why in (("mine.txt", "holds mine.txt"), (names[0], "is not what this call would write")):
+        (folder / name).write_text("mine")
+        before = contents(folder)
+        done = call("triage", *words)
+        assert done == 1 and why in done.line and "name an empty folder with --extract" in done.line
+        assert contents(folder) == before
+        (folder / name).unlink()
+
+
+def test_a_photograph_called_as_a_frame_replaces_none(call: Call, still: Path, tmp_path: Path) -> None:
+    clip, folder = write_clip(tmp_path / "clip.mp4", 4), tmp_path / "kept"
+    shutil.copy(still, photograph := tmp_path / "frame_00003.png")
+    assert call("triage", clip, photograph, "--best", 9, "--extract", folder) == 0
+    assert len(contents(folder)) == 5
+    assert (folder / "frame_00003.png").read_bytes() == photograph.read_bytes()
+
+
+def test_neighbours_are_those_of_a_folder_in_any_order_of_words(call: Call, still: Path, here: Path) -> None:
+    for name in ("a/1.png", "b/1.png", "a/2.png", "b/2.png"):
+        Path(name).parent.mkdir(exist_ok=True)
+        shutil.copy(still, name)
+    words = ("a/1.png", "b/1.png", "a/2.png", "b/2.png")
+    assert call("triage", *words, "--every-best", 2, "--keep", "keep.txt") == 0
+    assert Path("keep.txt").read_text() == "a/1.png\nb/1.png\n"
+
+
+def test_a_list_names_what_it_was_written_of(call: Call, still: Path, here: Path) -> None:
+    Path("in").mkdir()
+    names = ["#1.png", "a.png ", " b.png", "c\x0b.png", "\u2028.png", "@d.png", "e.png"]
+    for name in (*names, "line\nbreak.png"):
+        shutil.copy(still, f"in/{name}")
+    paths = [Path("in", name) for name in names]
+    done = call("triage", *paths, "in/line\nbreak.png", "--keep", "in/keep.txt")
+    assert done == 1 and "its name holds a line break" in done.line
+    assert call("triage", "@in/keep.txt", "--csv", "t.csv") == 0
+    assert {row["name"].removeprefix("./") for row in table(Path("t.csv"))} == set(names)
