@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from blur2view.arrays import TINY, Array
 
 GAMMA = 2.2  # of stored pixels
+WHITE_QUANTILE, MAX_GAIN = 0.98, 20.0  # of the pixels of a photograph, and of its brightening
 HALF_PATCH = 14  # pixels; patches of 29 px
 SAMPLE_STEP = 2  # pixels between samples of a patch where two are compared
 SAMPLE_PX, MAX_SAMPLES = 1.5, 24  # of a smear's length between samples of the blur, and their number
@@ -28,11 +29,16 @@ LOST_PX = 1e4  # motion of a patch that is not found
 
 
 def linear_light(image: Any) -> Any:
-    """Return a photograph, (H, W, 3) or (H, W) with white 1, as linear grey, 0 to 255, float32."""
+    """Return a photograph, (H, W, 3) or (H, W) with white 1, as linear grey, float32, its whites 255.
+
+    One of the night or of deep water is brightened, as far as its noise allows.
+    """
     grey: Any = np.asarray(image, np.float32)
     if grey.ndim == 3:
         grey = cv2.cvtColor(np.ascontiguousarray(grey[..., :3]), cv2.COLOR_RGB2GRAY)
-    return np.float32(255) * np.maximum(grey, 0) ** np.float32(GAMMA)
+    light = np.maximum(grey, 0) ** np.float32(GAMMA)
+    white = float(np.quantile(light[::4, ::4], WHITE_QUANTILE))
+    return light * np.float32(255 * min(MAX_GAIN, 1 / max(white, TINY)))
 
 
 def resampled(image: Any, place: Any, how: int = cv2.INTER_LINEAR) -> Any:
