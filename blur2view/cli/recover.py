@@ -9,8 +9,8 @@ from blur2view.cli.parser import flag, option, required
 from blur2view.cli.place import frame_names, refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
-from blur2view.colmap.project import check_schema, open_read_only
 from blur2view.errors import DatabaseError, OutputError
+from blur2view.files import writable_folder
 
 TRACKS = "tracks.db"
 WRITTEN = """
@@ -60,15 +60,17 @@ class RecoverOptions:
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
         with waiting("recovering frames", hidden=self.printing.quiet) as show:
-            from blur2view.colmap.recovery import recover_frames  # and SciPy with it, which no help needs
+            # and SciPy with them, which no help needs
+            from blur2view.colmap.blurred_tracks import check_project, track_frames
+            from blur2view.colmap.recovery import recover_frames
 
             names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
             refuse_other_model(self.output)
+            writable_folder(self.output)  # before hours of work
             if self.tracks is not None:
                 if os.path.lexists(tracks):
                     raise OutputError(f"{tracks}: exists; move it away, or name another folder with -o")
-                with open_read_only(self.tracks) as project:  # before hours of work
-                    check_schema(project)
+                check_project(self.tracks, names)
             found = recover_frames(
                 model, self.photographs, names, views=self.views or None, refine=self.refine, show=show
             )
@@ -81,8 +83,6 @@ class RecoverOptions:
                 )
             write_model(found.model, self.output, self.photographs, noted(model, DATABASE))
         if self.tracks is not None:
-            from blur2view.colmap.blurred_tracks import track_frames
-
             with waiting("matching blurred patches", hidden=self.printing.quiet) as show:
                 track_frames(found.sequence, self.tracks, tracks, show)
         if not self.printing.quiet:

@@ -7,7 +7,7 @@ matches in a copy of the project's database, from which COLMAP maps anew.
 """
 
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from blur2view.arrays import Array
 from blur2view.camera import normalised_points, to_colmap
 from blur2view.colmap.blurred_pose import View, find_pose, inverse_depth_at
-from blur2view.colmap.project import image_names, open_read_only
+from blur2view.colmap.project import check_schema, image_names, open_read_only, read_camera, read_keypoints
 from blur2view.colmap.recovery import FrameSequence
-from blur2view.errors import DatabaseError
 from blur2view.files import half_written
 
 PAIRED_FRAMES = 3  # the last ones, whose keypoints are tracked into a frame
@@ -30,6 +29,7 @@ MIN_SPACING_PX = 6.0  # between a new corner and a keypoint
 MERGE_PX = 1.0  # places that are one keypoint
 MIN_PAIR_MATCHES = 15  # of a pair
 VERIFY_PX = 3.0  # maximum error of two-view geometries
+SIZES = {2: [], 4: [2], 6: [2, 5]}  # columns of keypoints that say how large they are: scale, or affine shape
 Keypoints = dict[str, Array]  # (N, 2) of each frame, pixels of the working size
 Matches = dict[tuple[str, str], NDArray[np.uint32]]  # (M, 2) indices of keypoints of each pair of frames
 
@@ -42,13 +42,11 @@ def track_frames(
 ) -> None:
     """Write a copy of a database with keypoints of posed frames, matched with `PAIRED_FRAMES` before each."""
     names = sorted(sequence.poses, key=lambda name: sequence.times[name])
+    ids = check_project(database, names)
     beside = half_written(target)
     beside.unlink(missing_ok=True)  # of a call that was killed
     try:
         with open_read_only(database) as source, closing(sqlite3.connect(beside)) as copy:
-            ids = image_names(source)
-            if missing := [name for name in names if name not in ids]:
-                raise DatabaseError(f"{database}: has no image {missing[0]}; name the database of the model")
             source.backup(copy)  # pycolmap writes to what it opens
         keypoints: Keypoints = {name: np.zeros((0, 2)) for name in names}
         matches: Matches = {}
@@ -63,6 +61,23 @@ def track_frames(
         beside.replace(target)
     finally:
         beside.unlink(missing_ok=True)
+
+
+def check_project(database: Path, names: Iterable[str]) -> dict[str, int]:
+    """Return the ids of a project's images; DatabaseError if keypoints cannot be added to those named."""
+    with open_read_only(database) as source:
+        check_schema(source)
+        kinds = "SELECT type, name FROM sqlite_master WHERE type IN ('trigger', 'view')"
+        for kind, name in source.execute(kinds):
+            raise ValueError(f"has a {kind} of its own, {name}, and COLMAP's has none; remove it from a copy")
+        ids = image_names(source)
+        for name in names:
+            if name not in ids:
+                raise ValueError(f"has no image {name}; name the database of the model")
+            read_keypoints(source, ids[name])
+            camera = source.execute("SELECT camera_id FROM images WHERE image_id = ?", (ids[name],))
+            read_camera(source, camera.fetchone()[0])
+    return ids
 
 
 def _indices(keypoints: Keypoints, name: str, places: Array, spacing_px: float) -> list[int]:
@@ -115,10 +130,12 @@ def _write_tracks(
         for name, places in keypoints.items():
             own, camera = opened.read_keypoints(ids[name]), opened.read_image(ids[name]).camera_id
             scale = opened.read_camera(camera).width / sequence.view(name).camera.width
-            more = np.zeros((len(places), own.shape[1] if len(own) else 4), np.float32)
+            columns = own.shape[1] if len(own) else 4
+            more = np.zeros((len(places), columns), np.float32)
             more[:, :2] = to_colmap((places + 0.5) * scale - 0.5)
-            more[:, [2, 5] if more.shape[1] == 6 else [2]] = 1  # their scale, or affine shape
-            opened.update_keypoints(ids[name], np.vstack([own, more]))
+            more[:, SIZES[columns]] = 1
+            put = opened.update_keypoints if opened.exists_keypoints(ids[name]) else opened.write_keypoints
+            put(ids[name], np.vstack([own.reshape(-1, columns), more]))
             first[name] = len(own)
         for (earlier, later), both in matches.items():
             indices = (both + (first[earlier], first[later])).astype(np.uint32)

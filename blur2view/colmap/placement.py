@@ -23,6 +23,11 @@ from blur2view.exposure.trajectory import PATH_REACH, CameraPath, ExposedFrame, 
 from blur2view.exposure.views import CLOSE, OPEN
 
 MAX_REPROJECTION_PX = 4.0  # of a point in a view: COLMAP's filter_max_reproj_error
+MAX_TANGENT = 30.0  # of a ray's angle to the axis (bound): beyond, a row or a focal length is damaged
+MIN_SMEAR = 1e-6  # in the same coordinates (bound): a hundredth of a pixel of the longest lens
+UNREGISTERED = "COLMAP did not register them (blur2view recover may), or calls them otherwise"
+NO_NEIGHBOUR = "no frame of the model is next to them by number"
+NO_EXPOSURE = "no frame's smears show how long an exposure is"
 
 
 class Placement(NamedTuple):
@@ -88,14 +93,18 @@ def place_views(
     known = {times[name]: registered[name].cam_from_world().matrix() for name in names if name in registered}
     path = CameraPath(np.array([*known]), np.stack([*known.values()]), PATH_REACH)
     frames = [_exposed(reconstruction, link, times[link.photograph.name]) for link in linked]
-    ends, used, measured = exposures(frames, path, fraction)
+    try:
+        ends, used, measured = exposures(frames, path, fraction)
+    except np.linalg.LinAlgError:
+        remedy = "link them again (blur2view to-colmap --link)"
+        raise DatabaseError(f"{database}: the smears of its views fit no motion; {remedy}") from None
     placed = []
     for link, changes in zip(linked, ends, strict=True):
         if np.isfinite(changes).all():
             _add_views(reconstruction, link, changes)
             placed.append(link.photograph.name)
         else:
-            refused[link.photograph.name] = "no frame of the model is next to them by number"
+            refused[link.photograph.name] = NO_NEIGHBOUR if used > 0 else NO_EXPOSURE
     return Placement(reconstruction, used, measured, tuple(placed), refused)
 
 
@@ -109,7 +118,7 @@ def _read_linked(
         ids = image_names(opened)
         for name in (name for name in ids if {name + OPEN, name + CLOSE} <= ids.keys()):
             if name not in registered:
-                refused[name] = "COLMAP did not register them, or calls them otherwise"
+                refused[name] = UNREGISTERED
             elif name + OPEN in views:  # of an earlier call, or recovered
                 refused[name] = "the model has their views already"
             elif name not in times:
@@ -132,12 +141,14 @@ def _read_one(opened: sqlite3.Connection, ids: Mapping[str, int], model: Any, ph
 
 
 def _exposed(model: Any, link: _Linked, time: float) -> ExposedFrame:
-    """Return the smears of features whose 3D points lie in front of the camera."""
+    """Return the smears of features whose 3D points lie in front of the camera; damaged ones are left out."""
     camera, pose = model.cameras[link.photograph.camera_id], link.photograph.cam_from_world().matrix()
     world = np.array([model.points3D[number].xyz for number in link.seen.values()]).reshape(-1, 3)
     depth = world @ pose[2, :3] + pose[2, 3]
     first, last = (normalised_points(camera, from_colmap(ends[[*link.seen]])) for ends in link.ends)
-    good = (depth > 0) & np.isfinite(first).all(axis=1) & np.isfinite(last).all(axis=1)
+    within = np.all(np.abs(np.hstack([first, last])) < MAX_TANGENT, axis=1)  # False of NaN
+    first, last = (np.where(within[:, None], end, 0.0) for end in (first, last))
+    good = within & (depth > 0) & (np.linalg.norm(last - first, axis=1) > MIN_SMEAR)
     rays, displacement = 0.5 * (first + last)[good], (last - first)[good]
     return ExposedFrame(time=time, rays=rays, displacement=displacement, inverse_depth=1 / depth[good])
 

@@ -153,7 +153,8 @@ def _numbers(row: tuple[Any, Any, Any] | None, dtype: str, what: str) -> NDArray
     whole = isinstance(blob, bytes) and isinstance(rows, int) and isinstance(cols, int)
     if not whole or rows < 0 or cols not in (2, 4, 6) or len(blob) != 4 * rows * cols:
         raise ValueError(f"{what}: another count or type of numbers than stated; run COLMAP again")
-    return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of damaged numbers
+        return np.frombuffer(blob, dtype).reshape(rows, cols)[:, :2].astype(np.float64)
 
 
 def read_camera(database: Connection, camera_id: int) -> Camera:

@@ -8,11 +8,13 @@ too few points are found, is refused with the reason. Measured by ``python -m to
 
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -97,6 +99,8 @@ class FrameSequence:
                 self.poses[name] = self.recovered[name].pose
             except ImageError as error:
                 self.refused[name] = str(error)
+            except (ValueError, ArithmeticError, cv2.error):  # of numbers that fit no motion
+                self.refused[name] = NO_FIT
         self.recovered = {name: self.recovered[name] for name in missing if name in self.recovered}
         self.refused = {name: self.refused[name] for name in missing if name in self.refused}
 
@@ -229,6 +233,7 @@ def recovery_of(sequence: FrameSequence, *, views: bool | None = None, refine: b
 
 
 TOO_FEW = "too few points of its neighbours are found in it"
+NO_FIT = "no motion fits what is found in it"
 TOO_FAR = f"fewer than two registered frames lie within {NEAR_FRAMES} frame intervals, by their numbers"
 
 
@@ -298,4 +303,13 @@ def adjust(model: Any, free: Collection[str]) -> None:
         config.add_image(image.image_id)
         if image.name not in free:
             config.set_constant_rig_from_world_pose(image.frame_id)
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    adjusted = deepcopy(model)
+    for number, point in model.points3D.items():
+        if point.track.length() < 2:  # on which pycolmap ends
+            adjusted.delete_point3D(number)
+    pycolmap.create_default_bundle_adjuster(options, config, adjusted).solve()
+    for number, point in adjusted.points3D.items():
+        model.points3D[number].xyz = point.xyz
+    for image in photographs_of(model).values():
+        if image.name in free:
+            image.frame.rig_from_world = adjusted.images[image.image_id].frame.rig_from_world

@@ -1,8 +1,11 @@
 """Views placed into a model of their photographs: an exact walk, a known exposure, photographs left out."""
 
-from collections.abc import Sequence
+import sqlite3
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from statistics import median_low
 
 import numpy as np
 import pycolmap
@@ -11,7 +14,7 @@ import pytest
 from blur2view.arrays import Array
 from blur2view.colmap.database import write_links
 from blur2view.colmap.models import add_image
-from blur2view.colmap.placement import Placement, place_views
+from blur2view.colmap.placement import NO_EXPOSURE, UNREGISTERED, Placement, place_views
 from blur2view.errors import DatabaseError
 from blur2view.exposure.views import ExposureViews
 from blur2view.geometry.pose import rotation_vector
@@ -30,14 +33,15 @@ def project(
     share: float = SHARE,
     usable: int = FEATURES,
     wrong: int = 0,
+    times: Sequence[float] = range(FRAMES),
 ) -> tuple[Path, Path]:
     """Write a model of a steady walk and its database, some with views."""
     folder.mkdir(exist_ok=True)
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-1, 1, (FEATURES, 2)), rng.uniform(3, 8, FEATURES)])
     database, model = folder / "walk.db", folder / "model"
-    WALK.write(points, database, {model: range(FRAMES)})
-    views = [smears(NAMES[k], points, share, usable) for k in linked]
+    WALK.write(points, database, {model: range(FRAMES)}, times)
+    views = [smears(NAMES[k], times[k], points, share, usable) for k in linked]
     for one in views:
         one.points_open[:wrong] += 40.0
         one.points_close[:wrong] += 40.0
@@ -45,8 +49,7 @@ def project(
     return database, model
 
 
-def smears(name: str, points: Array, share: float, usable: int) -> ExposureViews:
-    time = NAMES.index(name)
+def smears(name: str, time: float, points: Array, share: float, usable: int) -> ExposureViews:
     first, middle, last = (WALK.pixels(WALK.pose_at(time + k * share / 2), points) for k in (-1, 0, 1))
     plain = some_views(name, FEATURES)
     return replace(
@@ -105,12 +108,64 @@ def test_every_linked_frame_is_placed_or_refused_with_the_reason(tmp_path: Path)
     walk.write(model)
     found = place_views(database, model, [name for name in NAMES if name != NAMES[6]], fraction=0.5)
     assert found.placed == (NAMES[0], NAMES[2], NAMES[4])
-    assert found.refused == {
-        NAMES[1]: "COLMAP did not register them, or calls them otherwise",
-        NAMES[6]: "they are not in the folder of the frames",
-    }
+    assert found.refused == {NAMES[1]: UNREGISTERED, NAMES[6]: "they are not in the folder of the frames"}
     with pytest.raises(DatabaseError, match="can be placed: they are not in the folder of the frames"):
         place_views(database, model, ["a.png"])
+
+
+def spoil_keypoints(database: Path, model: Path, value: float) -> None:
+    """Set all keypoints of views to one value."""
+    with closing(sqlite3.connect(database)) as opened:
+        row = np.full((FEATURES, 2), value, "<f4").tobytes()
+        views = "SELECT image_id FROM images WHERE name LIKE '%#%'"
+        opened.execute(f"UPDATE keypoints SET data = ?, cols = 2 WHERE image_id IN ({views})", (row,))
+        opened.commit()
+
+
+def spoil_focal(database: Path, model: Path, value: float) -> None:
+    """Set the focal length of a model."""
+    walk = pycolmap.Reconstruction(model)
+    walk.cameras[1].params = [value, 80.0, 60.0]
+    walk.write(model)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "value"),
+    [
+        *((spoil_keypoints, value) for value in (0.0, 1e30, np.inf, np.nan)),
+        *((spoil_focal, value) for value in (0.0, 1e-300, 1e-6)),
+    ],
+)
+def test_damaged_smears_show_no_exposure(
+    tmp_path: Path, spoil: Callable[[Path, Path, float], None], value: float
+) -> None:
+    database, model = project(tmp_path)
+    spoil(database, model, value)
+    found = place_views(database, model)
+    assert found.placed == () and set(found.refused.values()) == {NO_EXPOSURE}
+    assert place_views(database, model, fraction=0.5).placed == tuple(NAMES)
+
+
+@pytest.mark.parametrize(
+    "numbers", [(3, 6, 16, 21, 24, 32, 41), (0, 9, 11, 20, 28, 31, 33)], ids=["of --every-best", "others"]
+)
+def test_frames_in_irregular_steps_are_placed_by_their_numbers(tmp_path: Path, numbers: list[int]) -> None:
+    times = (np.array(numbers) - numbers[0]) / median_low(np.diff(numbers))
+    database, model = project(tmp_path, times=times.tolist())
+    walk = pycolmap.Reconstruction(model)
+    names = {name: f"g_{number}.png" for name, number in zip(NAMES, numbers, strict=True)}
+    with closing(sqlite3.connect(database)) as opened:
+        for name, other in names.items():
+            opened.execute("UPDATE images SET name = replace(name, ?, ?)", (name, other))
+            opened.execute("UPDATE blur2view_views SET photograph = replace(photograph, ?, ?)", (name, other))
+        opened.commit()
+    for image in walk.images.values():
+        image.name = names[image.name]
+    walk.write(model)
+    found = place_views(database, model)
+    assert found.placed == tuple(names.values()) and found.fraction == pytest.approx(SHARE, rel=0.02)
+    for name in names.values():
+        np.testing.assert_allclose(motion_of(found, name)[0], SHARE * TURN, atol=2e-4)
 
 
 def test_recovered_frames_and_other_numbers_of_images_are_no_obstacle(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """Frames put into a model that lacks them: exact renderings, refusals, what a user's model keeps."""
 
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -9,9 +11,17 @@ import pytest
 
 from blur2view.arrays import AnyArray, Array
 from blur2view.colmap.blurred_pose import BlurredPose
-from blur2view.colmap.blurred_tracks import track_frames
+from blur2view.colmap.blurred_tracks import check_project, track_frames
 from blur2view.colmap.models import photographs_of
-from blur2view.colmap.recovery import INDEPENDENT_SHARE, NEAR_FRAMES, Recovery, recover_frames, weighted_mean
+from blur2view.colmap.recovery import (
+    INDEPENDENT_SHARE,
+    NEAR_FRAMES,
+    NO_FIT,
+    Recovery,
+    recover_frames,
+    weighted_mean,
+)
+from blur2view.errors import DatabaseError
 from blur2view.exposure.trajectory import CameraPath, Expected, change_of, changed
 from tests.support.blurred_plane import SIZE, BlurredPlane, ExactSmears
 
@@ -145,6 +155,33 @@ def test_bundle_adjustment_moves_recovered_frames_alone(folder: Path, network: E
         assert degrees < (0.3 if k in MISSING else 1e-9)
 
 
+def test_a_point_that_one_frame_sees_stays_where_frames_are_adjusted(
+    tmp_path: Path, network: ExactSmears
+) -> None:
+    PLANE.write(tmp_path / "plane", REGISTERED)
+    model = pycolmap.Reconstruction(tmp_path / "plane" / "model")
+    number, point = next(iter(model.points3D.items()))
+    first, place = point.track.elements[0], point.xyz.copy()
+    model.delete_point3D(number)
+    track = pycolmap.Track()
+    track.add_element(first)
+    number = model.add_point3D(place, track)
+    model.write(tmp_path / "plane" / "model")
+    assert recover(tmp_path / "plane", network, refine=True).model.points3D[number].track.length() == 1
+
+
+def test_numbers_that_fit_no_motion_refuse_one_frame(
+    folder: Path, network: ExactSmears, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail_once(*given: object) -> BlurredPose | None:
+        monkeypatch.undo()
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("blur2view.colmap.recovery.find_pose", fail_once)
+    found = recover(folder, network)
+    assert list(found.refused.values()) == [NO_FIT] and len(found.recovered) == len(MISSING) - 1
+
+
 def encoded(picture: AnyArray) -> bytes:
     return cv2.imencode(".png", np.asarray(np.clip(picture, 0, 255), np.uint8))[1].tobytes()
 
@@ -168,16 +205,43 @@ def test_frame_that_does_not_fit_is_refused_with_the_reason(
     assert reason in found.refused[PLANE.names[4]]
 
 
-def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
-    folder: Path, recovery: Recovery, tmp_path: Path
-) -> None:
-    project, tracked = tmp_path / "project.db", tmp_path / "tracks.db"
-    own = np.array([[10.0, 20.0, 1.5, 0.1]], np.float32)
-    with pycolmap.Database.open(project) as database:
+def write_project(path: Path, own: AnyArray) -> None:
+    """Write a project whose frames have keypoints, the first of them none."""
+    with pycolmap.Database.open(path) as database:
         number = database.write_camera(PLANE.camera)
         for name in PLANE.names:
             image = database.write_image(pycolmap.Image(name=name, camera_id=number))
-            database.write_keypoints(image, own)
+            if name != PLANE.names[0]:
+                database.write_keypoints(image, own)
+
+
+DAMAGES = {
+    "keypoints of image 3: another count": "UPDATE keypoints SET data = NULL WHERE image_id = 3",
+    "has no image f_4.png": "DELETE FROM images WHERE name = 'f_4.png'",
+    "has a trigger of its own, mine": (
+        "CREATE TRIGGER mine AFTER INSERT ON matches BEGIN SELECT RAISE(ABORT, 'no'); END"
+    ),
+    "has a view of its own, mine": "CREATE VIEW mine AS SELECT * FROM images",
+}
+
+
+@pytest.mark.parametrize("reason", DAMAGES)
+def test_project_that_takes_no_tracks_is_refused_before_any_matching(tmp_path: Path, reason: str) -> None:
+    write_project(tmp_path / "project.db", np.ones((1, 4), np.float32))
+    with closing(sqlite3.connect(tmp_path / "project.db")) as opened:
+        opened.execute(DAMAGES[reason])
+        opened.commit()
+    with pytest.raises(DatabaseError, match=reason):
+        check_project(tmp_path / "project.db", PLANE.names)
+
+
+@pytest.mark.parametrize("columns", [2, 4, 6])
+def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
+    folder: Path, recovery: Recovery, tmp_path: Path, columns: int
+) -> None:
+    project, tracked = tmp_path / "project.db", tmp_path / "tracks.db"
+    own = np.array([[10.0, 20.0, 1.5, 0.1, 0.2, 1.4]], np.float32)[:, :columns]
+    write_project(project, own)
     before = project.read_bytes()
     track_frames(recovery.sequence, project, tracked)
     assert project.read_bytes() == before
@@ -185,7 +249,7 @@ def test_tracks_are_where_the_poses_have_them_and_rows_of_the_user_stay(
         numbers = {image.name: image.image_id for image in database.read_all_images()}
         ids = [numbers[name] for name in PLANE.names]
         keypoints = [database.read_keypoints(number) for number in ids]
-        assert all((points[0] == own).all() for points in keypoints)
+        assert all((points[0] == own).all() for points in keypoints[1:])
         for k in range(1, PLANE.frames):
             geometry = database.read_two_view_geometry(ids[k - 1], ids[k])
             one, other = (

@@ -63,7 +63,13 @@ class Walk:
         seen = points @ pose[:, :3].T + pose[:, 3]
         return np.asarray(self.focal * seen[:, :2] / seen[:, 2:] + (np.array(self.size) - 1) / 2)
 
-    def write(self, points: Array, database: Path, models: Mapping[Path, Iterable[int]]) -> None:
+    def write(
+        self,
+        points: Array,
+        database: Path,
+        models: Mapping[Path, Iterable[int]],
+        times: Sequence[float] | None = None,
+    ) -> None:
         """Write a project that has these points (N, 3) for features, and models of some of the frames."""
         (width, height), every = self.size, np.arange(len(points))
         params = [self.focal, width / 2, height / 2]
@@ -71,7 +77,7 @@ class Walk:
             model="SIMPLE_PINHOLE", width=width, height=height, params=params, camera_id=1
         )
         camera.has_prior_focal_length = True
-        poses = [self.pose_at(k) for k in range(len(self.names))]
+        poses = [self.pose_at(time) for time in times or range(len(self.names))]
         shots = [
             Shot(k + 1, self.names[k], pose, self.pixels(pose, points), every) for k, pose in enumerate(poses)
         ]
