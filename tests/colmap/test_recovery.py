@@ -162,9 +162,10 @@ def test_a_point_that_one_frame_sees_stays_where_frames_are_adjusted(
     model = pycolmap.Reconstruction(tmp_path / "plane" / "model")
     number, point = next(iter(model.points3D.items()))
     first, place = point.track.elements[0], point.xyz.copy()
+    image, keypoint = first.image_id, first.point2D_idx
     model.delete_point3D(number)
     track = pycolmap.Track()
-    track.add_element(first)
+    track.add_element(image, keypoint)
     number = model.add_point3D(place, track)
     model.write(tmp_path / "plane" / "model")
     assert recover(tmp_path / "plane", network, refine=True).model.points3D[number].track.length() == 1
