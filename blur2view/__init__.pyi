@@ -1,6 +1,7 @@
 """The public names: read by type checkers, and by `blur2view` itself, which imports each when it is used."""
 
 from blur2view.camera import Camera as Camera
+from blur2view.colmap.contrast import write_stretched as write_stretched
 from blur2view.colmap.database import write_database as write_database
 from blur2view.colmap.mapping import blurred_options as blurred_options
 from blur2view.colmap.mapping import global_options as global_options

@@ -9,8 +9,7 @@ from blur2view.cli.options import Printing
 from blur2view.cli.parser import rare_option, required, share
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import find_model, refuse_other_model, write_model
-from blur2view.errors import DatabaseError, ImageError
-from blur2view.images.inputs import list_photographs
+from blur2view.errors import DatabaseError
 
 SHOWN = 3  # frames of each reason without -v
 REMEDY = "link all frames of the video (blur2view to-colmap --link), or state --fraction if all are sharp"
@@ -48,7 +47,9 @@ class PlaceOptions:
 
     def execute(self) -> int:
         """Return the exit code, after writing the model."""
-        from blur2view.colmap.placement import place_views  # and SciPy with it, which no help needs
+        # and SciPy with them, which no help needs
+        from blur2view.colmap.placement import place_views
+        from blur2view.exposure.sequence import frame_names
 
         with waiting("placing views", hidden=self.printing.quiet):
             names, model = frame_names(self.photographs), find_model(self.model)
@@ -69,16 +70,6 @@ class PlaceOptions:
             guess = "" if found.measured else ", a guess as the camera shakes faster than the frames"
             print(f"{made}: {counts}; exposure over frame interval {found.fraction:.2f}{guess}")
         return 0
-
-
-def frame_names(folder: Path) -> list[str]:
-    """Return the frames of a folder as COLMAP names them, in order; ImageError if there are none."""
-    if not folder.is_dir():
-        raise ImageError(f"{folder}: no such folder; name that of the frames")
-    inputs = list_photographs([str(folder)], recursive=True)
-    if refusals := [source.refusal for source in inputs.sources if source.refusal]:
-        raise ImageError(refusals[0])
-    return inputs.names()
 
 
 def refused_lines(refused: Mapping[str, str], action: str, printing: Printing) -> Iterator[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from blur2view.cli.options import Printing
 from blur2view.cli.parser import flag, option, required
-from blur2view.cli.place import frame_names, refused_lines
+from blur2view.cli.place import refused_lines
 from blur2view.cli.terminal import plural, printable, waiting
 from blur2view.colmap.models import DATABASE, find_model, noted, refuse_other_model, write_model
 from blur2view.errors import DatabaseError, OutputError
@@ -22,7 +22,8 @@ views: a recovered frame's poses at shutter-open and shutter-close, NAME#open an
 EVERY_FRAME_BLURRED = """
 1: features, matching = blur2view.blurred_options(), for pycolmap.extract_features(DB, FRAMES,
     extraction_options=features) and pycolmap.match_exhaustive(DB, matching_options=matching): ten seconds for
-    a photograph of 640x480
+    a photograph of 640x480; in the dark or under water first blur2view.write_stretched(FRAMES, COPIES), and
+    extract from COPIES
 2: pycolmap.incremental_mapping(DB, FRAMES, MODELS), of which recover takes the largest
 3: blur2view recover MODELS FRAMES -o DIR --tracks DB: some seconds for a frame
 4: pycolmap.incremental_mapping(DIR/tracks.db, FRAMES, ANEW); one that begins with a wrong pair of frames has
@@ -63,6 +64,7 @@ class RecoverOptions:
             # and SciPy with them, which no help needs
             from blur2view.colmap.blurred_tracks import check_project, track_frames
             from blur2view.colmap.recovery import recover_frames
+            from blur2view.exposure.sequence import frame_names
 
             names, model, tracks = frame_names(self.photographs), find_model(self.model), self.output / TRACKS
             refuse_other_model(self.output)

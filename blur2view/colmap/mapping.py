@@ -76,7 +76,8 @@ def blurred_options() -> tuple[Any, Any]:
     """Return options of ``pycolmap.extract_features`` and ``match_exhaustive`` for blurred photographs.
 
     Of RedKitchen's frames with smears of 37 px COLMAP's defaults register none of 11, these 11; with 51 px
-    none and 7 of 8. They take about ten seconds for a photograph of 640x480.
+    none and 7 of 8. They take about ten seconds for a photograph of 640x480. Under water and in the dark
+    give them `write_stretched` copies.
     """
     import pycolmap
 

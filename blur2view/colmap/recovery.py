@@ -24,7 +24,7 @@ from blur2view.colmap.blur_matching import linear_light
 from blur2view.colmap.blurred_pose import BlurredPose, View, find_pose, pose_at, projected
 from blur2view.colmap.models import add_image, observed, photographs_of, read_model
 from blur2view.errors import DatabaseError, ImageError
-from blur2view.exposure.sequence import frame_times
+from blur2view.exposure.sequence import frame_names, frame_times
 from blur2view.exposure.trajectory import MEDIAN_OF_THREE, CameraPath, Expected, change_of, changed
 from blur2view.exposure.views import CLOSE, OPEN
 from blur2view.images.image import read_pixels
@@ -170,7 +170,7 @@ class FrameSequence:
 def recover_frames(
     model: str | os.PathLike[str],
     frames: str | os.PathLike[str],
-    names: Sequence[str],
+    names: Sequence[str] | None = None,
     *,
     views: bool | None = None,
     refine: bool = False,
@@ -188,8 +188,8 @@ def recover_frames(
     frames
         Folder of the frames, all of one video.
     names
-        All frames in order, as COLMAP calls them: their paths in ``frames``. The numbers in names that
-        differ in nothing else are times (`frame_times`).
+        All frames in order, as COLMAP calls them: their paths in ``frames``; by default all photographs in
+        that folder and below it. The numbers in names that differ in nothing else are times (`frame_times`).
     views
         Whether a recovered frame's poses at shutter-open and shutter-close become images NAME#open and
         NAME#close, for which there are no files; by default if the model has such images.
@@ -205,6 +205,7 @@ def recover_frames(
     DatabaseError
         If the model cannot be read, or has fewer than two of the frames.
     """
+    names = frame_names(frames) if names is None else names
     sequence = FrameSequence(read_model(Path(model)), Path(frames), names, network or SmearNetwork())
     if len(sequence.images) < 2:
         count = f"has {len(sequence.images)} of the {len(names)} frames in {frames}"

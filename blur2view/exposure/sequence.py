@@ -22,10 +22,12 @@ from numpy.typing import NDArray
 
 from blur2view.arrays import TINY, AnyArray, Array
 from blur2view.camera import Camera
+from blur2view.errors import ImageError
 from blur2view.exposure.views import ExposureViews, other_translation, share_in_front, views_of
 from blur2view.geometry.pose import decompose_essential
 from blur2view.geometry.rolling_shutter import RollingShutter
 from blur2view.geometry.two_view_geometry import TimeDirection
+from blur2view.images.inputs import list_photographs
 from blur2view.images.pixels import photograph_of, rgb_of
 from blur2view.images.video import read_video
 from blur2view.networks.smear_network import SmearNetwork, SmearReader
@@ -179,6 +181,16 @@ def in_time(estimated: Estimate, matches: Mapping[int, Matches]) -> Estimate:
         candidates = [views] if estimated.geometry.backward is None else [views, views.reversed()]
     views = directed(views, motion_of(matches, estimated.camera), candidates)
     return replace(estimated, geometry=views.geometry, time=views.time)
+
+
+def frame_names(folder: str | os.PathLike[str]) -> list[str]:
+    """Return the frames of a folder as COLMAP names them, in order; ImageError if there are none."""
+    if not os.path.isdir(folder):
+        raise ImageError(f"{folder}: no such folder; name that of the frames")
+    inputs = list_photographs([str(folder)], recursive=True)
+    if refusals := [source.refusal for source in inputs.sources if source.refusal]:
+        raise ImageError(refusals[0])
+    return inputs.names()
 
 
 def frame_times(names: Sequence[str]) -> list[float]:

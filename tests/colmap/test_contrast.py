@@ -1,0 +1,40 @@
+"""Copies of dull photographs: which are stretched, what stays, what is never replaced."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import ExifTags, Image
+
+from blur2view.colmap.contrast import write_stretched
+from blur2view.errors import OutputError
+
+RAMP = np.tile(np.linspace(0, 255, 160), (120, 1))
+
+
+def write(folder: Path, name: str, values: np.ndarray) -> bytes:
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    exif = Image.Exif()
+    exif[ExifTags.Base.Make] = "Maker"
+    Image.fromarray(values.astype(np.uint8)).save(folder / name, quality=98, exif=exif)
+    return (folder / name).read_bytes()
+
+
+def test_dull_photographs_are_stretched_and_others_are_as_they_were(tmp_path: Path) -> None:
+    frames, copies = tmp_path / "frames", tmp_path / "copies"
+    bright = write(frames, "a.jpg", RAMP)
+    write(frames, "deep/b.jpg", 20 + RAMP / 3)
+    assert write_stretched(frames, copies) == ("deep/b.jpg",)
+    assert (copies / "a.jpg").read_bytes() == bright
+    with Image.open(copies / "deep" / "b.jpg") as copy:
+        assert copy.size == (160, 120) and copy.getexif()[ExifTags.Base.Make] == "Maker"
+        assert np.ptp(np.quantile(np.asarray(copy), [0.01, 0.99])) > 150  # of 85
+
+
+def test_a_file_that_is_there_is_not_replaced(tmp_path: Path) -> None:
+    frames, copies = tmp_path / "frames", tmp_path / "copies"
+    write(frames, "a.png", RAMP / 3)
+    mine = write(copies, "a.png", RAMP)
+    with pytest.raises(OutputError, match=r"a.png: exists; name another folder"):
+        write_stretched(frames, copies)
+    assert (copies / "a.png").read_bytes() == mine
